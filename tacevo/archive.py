@@ -1,0 +1,190 @@
+"""CVT MAP-Elites: one elite in each niche of a centroidal Voronoi tessellation of [0, 1]^d.
+
+Vassiliades, Chatzilygeroudis and Mouret 2018, arXiv:1610.05729. The archive of networks and the archive of
+prompts are both this one; they differ in what their axes mean.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tacevo.randomness import derived_seed, stream
+
+#: Coordinates of a point, shape (d,).
+Point = tuple[float, ...]
+
+
+class AddStatus(StrEnum):
+    """What an insertion did; `rejected` leaves the archive as it was."""
+
+    new = "new"
+    improved = "improved"
+    rejected = "rejected"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elite:
+    """The occupant of a niche."""
+
+    name: str
+    #: What elites of one niche compete by; higher is better.
+    objective: float
+
+
+@dataclass(frozen=True, slots=True)
+class Archive:
+    """The elites, by niche."""
+
+    elites: Mapping[int, Elite] = field(default_factory=dict)
+
+
+class Tessellation:
+    """The niches: which centroid a point of [0, 1]^d is nearest to.
+
+    Args:
+        centroids: shape (niches, d).
+    """
+
+    def __init__(self, centroids: Sequence[Sequence[float]] | NDArray[np.float64]) -> None:
+        self.centroids = np.asarray(centroids, dtype=np.float64)
+        self._tree = cKDTree(self.centroids)
+
+    @property
+    def niches(self) -> int:
+        """The number of niches."""
+        return len(self.centroids)
+
+    def niche_of(self, point: Sequence[float]) -> int:
+        """Find the niche of a point of shape (d,).
+
+        Raises:
+            ValueError: a coordinate is NaN or infinite, or there are not d of them.
+        """
+        dimensions = self.centroids.shape[1]
+        if len(point) != dimensions or not all(math.isfinite(value) for value in point):
+            raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
+        return int(self._tree.query(point)[1])
+
+
+def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:
+    """Spread centroids evenly over the unit cube by k-means on uniform samples.
+
+    k-means differs in its last bits between CPUs. The result is rounded, which hides most of that, and stored,
+    which hides the rest: a replayed run reads the centroids of its recording.
+
+    Returns:
+        Centroids, shape (niches, dimensions), in [0, 1], rounded to 9 decimals.
+    """
+    from sklearn.cluster import KMeans  # noqa: PLC0415  # a second to import, needed once per archive shape
+
+    points = stream(seed, "centroids", niches, dimensions, samples).random((samples, dimensions))
+    means = KMeans(niches, n_init=1, random_state=derived_seed(seed, "k-means") % 2**32).fit(points)
+    return [[round(float(value), 9) for value in centroid] for centroid in means.cluster_centers_]
+
+
+def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStatus]:
+    """Offer an elite to a niche; return the archive that results.
+
+    The incumbent keeps its niche on a tie, so the order of arrival is part of the result and replay must
+    preserve it.
+
+    Raises:
+        ValueError: the objective is NaN, which can be compared with nothing.
+    """
+    if math.isnan(elite.objective):
+        raise ValueError(f"the objective of {elite.name} must be a number; got nan")
+    incumbent = archive.elites.get(niche)
+    if incumbent is not None and elite.objective <= incumbent.objective:
+        return archive, AddStatus.rejected
+    grown = replace(archive, elites={**archive.elites, niche: elite})
+    return grown, AddStatus.new if incumbent is None else AddStatus.improved
+
+
+def coverage(archive: Archive, niches: int) -> float:
+    """Give the part of the niches that is occupied, in [0, 1]."""
+    return len(archive.elites) / niches
+
+
+def qd_score(archive: Archive, quality: Callable[[float], float]) -> float:
+    """Sum the quality of all elites (Pugh, Soros and Stanley 2016, doi:10.3389/frobt.2016.00040).
+
+    Args:
+        archive: the archive.
+        quality: maps an objective to a quality >= 0, so that a further elite never lowers the score.
+    """
+    return math.fsum(quality(elite.objective) for elite in archive.elites.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """The range of each descriptor that min-max normalisation maps to [0, 1]."""
+
+    low: Point
+    high: Point
+
+    def covering(self, point: Point) -> "Bounds":
+        """Widen the bounds just so far that they hold a point."""
+        low = tuple(map(min, self.low, point))
+        high = tuple(map(max, self.high, point))
+        return self if (low, high) == (self.low, self.high) else Bounds(low=low, high=high)
+
+    def normalise(self, point: Point) -> Point:
+        """Map a point into [0, 1]^d; outside the bounds it is clipped, and an axis without extent gives 0.5."""
+        axes = zip(point, self.low, self.high, strict=True)
+        return tuple(min(max((x - a) / (b - a), 0.0), 1.0) if b > a else 0.5 for x, a, b in axes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A candidate as the network archive sees it."""
+
+    elite: Elite
+    #: Descriptors before normalisation.
+    point: Point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkArchive:
+    """A_N: an archive under min-max bounds that may move.
+
+    When a candidate lies outside the bounds of all candidates before it, the bounds move, every normalised
+    descriptor changes, and the archive is rebuilt by re-inserting all candidates in order (docs/paper.md).
+    """
+
+    archive: Archive = field(default_factory=Archive)
+    #: None until the first candidate arrives.
+    bounds: Bounds | None = None
+    #: Bounds given by the config never move.
+    fixed: bool = False
+    #: Every candidate offered so far, in order.
+    history: tuple[Placed, ...] = ()
+
+    def offer(self, tessellation: Tessellation, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
+        """Offer a candidate.
+
+        Returns:
+            The archive that results, the newcomer's niche in it, and what the insertion did.
+        """
+        bounds = self.bounds or Bounds(low=newcomer.point, high=newcomer.point)
+        archive = self.archive
+        if not self.fixed:
+            bounds = bounds.covering(newcomer.point)
+            if bounds != self.bounds:
+                archive = _rebuilt(tessellation, bounds, self.history)
+        niche = tessellation.niche_of(bounds.normalise(newcomer.point))
+        archive, status = insert(archive, niche, newcomer.elite)
+        grown = replace(self, archive=archive, bounds=bounds, history=(*self.history, newcomer))
+        return grown, niche, status
+
+
+def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: tuple[Placed, ...]) -> Archive:
+    """Re-insert all candidates, in order, under other bounds."""
+    archive = Archive()
+    for placed in history:
+        archive, _ = insert(archive, tessellation.niche_of(bounds.normalise(placed.point)), placed.elite)
+    return archive

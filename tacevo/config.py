@@ -1,0 +1,424 @@
+"""What a user may write in a config: one dataclass a group, checked as soon as it is built.
+
+Plain dataclasses, because Hydra cannot merge into frozen ones; they go no further than the wiring, and the
+layers below receive values. An enum's member names are what users write. The reasons for the defaults stand in
+docs/paper.md. Numbers without a unit in their name are counts, fractions or temperatures.
+"""
+
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from tacevo.errors import ConfigError
+from tacevo.records import Json, Kind, Loss, Mode
+
+
+class Source(StrEnum):
+    """Where images come from."""
+
+    simulated = "simulated"
+    csv = "csv"
+    folder = "folder"
+
+
+class Normalisation(StrEnum):
+    """How uint8 images become the network's input."""
+
+    standardise = "standardise"
+    unit = "unit"
+
+
+class TargetScaling(StrEnum):
+    """How regression labels are scaled, by the training split's statistics."""
+
+    minmax = "minmax"
+    zscore = "zscore"
+    none = "none"
+
+
+class Provider(StrEnum):
+    """Who answers requests."""
+
+    grammar = "grammar"
+    anthropic = "anthropic"
+
+
+class BoundsRule(StrEnum):
+    """Which range of a descriptor maps to [0, 1]."""
+
+    adaptive = "adaptive"
+    fixed = "fixed"
+
+
+class Scale(StrEnum):
+    """Whether the Efficiency Ratio is normalised as it is or by its logarithm."""
+
+    linear = "linear"
+    log = "log"
+
+
+class TemperatureRule(StrEnum):
+    """How the temperature moves from generation to generation."""
+
+    paper = "paper"
+    fixed = "fixed"
+    stall = "stall"
+
+
+class PromptPolicy(StrEnum):
+    """How instructions are drawn, and whether the prompt archive exists."""
+
+    uniform = "uniform"
+    curiosity = "curiosity"
+    none = "none"
+
+
+class ParentPolicy(StrEnum):
+    """How elite parents are drawn."""
+
+    uniform = "uniform"
+    best = "best"
+    curiosity = "curiosity"
+
+
+class Numerics(StrEnum):
+    """`portable`: equal training bits on any x86-64 CPU with AVX2; `fast`: on the recorded machine only."""
+
+    portable = "portable"
+    fast = "fast"
+
+
+class Executor(StrEnum):
+    """Where candidates are evaluated."""
+
+    local = "local"
+
+
+class Tracking(StrEnum):
+    """Who mirrors the ledger."""
+
+    mlflow = "mlflow"
+    none = "none"
+
+
+class Confinement(StrEnum):
+    """The least confinement of candidates that a run accepts."""
+
+    kernel = "kernel"
+    process = "process"
+    none = "none"
+
+
+def _require(holds: bool, key: str, expected: str, got: object) -> None:
+    """Refuse an impossible value by the key that the user wrote."""
+    if not holds:
+        raise ConfigError(f"{key} needs {expected}; got {got!r}")
+
+
+@dataclass(kw_only=True)
+class SearchConfig:
+    """The size of a search (paper, section II)."""
+
+    generations: int
+    #: B, the candidates of a generation.
+    candidates: int
+    #: Mutations of the baseline that start the archive, beside the baseline itself.
+    initial: int
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require(self.generations >= 0, "search.generations", "a value >= 0", self.generations)
+        _require(self.candidates >= 1, "search.candidates", "a value >= 1", self.candidates)
+        _require(self.initial >= 0, "search.initial", "a value >= 0", self.initial)
+
+
+@dataclass(kw_only=True)
+class TaskConfig:
+    """A task: what a network must do, and the texts that ask for it."""
+
+    name: str
+    kind: Kind
+    class_name: str
+    #: What the baseline's constructor calls the number of outputs.
+    output_argument: str
+    outputs: int
+    loss: Loss
+    #: Names of the regressed values or classes; empty where the data set names them.
+    output_names: list[str]
+    target_scaling: TargetScaling
+    #: Images that the simulated data set holds; the paper's size.
+    images: int
+    #: Files below conf/: the baseline class, the instructions, the system prompt.
+    baseline: str
+    instructions: str
+    system: str
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require(self.class_name.isidentifier(), "task.class_name", "a Python class name", self.class_name)
+        argument = self.output_argument
+        _require(argument.isidentifier(), "task.output_argument", "a Python argument name", argument)
+        least = 2 if self.kind is Kind.classification else 1
+        _require(self.outputs >= least, "task.outputs", f"a value >= {least} for {self.kind}", self.outputs)
+        suits = (self.loss is Loss.cross_entropy) == (self.kind is Kind.classification)
+        _require(suits, "task.loss", "mse for regression, cross_entropy for classification", self.loss.value)
+        _require(self.images >= 10, "task.images", "a value >= 10", self.images)
+
+
+@dataclass(kw_only=True)
+class DataConfig:
+    """Where the images come from, and how they are prepared."""
+
+    source: Source
+    #: Height and width, in pixels.
+    image_size: int
+    #: Simulated: how many images, and the seed of the sensor and its contacts.
+    images: int
+    seed: int
+    #: Simulated gratings: the spacings that are the classes, in mm.
+    spacings_mm: list[float]
+    #: Recorded: the folder of the data set, its table, and the columns to read.
+    root: str | None
+    table: str
+    image_column: str
+    target_columns: list[str]
+    split_seed: int
+    normalisation: Normalisation
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        sized = 16 <= self.image_size <= 1024 and self.image_size % 16 == 0
+        _require(sized, "data.image_size", "a multiple of 16 from 16 to 1024", self.image_size)
+        _require(self.images >= 10, "data.images", "a value >= 10", self.images)
+        if self.source is not Source.simulated:
+            _require(bool(self.root), "data.root", f"the folder of the data set for data={self.source}", self.root)
+        if self.source is Source.csv:
+            columns = self.target_columns
+            _require(bool(columns), "data.target_columns", "the columns of the labels, e.g. [fx,fy,fz]", columns)
+        spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and min(self.spacings_mm, default=1.0) > 0
+        _require(spaced, "data.spacings_mm", "different values > 0", self.spacings_mm)
+
+
+@dataclass(kw_only=True)
+class LLMConfig:
+    """Who answers the requests, and how the answers are recorded."""
+
+    provider: Provider
+    model: str
+    mode: Mode
+    max_tokens: int
+    #: Another server than the provider's own.
+    base_url: str | None
+    #: Requests in flight at once.
+    concurrency: int
+    #: Grammar: the part of its answers that carries a fault real models make.
+    slip_rate: float
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require(bool(self.model), "llm.model", "a model name", self.model)
+        _require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
+        _require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
+        _require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
+
+
+@dataclass(kw_only=True)
+class ArchiveConfig:
+    """The CVT archives of networks and of prompts."""
+
+    niches: int
+    prompt_niches: int
+    #: Uniform points from which k-means finds the centroids.
+    samples: int
+    seed: int
+    bounds: BoundsRule
+    #: With `bounds=fixed`: the (low, high) of each descriptor.
+    arch_div_bounds: list[float]
+    eff_ratio_bounds: list[float]
+    eff_ratio_scale: Scale
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        most = self.samples
+        _require(1 <= self.niches <= most, "archive.niches", f"a value from 1 to archive.samples={most}", self.niches)
+        prompt_niches = self.prompt_niches
+        fits = 1 <= prompt_niches <= most
+        _require(fits, "archive.prompt_niches", f"a value from 1 to archive.samples={most}", prompt_niches)
+        for key in ("arch_div_bounds", "eff_ratio_bounds"):
+            pair = getattr(self, key)
+            _require(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
+        if self.bounds is BoundsRule.fixed and self.eff_ratio_scale is Scale.log:
+            low = self.eff_ratio_bounds[0]
+            _require(low > 0, "archive.eff_ratio_bounds", "low > 0 with eff_ratio_scale=log", low)
+
+
+@dataclass(kw_only=True)
+class TemperatureConfig:
+    """The sampling temperature (paper, Algorithm 1, line 9)."""
+
+    rule: TemperatureRule
+    #: T_1, eta, and the half-width of the uniform noise eps.
+    start: float
+    step: float
+    jitter: float
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for key in ("start", "step", "jitter"):
+            value = getattr(self, key)
+            _require(0 <= value <= 1, f"temperature.{key}", "a value in [0, 1]", value)
+
+
+@dataclass(kw_only=True)
+class PromptsConfig:
+    """How instructions are chosen."""
+
+    policy: PromptPolicy
+
+
+@dataclass(kw_only=True)
+class ProposalsConfig:
+    """Operators and parents."""
+
+    #: p_m, the probability that a generation mutates; else it crosses over.
+    mutation_probability: float
+    parents: ParentPolicy
+    #: With `parents=best`: how many of the best elites are parents.
+    best: int
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        p_m = self.mutation_probability
+        _require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
+        _require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
+
+
+@dataclass(kw_only=True)
+class TrainingConfig:
+    """The short training behind a fitness."""
+
+    epochs: int
+    batch_size: int
+    learning_rate: float
+    #: What one candidate's training may use.
+    seconds: float
+    memory_mib: int
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require(self.epochs >= 1, "training.epochs", "a value >= 1", self.epochs)
+        _require(self.batch_size >= 2, "training.batch_size", "a value >= 2", self.batch_size)
+        _require(self.learning_rate > 0, "training.learning_rate", "a value > 0", self.learning_rate)
+        _require(self.seconds > 0, "training.seconds", "a value > 0", self.seconds)
+        _require(self.memory_mib >= 64, "training.memory_mib", "a value >= 64", self.memory_mib)
+
+
+@dataclass(kw_only=True)
+class GateConfig:
+    """What an admitted candidate may be."""
+
+    max_parameters: int
+    max_flops: int
+    max_modules: int
+    max_source_bytes: int
+    #: What one candidate's probe may use.
+    seconds: float
+    memory_mib: int
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for key in ("max_parameters", "max_flops", "max_modules", "max_source_bytes"):
+            _require(getattr(self, key) >= 1, f"gate.{key}", "a value >= 1", getattr(self, key))
+        _require(self.seconds > 0, "gate.seconds", "a value > 0", self.seconds)
+        _require(self.memory_mib >= 64, "gate.memory_mib", "a value >= 64", self.memory_mib)
+
+
+@dataclass(kw_only=True)
+class SandboxConfig:
+    """How candidates are confined."""
+
+    require: Confinement
+
+
+@dataclass(kw_only=True)
+class ExecutorConfig:
+    """Where candidates are evaluated, and how many at once."""
+
+    kind: Executor
+    workers: int
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _require(self.workers >= 1, "executor.workers", "a value >= 1", self.workers)
+
+
+@dataclass(kw_only=True)
+class NumericsConfig:
+    """Which promise training bits keep."""
+
+    kind: Numerics
+
+
+@dataclass(kw_only=True)
+class TrackingConfig:
+    """The mirror of the ledger."""
+
+    kind: Tracking
+    uri: str
+    experiment: str
+
+
+@dataclass(kw_only=True)
+class StoreConfig:
+    """Where answers are recorded."""
+
+    root: str
+
+
+@dataclass(kw_only=True)
+class OutputConfig:
+    """Where a run is written; None names a folder after the task, the seed and the configuration."""
+
+    dir: str | None = None
+
+
+@dataclass(kw_only=True)
+class RunConfig:
+    """One whole run."""
+
+    seed: int
+    search: SearchConfig
+    task: TaskConfig
+    data: DataConfig
+    llm: LLMConfig
+    archive: ArchiveConfig
+    temperature: TemperatureConfig
+    prompts: PromptsConfig
+    proposals: ProposalsConfig
+    training: TrainingConfig
+    gate: GateConfig
+    sandbox: SandboxConfig
+    executor: ExecutorConfig
+    numerics: NumericsConfig
+    tracking: TrackingConfig
+    store: StoreConfig
+    run: OutputConfig = field(default_factory=OutputConfig)
+
+    def __post_init__(self) -> None:
+        """Check what spans several groups."""
+        _require(self.seed >= 0, "seed", "a value >= 0", self.seed)
+
+
+def identity(config: RunConfig) -> dict[str, Json]:
+    """Give the part of a configuration that decides a run's results, for its ledger.
+
+    The number of generations is left out, so that a longer run begins with the very lines of a shorter one;
+    data enter by their fingerprint, task files by their text; where a run is computed and written, and how it
+    is watched, does not enter.
+    """
+    whole: dict[str, Any] = asdict(config)
+    chosen = {key: whole[key] for key in ("seed", "archive", "temperature", "prompts", "proposals", "training", "gate")}
+    chosen["search"] = {key: whole["search"][key] for key in ("candidates", "initial")}
+    chosen["llm"] = {key: whole["llm"][key] for key in ("provider", "model", "max_tokens", "slip_rate")}
+    chosen["numerics"] = whole["numerics"]["kind"]
+    return chosen

@@ -1,0 +1,56 @@
+"""Every exception a caller of tacevo may want to catch.
+
+    TacevoError
+    ├── ConfigError          a setting the user wrote cannot be used (also a ValueError)
+    ├── DataError            a data set is missing, broken or does not fit the task
+    ├── StoreError           a store entry is damaged or of an unknown schema
+    ├── RunError             a run directory cannot be used as asked
+    ├── DivergenceError      a recomputed ledger line differs from the recorded one
+    ├── LLMError
+    │   ├── CacheMissError   replay met a request that was never recorded
+    │   └── TransportError   the model could not be reached, after all retries
+    └── SandboxError         the sandbox itself is broken (never: a candidate is)
+
+A candidate that fails is a value, `tacevo.records.Rejection`, and never an exception. Each class takes one
+message, because exceptions with other signatures do not survive pickling from a worker.
+"""
+
+
+class TacevoError(Exception):
+    """Anything tacevo raises on purpose; its message says what was expected, what came and what to do."""
+
+
+class ConfigError(TacevoError, ValueError):
+    """A setting cannot be used; the message names the key as the user wrote it."""
+
+
+class DataError(TacevoError):
+    """A data set is missing, unreadable, or does not fit the task."""
+
+
+class StoreError(TacevoError):
+    """A store entry is damaged, or was written under a schema this version does not know."""
+
+
+class RunError(TacevoError):
+    """A run directory is missing something, or holds another run."""
+
+
+class DivergenceError(TacevoError):
+    """A recomputed ledger line differs from the recorded one; the message names the first difference."""
+
+
+class LLMError(TacevoError):
+    """A completion could not be had."""
+
+
+class CacheMissError(LLMError):
+    """Replay asked for an answer that was never recorded."""
+
+
+class TransportError(LLMError):
+    """The model could not be reached, after all retries; nothing was recorded."""
+
+
+class SandboxError(TacevoError):
+    """The sandbox could not do its work; no verdict about any candidate follows from this."""

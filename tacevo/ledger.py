@@ -1,0 +1,151 @@
+"""The ledger: what a search decided, one JSON line at a time, each sealed with the hash of the line before.
+
+What it promises: the last hash, the digest, stands for every decision of the run; a line, once committed,
+survives a crash; a run that is computed again is held against its ledger line by line. Time stamps, durations,
+host names and paths never enter it.
+"""
+
+import json
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from tacevo.errors import DivergenceError, RunError
+from tacevo.records import Json
+from tacevo.store import canonical, content_hash
+
+#: The hash before the first line.
+GENESIS = "0" * 64
+
+
+def seal(entry: dict[str, Json], previous: str) -> dict[str, Json]:
+    """Link an entry to the line before it and add its own hash."""
+    linked = {**entry, "previous": previous}
+    return {**linked, "hash": content_hash(linked)}
+
+
+class Ledger:
+    """The ledger of one run, open for committing.
+
+    Committing where a line already stands compares instead of appending; so the same loop writes a run, takes
+    up a killed one and checks a finished one.
+
+    Args:
+        path: the file, `ledger.jsonl`; None keeps the lines in memory only.
+        recorded: lines to be held against, for a ledger in memory.
+
+    Raises:
+        RunError: the file is damaged before its last line.
+    """
+
+    def __init__(self, path: Path | None, recorded: tuple[dict[str, Json], ...] = ()) -> None:
+        self._recorded = recorded
+        self._file: IO[str] | None = None
+        self._count = 0
+        self.digest = GENESIS
+        if path is not None:
+            self._recorded, length = _read(path)
+            self._file = path.open("a", encoding="utf-8")
+            self._file.truncate(length)  # a line torn by a crash was never committed
+
+    def __enter__(self) -> Self:
+        """Give the open ledger."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file; every committed line is on disk already."""
+        if self._file is not None:
+            self._file.close()
+
+    @property
+    def recorded(self) -> int:
+        """The number of lines that stood here before."""
+        return len(self._recorded)
+
+    @property
+    def committed(self) -> int:
+        """The number of lines committed in this session."""
+        return self._count
+
+    def commit(self, entry: dict[str, Json]) -> dict[str, Json]:
+        """Append an entry, or hold it against the line that stands in its place.
+
+        Returns:
+            The entry with `previous` and `hash`.
+
+        Raises:
+            DivergenceError: the recorded line differs; the message names generation, slot and field.
+            ValueError: a number is NaN or infinite.
+        """
+        line = seal(entry, self.digest)
+        if self._count < len(self._recorded):
+            _compare(self._recorded[self._count], line)
+        elif self._file is not None:
+            self._file.write(canonical(line) + "\n")
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        self._count += 1
+        self.digest = line["hash"]
+        return line
+
+
+def read_ledger(path: Path) -> tuple[dict[str, Json], ...]:
+    """Read a ledger and check its chain; a last line torn by a crash is left out.
+
+    Raises:
+        RunError: the file is missing, or a line was damaged or edited.
+    """
+    if not path.exists():
+        raise RunError(f"{path} is missing; give the folder of a run, as `tacevo search` printed it")
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[tuple[dict[str, Json], ...], int]:
+    """Read the whole lines of a ledger, and how many bytes they take."""
+    data = path.read_bytes() if path.exists() else b""
+    length = data.rfind(b"\n") + 1
+    lines: list[dict[str, Json]] = []
+    previous = GENESIS
+    for number, text in enumerate(data[:length].splitlines(), 1):
+        lines.append(_checked(path, number, text, previous))
+        previous = lines[-1]["hash"]
+    return tuple(lines), length
+
+
+def _checked(path: Path, number: int, text: bytes, previous: str) -> dict[str, Json]:
+    """Parse one line and hold it against its own hash and its predecessor's."""
+    try:
+        line: dict[str, Json] = json.loads(text)
+        entry = {key: value for key, value in line.items() if key not in {"previous", "hash"}}
+        sound = line == seal(entry, previous)
+    except (ValueError, AttributeError) as error:
+        raise RunError(
+            f"{path}, line {number} is not JSON ({error}); restore the file, or start in a new run.dir"
+        ) from error
+    if not sound:
+        raise RunError(
+            f"{path}, line {number} does not match its hash: it, or the line before it, was edited; restore the file, "
+            "or start in a new run.dir"
+        )
+    return line
+
+
+def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
+    """Raise on the first field in which a recomputed line differs from the recorded one."""
+    if recorded["hash"] == line["hash"]:
+        return
+    fields = [field for field in sorted(recorded.keys() | line.keys()) if field not in {"previous", "hash"}]
+    field = next(field for field in fields if recorded.get(field) != line.get(field))
+    place = f"generation {recorded['generation']}" if "generation" in recorded else "the run's header"
+    place += f", slot {recorded['slot']}" if "slot" in recorded else ""
+    raise DivergenceError(
+        f"{place}: field {field!r} was recorded as {_brief(recorded.get(field))} and is now {_brief(line.get(field))}"
+    )
+
+
+def _brief(value: Json, limit: int = 200) -> str:
+    text = json.dumps(value, sort_keys=True)
+    return text if len(text) <= limit else text[: limit - 3] + "..."

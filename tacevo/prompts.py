@@ -1,0 +1,95 @@
+"""The prompt archive A_P: which instruction at which temperature was productive (paper, Algorithm 1, line 8)."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tacevo.archive import AddStatus, Archive, Elite, Tessellation, insert
+from tacevo.config import PromptPolicy
+
+
+def curiosity(fitness: float | None, *, inserted: bool) -> float:
+    """Score how much a mutation taught: 1 + 1 / (1 + f) where its child was inserted, else 0.5.
+
+    Args:
+        fitness: f, the child's validation loss, >= 0; needed where it was inserted.
+        inserted: whether the child entered the network archive.
+
+    Raises:
+        ValueError: an inserted child without a fitness.
+    """
+    if not inserted:
+        return 0.5
+    if fitness is None:
+        raise ValueError("an inserted child needs a fitness; got None")
+    return 1.0 + 1.0 / (1.0 + fitness)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One prompt configuration s = (prompt, T_g) and what came of it."""
+
+    #: Index into the task's instructions.
+    prompt: int
+    #: T_g, the generation's temperature without a request's noise.
+    temperature: float
+    #: r(s): whether the child was inserted into the network archive.
+    inserted: bool
+    curiosity: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromptArchive:
+    """A_P: a CVT archive over (prompt index, temperature) in which trials compete by r."""
+
+    archive: Archive = field(default_factory=Archive)
+    #: The trials that the archive's elites name, by niche.
+    trials: dict[int, Trial] = field(default_factory=dict)
+
+    def record(
+        self, tessellation: Tessellation, trial: Trial, *, prompts: int, name: str
+    ) -> tuple["PromptArchive", int, AddStatus]:
+        """Let a trial compete for its niche by r: an unproductive one only ever takes an empty niche.
+
+        Args:
+            tessellation: the niches of (prompt index / (prompts - 1), temperature).
+            trial: what was tried.
+            prompts: how many instructions the task has.
+            name: the candidate that came of it.
+
+        Returns:
+            The archive that results, the trial's niche, and what the insertion did.
+        """
+        point = (trial.prompt / max(prompts - 1, 1), trial.temperature)
+        niche = tessellation.niche_of(point)
+        archive, status = insert(self.archive, niche, Elite(name=name, objective=float(trial.inserted)))
+        if status is AddStatus.rejected:
+            return self, niche, status
+        return replace(self, archive=archive, trials={**self.trials, niche: trial}), niche, status
+
+
+def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, prompts: int, rng: np.random.Generator) -> int:
+    """Draw the instruction of one request.
+
+    `uniform` and `none`: from all instructions alike (the paper's method section). `curiosity`: from the trials
+    in the archive, in proportion to their curiosity (its abstract), and uniformly while the archive is empty.
+
+    Returns:
+        An index in [0, prompts).
+    """
+    if policy is not PromptPolicy.curiosity or not archive.trials:
+        return int(rng.integers(prompts))
+    trials = [archive.trials[niche] for niche in sorted(archive.trials)]
+    return trials[draw_weighted([trial.curiosity for trial in trials], rng)].prompt
+
+
+def draw_weighted(weights: list[float], rng: np.random.Generator) -> int:
+    """Draw an index in proportion to weights > 0, by one uniform number against their running sum."""
+    target = rng.random() * math.fsum(weights)
+    running = 0.0
+    for index, weight in enumerate(weights):
+        running += weight
+        if target < running:
+            return index
+    return len(weights) - 1  # rounding may leave the target at the very end

@@ -1,0 +1,320 @@
+"""The frozen values that the layers hand to each other; this module knows none of them.
+
+Every record is immutable and compares by value. Those that enter a store or the ledger go through
+`to_json` and come back through their `from_json`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Self
+
+#: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
+Json = Any
+
+
+class Kind(StrEnum):
+    """What a task asks of a network. Member names are what users write in a config."""
+
+    regression = "regression"
+    classification = "classification"
+
+
+class Loss(StrEnum):
+    """The task loss: mean squared error over all axes, or cross-entropy in nats."""
+
+    mse = "mse"
+    cross_entropy = "cross_entropy"
+
+
+class Mode(StrEnum):
+    """How a store is used: `live` never reads, `record` reads or else computes and writes, `replay` only reads."""
+
+    live = "live"
+    record = "record"
+    replay = "replay"
+
+
+class Operator(StrEnum):
+    """How a candidate was asked for."""
+
+    baseline = "baseline"
+    mutation = "mutation"
+    crossover = "crossover"
+
+
+class Stage(StrEnum):
+    """Where a candidate was turned away, in the order of the gate; the last is training."""
+
+    extract = "extract"
+    policy = "policy"
+    probe = "probe"
+    train = "train"
+
+
+class Reason(StrEnum):
+    """Why a candidate was turned away; what enters the ledger, where free text does not."""
+
+    # extract: from the model's answer to source text
+    empty = "empty"
+    refused = "refused"
+    truncated = "truncated"
+    too_long = "too_long"
+    no_class = "no_class"
+    ambiguous = "ambiguous"
+    syntax = "syntax"
+    # policy: what the syntax tree shows
+    forbidden_import = "forbidden_import"
+    forbidden_name = "forbidden_name"
+    forbidden_construct = "forbidden_construct"
+    too_complex = "too_complex"
+    # probe and train: what happens when it runs
+    construction_failed = "construction_failed"
+    forward_failed = "forward_failed"
+    backward_failed = "backward_failed"
+    bad_output = "bad_output"
+    not_finite = "not_finite"
+    no_gradient = "no_gradient"
+    nondeterministic = "nondeterministic"
+    too_many_parameters = "too_many_parameters"
+    too_many_flops = "too_many_flops"
+    too_many_modules = "too_many_modules"
+    out_of_time = "out_of_time"
+    out_of_memory = "out_of_memory"
+    crashed = "crashed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rejection:
+    """A candidate's failure: a value, never an exception."""
+
+    stage: Stage
+    reason: Reason
+    #: One line for a person, with what was expected and what came; never hashed.
+    detail: str
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(stage=Stage(value["stage"]), reason=Reason(value["reason"]), detail=value["detail"])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """One turn of a conversation; `role` is `user` or `assistant`."""
+
+    role: str
+    content: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """Everything that can change a completion, and nothing else."""
+
+    model: str
+    system: str
+    messages: tuple[Message, ...]
+    #: Sampling temperature in [0, 1].
+    temperature: float
+    max_tokens: int
+    #: Which of several draws of an otherwise equal request this is, so that equal prompts give distinct answers.
+    draw: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Completion:
+    """What a model answered."""
+
+    text: str
+    #: The model's name as the provider returned it.
+    model: str
+    #: `end_turn`, `max_tokens` (cut off) or `refusal`, as in Anthropic's Messages API.
+    stop_reason: str
+    input_tokens: int
+    output_tokens: int
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(**value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contract:
+    """What a candidate class must be: the part of a task that the gate and the trainer enforce.
+
+    The class is built as `Class(in_channels=..., <output_argument>=...)`, each argument only where its
+    constructor has one of that name. It maps float32 `(N, in_channels, image_size, image_size)` to float32
+    `(N, outputs)`.
+    """
+
+    class_name: str
+    kind: Kind
+    loss: Loss
+    in_channels: int
+    #: Height and width of an image, in pixels.
+    image_size: int
+    #: Number of regressed values, or of classes.
+    outputs: int
+    #: What the baseline's constructor calls the number of outputs, e.g. `num_classes`.
+    output_argument: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """One operation of a traced network: one call of a layer or of a functional op."""
+
+    #: Operation type, spelt alike for a layer and its function, e.g. `conv2d`, `max_pool2d`, `add`.
+    op: str
+    #: True where the call uses a weight of two or more dimensions (convolution, linear, attention, einsum with a
+    #: parameter); these are the layers that depth counts.
+    weighted: bool
+    #: Output channels or features of a weighted node, else 0.
+    width: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Graph:
+    """A traced network as data: what the descriptors are computed from (see docs/descriptors.md)."""
+
+    nodes: tuple[Node, ...]
+    #: Data flows, as pairs (producer, consumer) of indices into `nodes`, each pair once, producer < consumer.
+    edges: tuple[tuple[int, int], ...]
+    #: Output channels of every convolution layer, one entry a layer however often it is called.
+    channels: tuple[int, ...]
+    #: Kernel size of every convolution layer, in pixels; the mean of the sides where they differ.
+    kernels: tuple[float, ...]
+    #: Output features of every linear layer but the last one called.
+    hidden: tuple[int, ...]
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(
+            nodes=tuple(Node(**node) for node in value["nodes"]),
+            edges=tuple((a, b) for a, b in value["edges"]),
+            channels=tuple(value["channels"]),
+            kernels=tuple(value["kernels"]),
+            hidden=tuple(value["hidden"]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """What the probe measured of an admitted candidate."""
+
+    #: Trainable and frozen parameters, each counted once.
+    parameters: int
+    #: Floating-point operations of one forward pass of one image, as `torch.utils.flop_counter` counts them.
+    flops: int
+    modules: int
+    graph: Graph
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(
+            parameters=value["parameters"],
+            flops=value["flops"],
+            modules=value["modules"],
+            graph=Graph.from_json(value["graph"]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a candidate may use; over any of them it is killed or rejected with a typed reason."""
+
+    #: Wall time of the whole child process, in seconds.
+    seconds: float
+    #: Peak resident memory of the child's process tree beyond what it shares with its parent, in MiB.
+    memory_mib: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recipe:
+    """How a candidate is trained; part of an evaluation's key."""
+
+    epochs: int
+    batch_size: int
+    learning_rate: float
+    #: `adam`, the only optimiser so far; its arithmetic form follows from the numerics.
+    optimiser: str
+    limits: Limits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Training:
+    """What a finished training gave; its fitness is the last validation loss (lower is better)."""
+
+    #: Mean training loss of each epoch, as the child reported it; for looking at, never for selection.
+    train_losses: tuple[float, ...]
+    #: Validation loss after each epoch, computed by the parent from the child's predictions.
+    validation_losses: tuple[float, ...]
+    #: SHA-256 of the validation predictions of every epoch, float32, row-major.
+    predictions_sha256: str
+    #: SHA-256 of the trained weights and buffers, as the child reported it.
+    weights_sha256: str
+
+    @property
+    def fitness(self) -> float:
+        """The final validation loss (paper, section II): lower is better."""
+        return self.validation_losses[-1]
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(
+            train_losses=tuple(value["train_losses"]),
+            validation_losses=tuple(value["validation_losses"]),
+            predictions_sha256=value["predictions_sha256"],
+            weights_sha256=value["weights_sha256"],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataFacts:
+    """What a run must know of its data set to be replayed without it."""
+
+    #: SHA-256 over images, labels, split, label scaling and input statistics.
+    fingerprint: str
+    #: Images in the training, validation and test split.
+    counts: tuple[int, int, int]
+    in_channels: int
+    image_size: int
+    #: Regressed values, or classes.
+    outputs: int
+    #: Names of the regressed values or of the classes, in the order of the outputs.
+    names: tuple[str, ...]
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(
+            fingerprint=value["fingerprint"],
+            counts=(value["counts"][0], value["counts"][1], value["counts"][2]),
+            in_channels=value["in_channels"],
+            image_size=value["image_size"],
+            outputs=value["outputs"],
+            names=tuple(value["names"]),
+        )
+
+
+def to_json(record: Any) -> Json:
+    """Turn a record (or a tuple, mapping or scalar of such) into plain JSON values.
+
+    Enums become their values and tuples become lists; NaN and infinity are left in place for the writer to
+    refuse.
+    """
+    if dataclasses.is_dataclass(record) and not isinstance(record, type):
+        return {field.name: to_json(getattr(record, field.name)) for field in dataclasses.fields(record)}
+    if isinstance(record, StrEnum):
+        return record.value
+    if isinstance(record, Mapping):
+        return {str(key): to_json(value) for key, value in record.items()}
+    if isinstance(record, Sequence) and not isinstance(record, str):
+        return [to_json(value) for value in record]
+    return record

@@ -1,0 +1,279 @@
+"""The search: the paper's Algorithm 1 as a deterministic fold.
+
+    run_search   for g = 0..G: plan, develop, commit in slot order, close the generation
+    commit       one candidate: descriptors, niche, insertion, prompt archive
+    close        one generation: best fitness, temperature
+
+Work finishes in any order and is committed in slot order, so one worker and sixteen give the same bytes. What
+is expensive comes in through `Tools` and is answered from stores where it was answered before; so replaying,
+resuming and extending a run are this same loop.
+"""
+
+import hashlib
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Tessellation, coverage, qd_score
+from tacevo.config import PromptPolicy, Scale, TemperatureRule
+from tacevo.descriptors import Descriptor, describe
+from tacevo.development import Outcome, Tools, develop
+from tacevo.errors import ConfigError
+from tacevo.ledger import Ledger
+from tacevo.prompts import PromptArchive, Trial, curiosity
+from tacevo.proposals import Parent, Proposal, Settings, Task, plan, plan_initial
+from tacevo.records import Json, Operator, Profile, Rejection, to_json
+from tacevo.store import content_hash
+from tacevo.temperature import next_temperature
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What a search is: the task, and every setting that the fold reads."""
+
+    task: Task
+    settings: Settings
+    generations: int
+    #: Mutations of the baseline in generation 0.
+    initial: int
+    networks: Tessellation
+    prompts: Tessellation
+    #: The network archive to begin with: empty, with fixed bounds or none.
+    archive: NetworkArchive
+    eff_ratio_scale: Scale
+    temperature_rule: TemperatureRule
+    temperature_start: float
+    temperature_step: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """An evaluated candidate, as later generations need it."""
+
+    id: str
+    source: str
+    fitness: float
+    #: Its own curiosity, and those of its mutation children.
+    curiosities: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchState:
+    """Everything the next step depends on."""
+
+    #: The next generation to run.
+    generation: int
+    temperature: float
+    networks: NetworkArchive
+    prompts: PromptArchive = field(default_factory=PromptArchive)
+    #: Every evaluated candidate, by id.
+    candidates: Mapping[str, Candidate] = field(default_factory=dict)
+    #: f*_{g-1}: the archive's best fitness after the last closed generation.
+    best: float = math.inf
+
+
+#: Called with each committed line and the outcome behind it (None for a generation's line).
+Observer = Callable[[dict[str, Json], Outcome | None], None]
+
+
+def run_search(plan_: Plan, tools: Tools, ledger: Ledger, observe: Observer) -> SearchState:
+    """Run a search from its beginning to generation G, through the stores and onto the ledger.
+
+    Raises:
+        DivergenceError: the ledger holds a line that the search does not reproduce.
+        CacheMissError: a store in replay mode lacks an answer.
+    """
+    state = SearchState(generation=0, temperature=plan_.temperature_start, networks=plan_.archive)
+    for _ in range(plan_.generations + 1):
+        state = step(state, plan_, tools, ledger, observe)
+    return state
+
+
+def step(state: SearchState, plan_: Plan, tools: Tools, ledger: Ledger, observe: Observer) -> SearchState:
+    """Run one generation: plan, complete, admit, evaluate, commit."""
+    proposals = propose(state, plan_)
+    lines: list[dict[str, Json]] = []
+    before = state
+    for outcome in develop(proposals, tools):
+        _insist_on_baseline(outcome, plan_.task)
+        state, entry = commit(state, plan_, outcome, tools.evaluation_key)
+        lines.append(ledger.commit(entry))
+        observe(lines[-1], outcome)
+    state, entry = close(before, state, plan_, lines)
+    observe(ledger.commit(entry), None)
+    return state
+
+
+def propose(state: SearchState, plan_: Plan) -> tuple[Proposal, ...]:
+    """Plan the next generation from the state."""
+    if state.generation == 0:
+        return plan_initial(plan_.task, plan_.settings, mutations=plan_.initial, temperature=state.temperature)
+    elites = state.networks.archive.elites
+    return plan(
+        plan_.task,
+        plan_.settings,
+        generation=state.generation,
+        elites=[_parent(state.candidates[elites[niche].name]) for niche in sorted(elites)],
+        prompts=state.prompts,
+        temperature=state.temperature,
+    )
+
+
+def commit(
+    state: SearchState, plan_: Plan, outcome: Outcome, evaluation_key: Callable[[str], str]
+) -> tuple[SearchState, dict[str, Json]]:
+    """Fold one outcome into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger entry.
+
+    A candidate that was turned away is discarded: it changes no archive.
+    """
+    entry = _entry(outcome)
+    if outcome.admitted is None:
+        return state, entry
+    descriptor = describe(outcome.admitted.profile)
+    entry |= {"evaluation": evaluation_key(outcome.admitted.source)} | _measured(outcome.admitted.profile, descriptor)
+    if isinstance(outcome.result, Rejection):
+        return state, entry
+    fitness = outcome.result.fitness
+    placed = Placed(
+        elite=Elite(name=outcome.proposal.id, objective=-fitness), point=_point(descriptor, plan_.eff_ratio_scale)
+    )
+    networks, niche, status = state.networks.offer(plan_.networks, placed)
+    score = curiosity(fitness, inserted=status is not AddStatus.rejected)
+    state = replace(state, networks=networks, candidates=_with_child(state.candidates, outcome, score))
+    entry |= {
+        "fitness": fitness,
+        "train_losses": list(outcome.result.train_losses),
+        "validation_losses": list(outcome.result.validation_losses),
+        "predictions": outcome.result.predictions_sha256,
+        "weights": outcome.result.weights_sha256,
+        "niche": niche,
+        "status": status.value,
+        "curiosity": score,
+    }
+    state, prompt_entry = _record_prompt(state, plan_, outcome.proposal, status, score)
+    return state, entry | prompt_entry
+
+
+def close(
+    before: SearchState, state: SearchState, plan_: Plan, lines: Sequence[Mapping[str, Json]]
+) -> tuple[SearchState, dict[str, Json]]:
+    """End a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
+
+    Generation 0 leaves T_1 as it is: there is no generation before it to compare with.
+    """
+    elites = state.networks.archive.elites
+    best = min((-elite.objective for elite in elites.values()), default=math.inf)
+    temperature = state.temperature
+    if state.generation > 0:
+        temperature = next_temperature(
+            plan_.temperature_rule, temperature, best=best, best_before=before.best, step=plan_.temperature_step
+        )
+    bounds = state.networks.bounds
+    fitnesses = [line["fitness"] for line in lines if "fitness" in line]
+    entry: dict[str, Json] = {
+        "kind": "generation",
+        "generation": state.generation,
+        "temperature": state.temperature,
+        "next_temperature": temperature,
+        "candidates": len(lines),
+        "trained": len(fitnesses),
+        "best": best if math.isfinite(best) else None,
+        "generation_best": min(fitnesses, default=None),
+        "generation_median": round(statistics.median(fitnesses), 12) if fitnesses else None,
+        "coverage": coverage(state.networks.archive, plan_.networks.niches),
+        "qd_score": round(qd_score(state.networks.archive, quality), 12),
+        "prompt_coverage": coverage(state.prompts.archive, plan_.prompts.niches),
+        "bounds": None if bounds is None else to_json(bounds),
+        "archive": content_hash({str(niche): to_json(elites[niche]) for niche in elites}),
+        "prompt_archive": content_hash({str(niche): to_json(trial) for niche, trial in state.prompts.trials.items()}),
+    }
+    return replace(state, generation=state.generation + 1, temperature=temperature, best=best), entry
+
+
+def quality(objective: float) -> float:
+    """Turn an objective, the negative of a loss f >= 0, into a quality in (0, 1]: 1 / (1 + f)."""
+    return 1.0 / (1.0 - objective)
+
+
+def _insist_on_baseline(outcome: Outcome, task: Task) -> None:
+    """Refuse to search from a baseline that does not train."""
+    if outcome.proposal.operator is Operator.baseline and isinstance(outcome.result, Rejection):
+        result = outcome.result
+        raise ConfigError(
+            f"the baseline of task {task.name} (task.baseline) does not train: {result.stage}, {result.reason}: "
+            f"{result.detail}"
+        )
+
+
+def _entry(outcome: Outcome) -> dict[str, Json]:
+    """Begin a candidate's ledger entry with what was asked and what came of it."""
+    proposal = outcome.proposal
+    entry: dict[str, Json] = {
+        "kind": "candidate",
+        "generation": proposal.generation,
+        "slot": proposal.slot,
+        "id": proposal.id,
+        "operator": proposal.operator.value,
+        "parents": list(proposal.parents),
+        "prompt": proposal.prompt,
+        "request": None if proposal.request is None else content_hash(to_json(proposal.request)),
+        "temperature": None if proposal.request is None else proposal.request.temperature,
+        "answer": None if outcome.completion is None else content_hash(to_json(outcome.completion)),
+    }
+    if outcome.admitted is not None:
+        entry["source"] = hashlib.sha256(outcome.admitted.source.encode()).hexdigest()
+    if isinstance(outcome.result, Rejection):
+        entry |= {"stage": outcome.result.stage.value, "reason": outcome.result.reason.value}
+    return entry
+
+
+def _measured(profile: Profile, descriptor: Descriptor) -> dict[str, Json]:
+    sizes = {"parameters": profile.parameters, "flops": profile.flops}
+    return {**sizes, **to_json(descriptor)}
+
+
+def _point(descriptor: Descriptor, scale: Scale) -> tuple[float, float]:
+    """Give the raw coordinates of the network archive: (ArchDiv, EffRatio or its logarithm)."""
+    if scale is Scale.linear:
+        return descriptor.arch_div, descriptor.eff_ratio
+    return descriptor.arch_div, round(math.log10(descriptor.eff_ratio), 12) if descriptor.eff_ratio > 0 else -12.0
+
+
+def _record_prompt(
+    state: SearchState, plan_: Plan, proposal: Proposal, status: AddStatus, score: float
+) -> tuple[SearchState, dict[str, Json]]:
+    """Let a mutation's prompt configuration compete in A_P; the mutations of generation 0 come before it begins."""
+    without = plan_.settings.prompts is PromptPolicy.none
+    if without or proposal.prompt is None or proposal.generation == 0:
+        return state, {}
+    trial = Trial(
+        prompt=proposal.prompt,
+        temperature=state.temperature,
+        inserted=status is not AddStatus.rejected,
+        curiosity=score,
+    )
+    prompts, niche, prompt_status = state.prompts.record(
+        plan_.prompts, trial, prompts=len(plan_.task.instructions), name=proposal.id
+    )
+    return replace(state, prompts=prompts), {"prompt_niche": niche, "prompt_status": prompt_status.value}
+
+
+def _with_child(candidates: Mapping[str, Candidate], outcome: Outcome, score: float) -> dict[str, Candidate]:
+    """Add a candidate, and tell its parents how curious it was."""
+    proposal = outcome.proposal
+    if outcome.admitted is None or isinstance(outcome.result, Rejection):
+        raise ValueError(f"{proposal.id} was turned away and cannot be a parent")
+    child = Candidate(
+        id=proposal.id, source=outcome.admitted.source, fitness=outcome.result.fitness, curiosities=(score,)
+    )
+    parents = (
+        {} if proposal.operator is not Operator.mutation else {name: candidates[name] for name in proposal.parents}
+    )
+    taught = {name: replace(parent, curiosities=(*parent.curiosities, score)) for name, parent in parents.items()}
+    return {**candidates, **taught, child.id: child}
+
+
+def _parent(candidate: Candidate) -> Parent:
+    mean = math.fsum(candidate.curiosities) / len(candidate.curiosities)
+    return Parent(id=candidate.id, source=candidate.source, fitness=candidate.fitness, curiosity=mean)

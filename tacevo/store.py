@@ -1,0 +1,178 @@
+"""A store of answers under the content hash of their questions.
+
+What it promises: an entry, once `write` returns, survives a crash; a reader never sees half of one; two
+processes may share a store; nothing expires. What it does not: it holds no lock, so two processes that miss at
+the same moment both compute, and the answer that lands last (for a pure function: an equal one) stays.
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from tacevo.errors import CacheMissError, StoreError
+from tacevo.records import Json, Mode
+
+#: Raised when the meaning of a key or the layout of an entry changes; part of every key.
+SCHEMA = 1
+
+
+def canonical(value: Json) -> str:
+    """Write JSON in its one canonical form: sorted keys, no spaces, no NaN.
+
+    Raises:
+        ValueError: a float is NaN or infinite.
+    """
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+
+
+def content_hash(value: Json) -> str:
+    """Hash JSON by its canonical form: 64 hex digits of SHA-256."""
+    return hashlib.sha256(canonical(value).encode()).hexdigest()
+
+
+class Store:
+    """One kind of answers (`completions`, `evaluations`, ...) as readable JSON files, by key.
+
+    Args:
+        root: the folder that holds all kinds.
+        kind: the name of this kind; part of every key.
+        mode: see `Mode`.
+    """
+
+    def __init__(self, root: Path, kind: str, mode: Mode = Mode.record) -> None:
+        self._folder = root / kind
+        self._kind = kind
+        self._mode = mode
+
+    def key(self, request: Json) -> str:
+        """Name a request: SHA-256 of its canonical JSON with the kind and the schema."""
+        return content_hash({"schema": SCHEMA, "kind": self._kind, "request": request})
+
+    def recall(self, request: Json, compute: Callable[[], Json]) -> Json:
+        """Answer a request from the store, or by `compute` where the mode allows it.
+
+        Args:
+            request: everything that determines the answer, as JSON.
+            compute: gives the answer as JSON; an exception it raises passes through and nothing is stored.
+
+        Raises:
+            CacheMissError: the mode is `replay` and the answer was never recorded.
+            StoreError: the entry is damaged.
+        """
+        answer = self.find(request)
+        if answer is None:
+            answer = compute()
+            self.write(request, answer)
+        return answer
+
+    def find(self, request: Json) -> Json | None:
+        """Look a request up as the mode says; None means that it is to be computed.
+
+        Raises:
+            CacheMissError: the mode is `replay` and the answer was never recorded.
+            StoreError: the entry is damaged.
+        """
+        if self._mode is Mode.live:
+            return None
+        answer = self.read(request)
+        if answer is None and self._mode is Mode.replay:
+            raise CacheMissError(self._explain_miss(request))
+        return answer
+
+    def read(self, request: Json) -> Json | None:
+        """Read the recorded answer to a request, whatever the mode; None where there is none.
+
+        Raises:
+            StoreError: the entry is damaged or of another schema.
+        """
+        key = self.key(request)
+        path = self._path(key)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return None
+        return _checked(path, text, key)["answer"]
+
+    def write(self, request: Json, answer: Json) -> None:
+        """Record an answer, durably and in one step; an entry of the same key is replaced."""
+        key = self.key(request)
+        entry = {"schema": SCHEMA, "kind": self._kind, "key": key, "request": request, "answer": answer}
+        entry["checksum"] = content_hash(entry)
+        write_durably(self._path(key), json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+    def entries(self) -> Iterator[Json]:
+        """Give every entry, checked, in the order of their keys.
+
+        Raises:
+            StoreError: an entry is damaged or of another schema.
+        """
+        for path in sorted(self._folder.glob("*/*.json")):
+            yield _checked(path, path.read_text(encoding="utf-8"), path.stem)
+
+    def _path(self, key: str) -> Path:
+        return self._folder / key[:2] / f"{key}.json"
+
+    def _explain_miss(self, request: Json) -> str:
+        """Say which recording comes nearest and in which field it differs first."""
+        missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]} in {self._folder}"
+        nearest = min(self.entries(), key=lambda entry: len(_differences(entry["request"], request)), default=None)
+        if nearest is None:
+            return f"{missed}; this store is empty. Record first: llm.mode=record."
+        field = _differences(nearest["request"], request)[0]
+        return (
+            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {field!r} differs. Replay with "
+            "the configuration of the recording, or record anew with llm.mode=record."
+        )
+
+
+def write_durably(path: Path, text: str) -> None:
+    """Write a whole text file in one step: a reader sees the old content or the new, even after a crash.
+
+    Raises:
+        OSError: the disk is full or the folder cannot be written; the old content stays.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as part:
+            part.write(text)
+            part.flush()
+            os.fsync(part.fileno())
+        Path(name).replace(path)  # atomic: a reader never sees half an entry
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the name, too, must survive a crash
+    finally:
+        os.close(folder)
+
+
+def _checked(path: Path, text: str, key: str) -> dict[str, Json]:
+    """Parse an entry and hold it against its own key and checksum."""
+    remedy = "restore the file from a copy, or delete it so that it is computed again"
+    try:
+        entry: dict[str, Json] = json.loads(text)
+        checksum = entry.pop("checksum")
+    except (ValueError, KeyError, AttributeError, TypeError) as error:
+        raise StoreError(f"{path} is not a store entry ({type(error).__name__}: {error}); {remedy}") from error
+    if entry.get("schema") != SCHEMA:
+        raise StoreError(f"{path} has schema {entry.get('schema')!r}; this version reads {SCHEMA}; {remedy}")
+    if content_hash(entry) != checksum or entry["key"] != key:
+        raise StoreError(f"{path} does not match its checksum; {remedy}")
+    return entry
+
+
+def _differences(recorded: Json, asked: Json, name: str = "") -> list[str]:
+    """List the fields in which two requests differ, outermost name first, e.g. `messages.0.content`."""
+    if isinstance(recorded, dict) and isinstance(asked, dict):
+        keys = sorted(recorded.keys() | asked.keys())
+        return [d for key in keys for d in _differences(recorded.get(key), asked.get(key), f"{name}.{key}".lstrip("."))]
+    if isinstance(recorded, list) and isinstance(asked, list) and len(recorded) == len(asked):
+        pairs = enumerate(zip(recorded, asked, strict=True))
+        return [d for i, (a, b) in pairs for d in _differences(a, b, f"{name}.{i}".lstrip("."))]
+    return [] if recorded == asked else [name or "request"]
