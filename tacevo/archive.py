@@ -80,7 +80,7 @@ def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> 
     Returns:
         Centroids, shape (niches, dimensions), in [0, 1], rounded to 9 decimals.
     """
-    from sklearn.cluster import KMeans  # noqa: PLC0415  # a second to import, needed once per archive shape
+    from sklearn.cluster import KMeans  # a second to import, needed once per archive shape
 
     points = stream(seed, "centroids", niches, dimensions, samples).random((samples, dimensions))
     means = KMeans(niches, n_init=1, random_state=derived_seed(seed, "k-means") % 2**32).fit(points)

@@ -66,6 +66,8 @@ class Settings:
     jitter: float
     model: str
     max_tokens: int
+    #: Further settings of the provider, for every request.
+    llm: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +94,9 @@ class Proposal:
 
 def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature: float) -> tuple[Proposal, ...]:
     """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive)."""
-    baseline = Proposal(generation=0, slot=0, operator=Operator.baseline, parents=(), prompt=None, request=None)
+    baseline = Proposal(
+        generation=0, slot=0, operator=Operator.baseline, parents=(), prompt=None, request=None, source=task.baseline
+    )
     founder = Parent(id=baseline.id, source=task.baseline, fitness=0.0, curiosity=1.0)
     slots = [_Slot(generation=0, number=number, temperature=temperature) for number in range(1, mutations + 1)]
     return (baseline, *(_mutation(task, settings, slot, [founder], PromptArchive()) for slot in slots))
@@ -254,4 +258,5 @@ def _request(task: Task, settings: Settings, slot: _Slot, text: str) -> Request:
         temperature=clip(slot.temperature + noise),
         max_tokens=settings.max_tokens,
         draw=derived_seed(settings.seed, "draw", *where) % 2**31,
+        settings=settings.llm,
     )

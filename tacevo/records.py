@@ -122,6 +122,8 @@ class Request:
     max_tokens: int
     #: Which of several draws of an otherwise equal request this is, so that equal prompts give distinct answers.
     draw: int
+    #: Further settings of the provider, by name, in the order of their names.
+    settings: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,10 @@ resuming and extending a run are this same loop.
 import hashlib
 import math
 import statistics
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Tessellation, coverage, qd_score
 from tacevo.config import PromptPolicy, Scale, TemperatureRule
@@ -73,11 +75,17 @@ class SearchState:
     best: float = math.inf
 
 
-#: Called with each committed line and the outcome behind it (None for a generation's line).
-Observer = Callable[[dict[str, Json], Outcome | None], None]
+class Observer(Protocol):
+    """Who watches a search; nothing it does may change one."""
+
+    def developed(self, outcome: Outcome) -> None:
+        """Take an outcome before it is committed."""
+
+    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+        """Take a line of the ledger after it was committed, and the state that results."""
 
 
-def run_search(plan_: Plan, tools: Tools, ledger: Ledger, observe: Observer) -> SearchState:
+def run_search(plan_: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run a search from its beginning to generation G, through the stores and onto the ledger.
 
     Raises:
@@ -86,22 +94,23 @@ def run_search(plan_: Plan, tools: Tools, ledger: Ledger, observe: Observer) -> 
     """
     state = SearchState(generation=0, temperature=plan_.temperature_start, networks=plan_.archive)
     for _ in range(plan_.generations + 1):
-        state = step(state, plan_, tools, ledger, observe)
+        state = step(state, plan_, tools, ledger, observer)
     return state
 
 
-def step(state: SearchState, plan_: Plan, tools: Tools, ledger: Ledger, observe: Observer) -> SearchState:
+def step(state: SearchState, plan_: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run one generation: plan, complete, admit, evaluate, commit."""
     proposals = propose(state, plan_)
     lines: list[dict[str, Json]] = []
     before = state
     for outcome in develop(proposals, tools):
         _insist_on_baseline(outcome, plan_.task)
+        observer.developed(outcome)
         state, entry = commit(state, plan_, outcome, tools.evaluation_key)
         lines.append(ledger.commit(entry))
-        observe(lines[-1], outcome)
+        observer.committed(lines[-1], state)
     state, entry = close(before, state, plan_, lines)
-    observe(ledger.commit(entry), None)
+    observer.committed(ledger.commit(entry), state)
     return state
 
 
@@ -136,7 +145,8 @@ def commit(
         return state, entry
     fitness = outcome.result.fitness
     placed = Placed(
-        elite=Elite(name=outcome.proposal.id, objective=-fitness), point=_point(descriptor, plan_.eff_ratio_scale)
+        elite=Elite(name=outcome.proposal.id, objective=-fitness),
+        point=(descriptor.arch_div, scaled(descriptor.eff_ratio, plan_.eff_ratio_scale)),
     )
     networks, niche, status = state.networks.offer(plan_.networks, placed)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
@@ -191,6 +201,16 @@ def close(
     return replace(state, generation=state.generation + 1, temperature=temperature, best=best), entry
 
 
+def scaled(eff_ratio: float, scale: Scale) -> float:
+    """Give an Efficiency Ratio as the archive's axis has it: as it is, or its decimal logarithm.
+
+    A network without counted FLOPs has ratio 0; on a logarithmic axis it stands at the smallest positive number.
+    """
+    if scale is Scale.linear:
+        return eff_ratio
+    return round(math.log10(max(eff_ratio, sys.float_info.min)), 12)
+
+
 def quality(objective: float) -> float:
     """Turn an objective, the negative of a loss f >= 0, into a quality in (0, 1]: 1 / (1 + f)."""
     return 1.0 / (1.0 - objective)
@@ -231,13 +251,6 @@ def _entry(outcome: Outcome) -> dict[str, Json]:
 def _measured(profile: Profile, descriptor: Descriptor) -> dict[str, Json]:
     sizes = {"parameters": profile.parameters, "flops": profile.flops}
     return {**sizes, **to_json(descriptor)}
-
-
-def _point(descriptor: Descriptor, scale: Scale) -> tuple[float, float]:
-    """Give the raw coordinates of the network archive: (ArchDiv, EffRatio or its logarithm)."""
-    if scale is Scale.linear:
-        return descriptor.arch_div, descriptor.eff_ratio
-    return descriptor.arch_div, round(math.log10(descriptor.eff_ratio), 12) if descriptor.eff_ratio > 0 else -12.0
 
 
 def _record_prompt(

@@ -1,0 +1,177 @@
+"""The `tacevo` command."""
+
+import argparse
+import contextlib
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+from tacevo import __version__
+from tacevo.errors import DivergenceError, TacevoError
+
+#: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
+DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+
+_EPILOG = """\
+examples:
+  tacevo search experiment=demo               a small search, in minutes
+  tacevo search experiment=demo seed=1        another one
+  tacevo replay runs/NAME                     run it again from its stores and compare
+  tacevo show runs/NAME g02s03                one candidate, its numbers and its source
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; return its exit status."""
+    options = _parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+    except KeyboardInterrupt:
+        print("\ninterrupted; what was computed is kept, and the same command continues", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        with contextlib.suppress(OSError):
+            sys.stdout.close()
+        return DONE
+    except DivergenceError as error:
+        print(f"different: {error}", file=sys.stderr)
+        return DIFFERENT
+    except TacevoError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return MISTAKE
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Treat a polite request to end like Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose `search` command lists the choices of every config group, read only when somebody asks."""
+
+    def format_help(self) -> str:
+        """Write the help."""
+        text = super().format_help()
+        if not self.prog.endswith(" search"):
+            return text
+        from tacevo.confdir import groups
+
+        width = max(map(len, groups()))
+        lines = [f"  {name.ljust(width)}  {', '.join(choices)}" for name, choices in groups().items()]
+        return "\n".join([f"{text}\nconfig groups and their choices:", *lines, ""])
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Describe the command line; commands import what they need only when they run, so that help is quick."""
+    parser = _Parser(
+        prog="tacevo",
+        description="Architecture search for vision-based tactile sensors that can be replayed bit for bit.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    search = commands.add_parser(
+        "search",
+        help="run a search, or continue one that was stopped",
+        description="Run a search. The same command continues a stopped run, and repeats a finished one in seconds.",
+    )
+    search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help="GROUP=CHOICE or KEY=VALUE, as in Hydra")
+    search.set_defaults(command=_search)
+
+    replay = commands.add_parser(
+        "replay",
+        help="run a recorded search again from its stores and compare",
+        description="Run a recorded search again, without model, training or data set, and compare every line.",
+    )
+    replay.add_argument("run", metavar="RUN", help="the folder of a run")
+    replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    replay.set_defaults(command=_replay)
+
+    show = commands.add_parser("show", help="what a run found, or one candidate of it")
+    show.add_argument("run", metavar="RUN", help="the folder of a run")
+    show.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
+    show.set_defaults(command=_show)
+
+    check = commands.add_parser(
+        "check",
+        help="put raw answers of a model through the gate",
+        description="Put raw answers through the gate: text files, or JSON recordings with a `response`.",
+    )
+    check.add_argument("files", nargs="+", metavar="FILE")
+    check.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
+    check.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
+    check.add_argument("--json", action="store_true", help="one JSON object a line")
+    check.set_defaults(command=_check)
+
+    doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
+    doctor.set_defaults(command=_doctor)
+    return parser
+
+
+def _search(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.composition import compose
+    from tacevo.progress import make_view
+    from tacevo.session import search
+
+    config = compose(options.overrides)
+    total = 1 + config.search.initial + config.search.generations * config.search.candidates
+    with make_view(Console(stderr=True), total=total, generations=config.search.generations) as view:
+        result = search(config, view)
+    print(result.summary)
+    print(f"run: {result.directory}   (`tacevo show {result.directory}`, `tacevo replay {result.directory}`)")
+    if config.tracking.kind.value == "mlflow":
+        print(f"candidates in MLflow: mlflow ui --backend-store-uri {config.tracking.uri}")
+    print(f"digest: {result.digest}")
+    return DONE
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from tacevo.progress import PlainView
+    from tacevo.replaying import replay
+
+    with PlainView(Console(stderr=True), total=0) as view:
+        digest, lines = replay(Path(options.run), options.store, view)
+    print(f"{lines} ledger lines, both archives and every candidate's source are as recorded")
+    print(f"digest: {digest}")
+    return DONE
+
+
+def _show(options: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from tacevo.showing import show_candidate, show_run
+
+    path = Path(options.run)
+    print(show_run(path) if options.candidate is None else show_candidate(path, options.candidate), end="")
+    return DONE
+
+
+def _check(options: argparse.Namespace) -> int:
+    from tacevo.checking import check_files
+
+    for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
+        print(line, flush=True)
+    return DONE
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from tacevo.doctor import examine
+
+    findings, sound = examine()
+    print(findings)
+    return DONE if sound else DIFFERENT
+
+
+if __name__ == "__main__":
+    sys.exit(main())

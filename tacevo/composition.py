@@ -1,0 +1,154 @@
+"""From what a user typed to a checked configuration: the only module that knows Hydra."""
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
+from typing import cast, get_type_hints
+
+import yaml
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from tacevo.confdir import conf_root
+from tacevo.config import RunConfig
+from tacevo.errors import ConfigError
+from tacevo.proposals import Instruction, Task, system_prompt
+from tacevo.records import Contract, DataFacts, Json
+
+
+def compose(overrides: Sequence[str]) -> RunConfig:
+    """Compose a configuration from Hydra overrides such as `experiment=demo` and `seed=3`.
+
+    Raises:
+        ConfigError: an unknown key, a value of the wrong type or range, or an unknown choice; the message names
+            the key as the user wrote it.
+    """
+    added = [override for override in overrides if override.startswith(("+", "~"))]
+    if added:
+        raise ConfigError(f"every setting has its place already, so none can be added or removed; got {added[0]!r}")
+    ConfigStore.instance().store(name="schema", node=RunConfig)
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
+            return to_run_config(hydra_compose("config", overrides=list(overrides)))
+    except (HydraException, OmegaConfBaseException, OSError) as error:
+        raise ConfigError(_explained(error)) from error
+
+
+def to_run_config(composed: DictConfig) -> RunConfig:
+    """Turn a composed config into a checked `RunConfig`."""
+    return cast(RunConfig, OmegaConf.to_object(composed))
+
+
+def to_plain(config: RunConfig) -> dict[str, Json]:
+    """Write a configuration as plain JSON values, enums by their names; `from_plain` reads it back."""
+    return cast(dict[str, Json], OmegaConf.to_container(OmegaConf.structured(config), resolve=True, enum_to_str=True))
+
+
+def from_plain(value: Mapping[str, Json]) -> RunConfig:
+    """Read what `to_plain` wrote.
+
+    Raises:
+        ConfigError: the values are no configuration of this version.
+    """
+    try:
+        return to_run_config(cast(DictConfig, OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
+    except OmegaConfBaseException as error:
+        raise ConfigError(_explained(error)) from error
+
+
+def load_task(config: RunConfig, facts: DataFacts) -> Task:
+    """Read a task's baseline and texts, and fit its contract to the data set.
+
+    Raises:
+        ConfigError: a file is missing or malformed, or the data set has another number of outputs than the task.
+    """
+    task = config.task
+    if facts.outputs != task.outputs:
+        raise ConfigError(
+            f"task.outputs is {task.outputs}, but the data set has {facts.outputs} ({', '.join(facts.names)}); set "
+            f"task.outputs={facts.outputs}, or choose other data"
+        )
+    contract = Contract(
+        class_name=task.class_name,
+        kind=task.kind,
+        loss=task.loss,
+        in_channels=facts.in_channels,
+        image_size=facts.image_size,
+        outputs=task.outputs,
+        output_argument=task.output_argument,
+    )
+    library = _read_library(task.instructions)
+    try:
+        system = system_prompt(_read("task.system", task.system), contract, facts.names)
+    except ValueError as error:
+        raise ConfigError(f"task.system: {error}") from error
+    return Task(
+        name=task.name,
+        contract=contract,
+        baseline=_read("task.baseline", task.baseline),
+        system=system,
+        instructions=tuple(Instruction(id=entry["id"], text=entry["text"]) for entry in library["mutations"]),
+        crossover=library["crossover"],
+    )
+
+
+def _read(key: str, name: str) -> str:
+    """Read a file of a task, relative to conf/ or absolute."""
+    path = conf_root() / name
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{key} names {path}, which cannot be read: {error}") from error
+
+
+def _read_library(name: str) -> dict[str, Json]:
+    """Read a prompt library and check its shape."""
+    key = "task.instructions"
+    try:
+        library: dict[str, Json] = yaml.safe_load(_read(key, name))
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{key} names {name}, which is not YAML: {error}") from error
+    shaped = isinstance(library, dict) and set(library) == {"crossover", "mutations"}
+    if not shaped or not isinstance(library["crossover"], str) or not isinstance(library["mutations"], list):
+        raise ConfigError(f"{key} names {name}, which needs `crossover: TEXT` and `mutations: [...]`")
+    ids = []
+    for number, entry in enumerate(library["mutations"], 1):
+        sound = isinstance(entry, dict) and set(entry) == {"id", "text"}
+        if not sound or not all(isinstance(value, str) and value.strip() for value in entry.values()):
+            raise ConfigError(f"{key} names {name}, whose mutation {number} needs an `id` and a `text`; got {entry!r}")
+        ids.append(entry["id"])
+    if not ids or len(set(ids)) != len(ids):
+        raise ConfigError(f"{key} names {name}, whose mutations need different ids, at least one; got {ids}")
+    return library
+
+
+def _explained(error: Exception) -> str:
+    """Say in one line what Hydra or OmegaConf found wrong, and what the user may have meant."""
+    lines = [line.strip().removeprefix("In 'config': ") for line in str(error).splitlines() if line.strip()]
+    cause = str(error.__cause__ or "").splitlines()
+    unknown = re.match(r"Could not override '([^']+)'", lines[0])
+    if unknown:
+        close = difflib.get_close_matches(unknown.group(1), _keys(RunConfig), n=1)
+        meant = f"; did you mean {close[0]!r}?" if close else "; `tacevo search --help` lists the groups"
+        return f"there is no setting {unknown.group(1)!r}{meant}"
+    if "Available options in" in str(error):
+        start = next(index for index, line in enumerate(lines) if line.startswith("Available options in"))
+        options = [line for line in lines[start + 1 :] if not line.startswith(("Config search path", "provider="))]
+        return f"{lines[0]}; choose one of {', '.join(options)}"
+    return ": ".join([lines[0], *cause[:1]])
+
+
+def _keys(schema: type, prefix: str = "") -> list[str]:
+    """List every key of a schema, e.g. `archive.niches`."""
+    keys = []
+    for name, kind in get_type_hints(schema).items():
+        nested = _keys(kind, f"{prefix}{name}.") if isinstance(kind, type) and is_dataclass(kind) else []
+        keys += [f"{prefix}{name}", *nested]
+    return keys

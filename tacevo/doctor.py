@@ -1,0 +1,74 @@
+"""`tacevo doctor`: whether this machine has what a run needs."""
+
+import importlib.util
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from tacevo.confdir import conf_root
+from tacevo.errors import TacevoError
+from tacevo.records import Limits
+from tacevo.rundir import machine, versions
+from tacevo.sandbox.client import Died, Sandbox
+from tacevo.sandbox.confinement import report
+
+#: Packages of extras, and what they are for.
+_EXTRAS = {
+    "openai": "openai: OpenAI-compatible servers",
+    "ray": "ray: several machines",
+    "matplotlib": "report: figures",
+}
+
+
+def examine() -> tuple[str, bool]:
+    """Look at machine, packages, sandbox and folders.
+
+    Returns:
+        The findings as text, and whether a search can run.
+    """
+    sections = [
+        ("machine", [f"{key}: {value}" for key, value in machine().items()]),
+        ("versions", [f"{key}: {value}" for key, value in versions().items()]),
+        ("extras", [f"{text}: {_presence(name)}" for name, text in _EXTRAS.items()]),
+        ("confinement", [f"{key}: {value}" for key, value in report().items()]),
+        ("keys", [f"ANTHROPIC_API_KEY: {'set' if os.environ.get('ANTHROPIC_API_KEY') else 'not set'}"]),
+    ]
+    checks = {"configs": _configs, "sandbox": _sandbox, "current folder": _folder}
+    results = {name: _tried(check) for name, check in checks.items()}
+    sections.append(
+        ("checks", [f"{'ok  ' if good else 'FAIL'} {name}: {text}" for name, (good, text) in results.items()])
+    )
+    text = "\n".join("\n".join([f"{title}:", *(f"  {line}" for line in lines)]) for title, lines in sections)
+    return text, all(good for good, _ in results.values())
+
+
+def _presence(package: str) -> str:
+    return "installed" if importlib.util.find_spec(package) else "not installed"
+
+
+def _tried(check: Callable[[], str]) -> tuple[bool, str]:
+    try:
+        return True, check()
+    except (TacevoError, OSError) as error:
+        return False, str(error)
+
+
+def _configs() -> str:
+    return str(conf_root())
+
+
+def _sandbox() -> str:
+    """Start the sandbox, torch and all, and run a job that must be refused."""
+    with Sandbox(entries={"probe": "tacevo.gate.probe:run"}, environment={}, arrays={}) as sandbox:
+        outcome = sandbox.run("probe", {}, b"", Limits(seconds=30, memory_mib=1024))
+    kind = "died" if isinstance(outcome, Died) else "answered"
+    return f"started, and a job {kind} as it should"
+
+
+def _folder() -> str:
+    """Write a file where runs and stores go by default."""
+    with tempfile.NamedTemporaryFile(dir=Path.cwd()) as file:
+        file.write(b"tacevo")
+    return f"writable, {shutil.disk_usage(Path.cwd()).free / 2**30:.1f} GiB free"

@@ -1,0 +1,61 @@
+"""What a run writes down: the first line of its ledger, and both archives as JSON."""
+
+from tacevo.archive import coverage, qd_score
+from tacevo.config import RunConfig, identity
+from tacevo.proposals import Task
+from tacevo.records import DataFacts, Json, to_json
+from tacevo.rundir import SCHEMA
+from tacevo.search import Plan, SearchState, quality
+from tacevo.store import content_hash
+
+
+def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan) -> dict[str, Json]:
+    """Write the first line of a ledger: all that the run's results follow from."""
+    return {
+        "kind": "run",
+        "schema": SCHEMA,
+        "config": identity(config),
+        "task": content_hash(to_json(task)),
+        "data": to_json(facts),
+        "centroids": content_hash([plan.networks.centroids.tolist(), plan.prompts.centroids.tolist()]),
+    }
+
+
+def archive_files(plan: Plan, state: SearchState) -> dict[str, Json]:
+    """Give `archive.json` and `prompts.json`: every niche that is occupied, and by whom."""
+    networks, prompts = state.networks, state.prompts
+    points = {placed.elite.name: placed.point for placed in networks.history}
+    elites = [
+        {
+            "niche": niche,
+            "centroid": plan.networks.centroids[niche].tolist(),
+            "id": elite.name,
+            "fitness": -elite.objective,
+            "descriptors": list(points[elite.name]),
+        }
+        for niche, elite in sorted(networks.archive.elites.items())
+    ]
+    trials = [
+        {
+            "niche": niche,
+            "centroid": plan.prompts.centroids[niche].tolist(),
+            "id": prompts.archive.elites[niche].name,
+            "instruction": plan.task.instructions[trial.prompt].id,
+            **to_json(trial),
+        }
+        for niche, trial in sorted(prompts.trials.items())
+    ]
+    return {
+        "archive.json": {
+            "niches": plan.networks.niches,
+            "coverage": coverage(networks.archive, plan.networks.niches),
+            "qd_score": round(qd_score(networks.archive, quality), 12),
+            "bounds": None if networks.bounds is None else to_json(networks.bounds),
+            "elites": elites,
+        },
+        "prompts.json": {
+            "niches": plan.prompts.niches,
+            "coverage": coverage(prompts.archive, plan.prompts.niches),
+            "trials": trials,
+        },
+    }

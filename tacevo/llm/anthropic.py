@@ -1,0 +1,86 @@
+"""Claude through the official SDK and the Messages API.
+
+The SDK retries rate limits, overload, time-outs and server errors, honouring the server's `retry-after`; what
+still fails is a `TransportError` and is not recorded. The key comes from the environment only.
+"""
+
+import asyncio
+import queue
+import threading
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+import anthropic
+from anthropic.types import MessageParam
+
+from tacevo.errors import TransportError
+from tacevo.records import Completion, Request
+
+#: Tries of one request before the run gives up; a run continues later from what was recorded.
+MAX_RETRIES = 8
+
+
+class AnthropicLLM:
+    """Answers requests by Claude, up to `concurrency` at once.
+
+    Args:
+        client: the SDK's asynchronous client.
+        concurrency: requests in flight at once.
+    """
+
+    def __init__(self, client: anthropic.AsyncAnthropic, *, concurrency: int) -> None:
+        self._client = client
+        self._concurrency = concurrency
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer every request, in the order of arrival (see `tacevo.llm.client.LLM`).
+
+        Raises:
+            TransportError: a request failed after all retries; the answers to the others were yielded before.
+        """
+        answers: queue.SimpleQueue[tuple[int, Completion | Exception]] = queue.SimpleQueue()
+        asking = threading.Thread(target=lambda: asyncio.run(self._ask_all(requests, answers)), daemon=True)
+        asking.start()
+        failed: list[Exception] = []
+        for _ in requests:
+            position, answer = answers.get()
+            if isinstance(answer, Exception):
+                failed.append(answer)
+            else:
+                yield position, answer
+        asking.join()
+        if failed:
+            raise TransportError(
+                f"{len(failed)} of {len(requests)} requests failed after {MAX_RETRIES} retries, the first with "
+                f"{type(failed[0]).__name__}: {failed[0]}; give the same command again: what came is recorded"
+            ) from failed[0]
+
+    async def _ask_all(
+        self, requests: Sequence[Request], answers: queue.SimpleQueue[tuple[int, Completion | Exception]]
+    ) -> None:
+        places = asyncio.Semaphore(self._concurrency)
+
+        async def ask(position: int, request: Request) -> None:
+            async with places:
+                try:
+                    answers.put((position, await self._ask(request)))
+                except Exception as error:  # whatever it is, the waiting search must hear of it
+                    answers.put((position, error))
+
+        await asyncio.gather(*(ask(position, request) for position, request in enumerate(requests)))
+
+    async def _ask(self, request: Request) -> Completion:
+        message = await self._client.messages.create(
+            model=request.model,
+            system=request.system,
+            messages=[cast(MessageParam, {"role": turn.role, "content": turn.content}) for turn in request.messages],
+            max_tokens=request.max_tokens,
+            extra_body={"temperature": request.temperature},  # newer models take none, so the SDK names none
+        )
+        return Completion(
+            text="".join(block.text for block in message.content if block.type == "text"),
+            model=message.model,
+            stop_reason=message.stop_reason or "end_turn",
+            input_tokens=message.usage.input_tokens,
+            output_tokens=message.usage.output_tokens,
+        )

@@ -1,0 +1,24 @@
+"""The one interface between the search and whatever writes networks."""
+
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+from tacevo.records import Completion, Request
+
+
+class LLM(Protocol):
+    """Anything that answers requests."""
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer every request, as many at once as the provider allows.
+
+        Args:
+            requests: what to answer; equal requests are answered one by one, none is merged.
+
+        Yields:
+            Pairs (position in `requests`, completion) in the order of arrival, each position exactly once.
+
+        Raises:
+            LLMError: an answer could not be had; the answers yielded before it remain good.
+        """
+        ...

@@ -1,0 +1,153 @@
+"""What a person sees while a run is at work: bars on a terminal, plain lines elsewhere."""
+
+import math
+from types import TracebackType
+from typing import Protocol, Self
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from tacevo.archive import coverage
+from tacevo.development import Outcome
+from tacevo.records import Json
+from tacevo.search import Plan, SearchState
+
+
+class View(Protocol):
+    """Who is told how far a run is."""
+
+    def say(self, text: str) -> None:
+        """Show one line."""
+
+    def data(self, done: int, total: int) -> None:
+        """Show how many images of a data set are made."""
+
+    def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
+        """Show a line of the ledger, and how far the archive is with it."""
+
+
+class PlainView:
+    """One line a generation, for logs and pipes.
+
+    Args:
+        console: where to write.
+        total: candidates of the whole run.
+    """
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console = console
+        self._total = total
+        self._done = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is left open."""
+
+    def say(self, text: str) -> None:
+        """Write one line."""
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def data(self, done: int, total: int) -> None:
+        """Write when the images are complete."""
+        if done == total:
+            self.say(f"data: {total} images made")
+
+    def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
+        """Write a line at the end of each generation."""
+        if line["kind"] == "candidate":
+            self._done += 1
+        elif line["kind"] == "generation":
+            self.say(
+                f"generation {line['generation']}: {line['trained']} of {line['candidates']} candidates trained, best "
+                f"{best:.4g}, coverage {coverage:.0%} ({self._done}/{self._total} candidates done)"
+            )
+
+
+class LiveView:
+    """Bars with rate and time left, on a terminal.
+
+    Args:
+        console: the terminal.
+        total: candidates of the whole run.
+        generations: G.
+    """
+
+    def __init__(self, console: Console, total: int, generations: int) -> None:
+        self._generations = generations
+        self._total = total
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+        )
+        self._search: TaskID | None = None
+        self._data: TaskID | None = None
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def say(self, text: str) -> None:
+        """Write one line above the bars."""
+        self._progress.console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def data(self, done: int, total: int) -> None:
+        """Move the bar of the images."""
+        if self._data is None:
+            self._data = self._progress.add_task("images", total=total, note="")
+        self._progress.update(self._data, completed=done)
+
+    def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
+        """Move the bar of the candidates."""
+        if self._search is None:
+            self._search = self._progress.add_task("generation 0", total=self._total, note="")
+        if line["kind"] == "candidate":
+            self._progress.update(
+                self._search,
+                advance=1,
+                description=f"generation {line['generation']}/{self._generations}",
+                note=f"best {best:.4g}  coverage {coverage:.0%}",
+            )
+
+
+def make_view(console: Console, *, total: int, generations: int) -> PlainView | LiveView:
+    """Choose the view that suits a console."""
+    return LiveView(console, total, generations) if console.is_terminal else PlainView(console, total)
+
+
+class Watcher:
+    """Shows a search to a view; the observer of a replay."""
+
+    def __init__(self, plan: Plan, view: View) -> None:
+        self._plan = plan
+        self._view = view
+
+    def developed(self, outcome: Outcome) -> None:
+        """Nothing is shown before it is committed."""
+
+    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+        """Show a line."""
+        archive = state.networks.archive
+        best = min((-elite.objective for elite in archive.elites.values()), default=math.nan)
+        self._view.committed(line, coverage(archive, self._plan.networks.niches), best)

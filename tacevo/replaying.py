@@ -1,0 +1,91 @@
+"""Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
+
+import json
+from pathlib import Path
+
+from tacevo.composition import from_plain
+from tacevo.config import RunConfig
+from tacevo.documents import archive_files, run_header
+from tacevo.errors import DivergenceError, RunError
+from tacevo.ledger import Ledger
+from tacevo.progress import View, Watcher
+from tacevo.proposals import Instruction, Task
+from tacevo.records import Contract, DataFacts, Kind, Loss, Mode
+from tacevo.rundir import RunDirectory
+from tacevo.search import Plan, SearchState, run_search
+from tacevo.wiring import build_plan, open_tools
+
+
+def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
+    """Run a recorded search again from its stores alone, and compare every line and file of it.
+
+    Neither the data set nor a model nor a sandbox is used.
+
+    Args:
+        path: the run directory.
+        store: where the stores lie, if not where the run had them.
+        view: who is told.
+
+    Returns:
+        The digest, and the number of ledger lines that were compared.
+
+    Raises:
+        DivergenceError: something recorded differs from what the search gives.
+        CacheMissError: a store lacks an answer.
+        RunError: this is no run directory, or its ledger is damaged.
+    """
+    directory = RunDirectory(path)
+    config, task, facts = read_run(directory)
+    if store is not None:
+        config.store.root = store
+    recorded = directory.read_ledger()
+    plan = build_plan(config, task, Mode.replay)
+    with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay) as tools:
+        ledger.commit(run_header(config, task, facts, plan))
+        state = run_search(plan, tools, ledger, Watcher(plan, view))
+        if ledger.committed != len(recorded):
+            raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
+        _compare_files(directory, plan, state, ledger.digest)
+        return ledger.digest, ledger.committed
+
+
+def read_run(directory: RunDirectory) -> tuple[RunConfig, Task, DataFacts]:
+    """Read a run's configuration, task and data facts.
+
+    Raises:
+        RunError: run.json is missing or damaged.
+        ConfigError: its configuration is none of this version.
+    """
+    run = directory.read_run()
+    try:
+        task, contract = run["task"], run["task"]["contract"]
+        rebuilt = Task(
+            name=task["name"],
+            contract=Contract(**{**contract, "kind": Kind(contract["kind"]), "loss": Loss(contract["loss"])}),
+            baseline=task["baseline"],
+            system=task["system"],
+            instructions=tuple(Instruction(**entry) for entry in task["instructions"]),
+            crossover=task["crossover"],
+        )
+        return from_plain(run["config"]), rebuilt, DataFacts.from_json(run["data"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunError(f"{directory.path}/run.json is damaged: {type(error).__name__}: {error}") from error
+
+
+def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState, digest: str) -> None:
+    """Hold what stands beside the ledger against the replayed search.
+
+    Raises:
+        DivergenceError: a file was edited, or is missing; the message names it.
+    """
+    recorded = directory.read_run()["digest"]
+    if recorded != digest:
+        raise DivergenceError(f"run.json: the digest was recorded as {recorded} and is now {digest}")
+    for name, content in archive_files(plan, state).items():
+        path = directory.path / name
+        if not path.exists() or json.loads(path.read_text(encoding="utf-8")) != content:
+            raise DivergenceError(f"{path} is missing, or is not what the search gives")
+    for candidate in state.candidates.values():
+        path = directory.path / "candidates" / f"{candidate.id}.py"
+        if not path.exists() or path.read_text(encoding="utf-8") != candidate.source:
+            raise DivergenceError(f"{path} is missing, or is not the source that was evaluated")

@@ -1,0 +1,168 @@
+"""A run directory: what one run leaves behind, readable with `ls` and `cat`.
+
+run.json        the resolved configuration, the task's texts, data facts, versions, machine, digest
+ledger.jsonl    every decision, one line each (tacevo.ledger)
+timings.jsonl   wall times, which no ledger may hold
+archive.json    the network archive, niche by niche
+prompts.json    the prompt archive
+candidates/     the source of every admitted candidate, and the answer and the reason behind every rejected one
+summary.md      what was found
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import platform
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from tacevo.errors import RunError
+from tacevo.ledger import read_ledger
+from tacevo.records import Json, Rejection
+from tacevo.store import write_durably
+
+#: Layout of run.json.
+SCHEMA = 1
+
+#: Packages whose version may change a result or a number's meaning.
+PACKAGES = (
+    "tacevo",
+    "torch",
+    "numpy",
+    "scipy",
+    "scikit-learn",
+    "pillow",
+    "hydra-core",
+    "omegaconf",
+    "anthropic",
+    "mlflow",
+)
+
+
+class RunDirectory:
+    """Writes and reads the files of one run.
+
+    Args:
+        path: the folder; made when something is written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def ledger(self) -> Path:
+        """The ledger's path."""
+        return self.path / "ledger.jsonl"
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the directory for this process alone; a killed process lets go of it by itself.
+
+        Raises:
+            RunError: another process is at work in it, or the folder cannot be made.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            handle = os.open(self.path / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise RunError(f"run.dir={self.path} cannot be used: {error}") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise RunError(
+                f"another process is running in {self.path}; wait for it, or choose another run.dir"
+            ) from error
+        else:
+            yield
+        finally:
+            os.close(handle)
+
+    def write_json(self, name: str, value: Json) -> None:
+        """Write one of the JSON files whole."""
+        write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write one of the text files whole."""
+        write_durably(self.path / name, text)
+
+    def read_run(self) -> dict[str, Json]:
+        """Read run.json.
+
+        Raises:
+            RunError: this is no run directory, or one of another layout.
+        """
+        path = self.path / "run.json"
+        try:
+            run: dict[str, Json] = json.loads(path.read_text(encoding="utf-8"))
+            schema = run["schema"]
+        except FileNotFoundError as error:
+            raise RunError(f"{self.path} is not the folder of a run: it has no run.json") from error
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+        if schema != SCHEMA:
+            raise RunError(f"{path} has schema {schema!r}; this version of tacevo reads {SCHEMA}")
+        return run
+
+    def read_ledger(self) -> tuple[dict[str, Json], ...]:
+        """Read the ledger, checked (`tacevo.ledger.read_ledger`)."""
+        return read_ledger(self.ledger)
+
+    def read_elites(self) -> list[str]:
+        """Read the ids of the network archive's elites; none before the first generation is complete.
+
+        Raises:
+            RunError: the file is damaged.
+        """
+        path = self.path / "archive.json"
+        try:
+            return [elite["id"] for elite in json.loads(path.read_text(encoding="utf-8"))["elites"]]
+        except FileNotFoundError:
+            return []
+        except (ValueError, KeyError, TypeError) as error:
+            raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+
+    def keep_candidate(self, name: str, source: str) -> None:
+        """Keep the source of an admitted candidate, unless it stands there already."""
+        path = self.path / "candidates" / f"{name}.py"
+        if not path.exists():
+            write_durably(path, source)
+
+    def keep_rejected(self, name: str, rejection: Rejection, answer: str) -> None:
+        """Keep the answer behind a rejected candidate, under the reason."""
+        path = self.path / "candidates" / f"{name}.rejected.txt"
+        if not path.exists():
+            head = f"{rejection.stage}: {rejection.reason}: {rejection.detail}"
+            write_durably(path, f"{head}\n{'-' * 72}\n{answer}\n")
+
+    def add_timing(self, entry: dict[str, Json]) -> None:
+        """Append a line to timings.jsonl, with the present time."""
+        with (self.path / "timings.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps({**entry, "at": datetime.now(UTC).isoformat(timespec="milliseconds")}) + "\n")
+
+
+def versions() -> dict[str, str]:
+    """List the versions of Python and of the packages that matter; `absent` where one is not installed."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "absent"
+    return found
+
+
+def machine() -> dict[str, Json]:
+    """Describe this machine's hardware and system, without its name."""
+    info = Path("/proc/cpuinfo")
+    text = info.read_text(encoding="utf-8") if info.exists() else ""
+    models = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    return {
+        "cpu": models[0] if models else platform.processor(),
+        "cores": os.cpu_count(),
+        "architecture": platform.machine(),
+        "system": f"{platform.system()} {platform.release()}",
+        "libc": " ".join(platform.libc_ver()),
+    }

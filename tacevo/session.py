@@ -1,0 +1,164 @@
+"""A whole run: its data, its directory, its ledger and the search between them; and its replay."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.composition import load_task, to_plain
+from tacevo.config import RunConfig, Tracking
+from tacevo.development import Outcome
+from tacevo.documents import archive_files, run_header
+from tacevo.errors import DivergenceError, RunError
+from tacevo.ledger import Ledger
+from tacevo.progress import View, Watcher
+from tacevo.proposals import Task
+from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
+from tacevo.rundir import SCHEMA, RunDirectory, machine, versions
+from tacevo.sandbox.confinement import report
+from tacevo.search import Plan, SearchState, run_search
+from tacevo.store import content_hash
+from tacevo.summary import summarise
+from tacevo.tracking.process import Mirror
+from tacevo.wiring import build_plan, load_data, open_tools
+
+#: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
+MIRROR_SECONDS = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """A finished run."""
+
+    directory: Path
+    digest: str
+    summary: str
+    #: Lines that stood in the ledger before this command.
+    resumed: int
+
+
+def search(config: RunConfig, view: View) -> Result:
+    """Run a search, or take up the one that was begun under the same configuration.
+
+    Raises:
+        TacevoError: see its subclasses; what was computed so far is kept.
+        KeyboardInterrupt: the user stopped it; the same command continues.
+    """
+    data = load_data(config, view.data)
+    task = load_task(config, data.facts)
+    plan = build_plan(config, task, Mode.record)
+    header = run_header(config, task, data.facts, plan)
+    directory = RunDirectory(_run_path(config, header))
+    with directory.locked(), Ledger(directory.ledger) as ledger:
+        _begin(directory, config, task, data.facts)
+        _commit_header(ledger, header, directory)
+        view.say(f"run: {directory.path} ({_stage(ledger)})")
+        with _mirrored(config, directory, view), open_tools(config, task, data.facts, data, Mode.record) as tools:
+            observer = _Recorder(directory, ledger, plan, view)
+            state = run_search(plan, tools, ledger, observer)
+            _refuse_longer(ledger, directory)
+            summary = _finish(directory, config, state, ledger.digest)
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, resumed=ledger.recorded)
+
+
+def _run_path(config: RunConfig, header: dict[str, Json]) -> Path:
+    """Name the folder of a run after what it is, so that the same command finds it again."""
+    if config.run.dir is not None:
+        return Path(config.run.dir)
+    name = content_hash([header, config.search.generations])[:8]
+    return Path("runs") / f"{config.task.name}-seed{config.seed}-{name}"
+
+
+def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFacts) -> None:
+    """Write run.json, unless a begun run has it already."""
+    if (directory.path / "run.json").exists():
+        directory.read_run()  # a damaged one is refused
+        return
+    directory.write_json(
+        "run.json",
+        {
+            "schema": SCHEMA,
+            "name": directory.path.name,
+            "config": to_plain(config),
+            "task": to_json(task),
+            "data": to_json(facts),
+            "versions": versions(),
+            "machine": machine(),
+            "confinement": report(),
+            "digest": None,
+        },
+    )
+
+
+def _commit_header(ledger: Ledger, header: dict[str, Json], directory: RunDirectory) -> None:
+    try:
+        ledger.commit(header)
+    except DivergenceError as error:
+        raise RunError(f"run.dir={directory.path} holds another run ({error}); choose another run.dir") from error
+
+
+def _stage(ledger: Ledger) -> str:
+    return "new" if ledger.recorded == 0 else f"taken up after {ledger.recorded} ledger lines"
+
+
+def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
+    if ledger.recorded > ledger.committed:
+        raise RunError(
+            f"run.dir={directory.path} holds a longer run ({ledger.recorded} ledger lines; this one has "
+            f"{ledger.committed}); raise search.generations, or choose another run.dir"
+        )
+
+
+def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
+    """Write what is known only at the end; return the summary."""
+    run = directory.read_run()
+    run |= {"config": to_plain(config), "digest": digest}
+    directory.write_json("run.json", run)
+    names = [elite.name for elite in state.networks.archive.elites.values()]
+    summary = summarise(run, directory.read_ledger(), names)
+    directory.write_text("summary.md", summary)
+    return summary
+
+
+@contextlib.contextmanager
+def _mirrored(config: RunConfig, directory: RunDirectory, view: View) -> Iterator[None]:
+    """Let a mirror follow the ledger, where one is wanted; it cannot stop the search."""
+    if config.tracking.kind is Tracking.none:
+        yield
+        return
+    mirror = Mirror(directory.path, uri=config.tracking.uri, experiment=config.tracking.experiment)
+    mirror.start()
+    finished = False
+    try:
+        yield
+        finished = True
+    finally:
+        warning = mirror.finish(MIRROR_SECONDS if finished else 0.0)
+        if warning is not None:
+            view.say(warning)
+
+
+class _Recorder(Watcher):
+    """Shows the search to a view and keeps its files; the ledger itself is kept by the search."""
+
+    def __init__(self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: View) -> None:
+        super().__init__(plan, view)
+        self._directory = directory
+        self._ledger = ledger
+
+    def developed(self, outcome: Outcome) -> None:
+        """Keep a candidate's source, or why it has none, before the ledger names it."""
+        name = outcome.proposal.id
+        if outcome.admitted is not None:
+            self._directory.keep_candidate(name, outcome.admitted.source)
+        elif isinstance(outcome.result, Rejection) and outcome.completion is not None:
+            self._directory.keep_rejected(name, outcome.result, outcome.completion.text)
+        if self._ledger.committed >= self._ledger.recorded:
+            self._directory.add_timing({"id": name, "seconds": round(outcome.seconds, 3)})
+
+    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+        """Show a line, and write the archives at the end of each generation."""
+        super().committed(line, state)
+        if line["kind"] == "generation":
+            for name, content in archive_files(self._plan, state).items():
+                self._directory.write_json(name, content)

@@ -1,0 +1,79 @@
+"""`tacevo show`: what a run found, and everything about one candidate."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.rundir import RunDirectory
+from tacevo.summary import summarise, table
+
+#: Ledger fields of a candidate that are shown elsewhere, or to nobody.
+_HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses"}
+
+
+def show_run(path: Path) -> str:
+    """Write the summary of a run, finished or not.
+
+    Raises:
+        RunError: this is no run directory, or it is damaged.
+    """
+    directory = RunDirectory(path)
+    run, lines = directory.read_run(), directory.read_ledger()
+    state = "finished" if run["digest"] else "not finished: the command that began it continues it"
+    digest = f"\nState: {state}.\n" + (f"\ndigest: {run['digest']}\n" if run["digest"] else "")
+    return summarise(run, lines, directory.read_elites()) + digest
+
+
+def show_candidate(path: Path, name: str) -> str:
+    """Write down one candidate: what was asked, what became of it, its losses and its source or answer.
+
+    Raises:
+        RunError: this is no run directory, or it has no such candidate.
+    """
+    directory = RunDirectory(path)
+    run, lines = directory.read_run(), directory.read_ledger()
+    found = [line for line in lines if line.get("id") == name]
+    if not found:
+        last = next((line["id"] for line in reversed(lines) if "id" in line), "none yet")
+        raise RunError(f"{path} has no candidate {name!r}; ids look like g02s03, and the last one is {last}")
+    line = found[0]
+    parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
+    if "validation_losses" in line:
+        parts.append(_losses(line))
+    return "\n\n".join([*parts, _text(directory.path / "candidates", name)]) + "\n"
+
+
+def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:
+    """Give the words that the candidate was asked for with."""
+    if line["operator"] == "baseline":
+        return "none; this is the task's baseline"
+    if line["prompt"] is None:
+        return str(run["task"]["crossover"]).strip()
+    instruction = run["task"]["instructions"][line["prompt"]]
+    return f"{instruction['id']}: {instruction['text'].strip()}"
+
+
+def _fields(line: Mapping[str, Json]) -> str:
+    rows = [[key, _value(value)] for key, value in line.items() if key not in _HIDDEN and value is not None]
+    return table(["field", "value"], sorted(rows))
+
+
+def _value(value: Json) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _losses(line: Mapping[str, Json]) -> str:
+    pairs = zip(line["train_losses"], line["validation_losses"], strict=True)
+    rows = [[str(epoch), f"{train:.6g}", f"{validation:.6g}"] for epoch, (train, validation) in enumerate(pairs, 1)]
+    return table(["epoch", "training loss", "validation loss"], rows)
+
+
+def _text(folder: Path, name: str) -> str:
+    """Give the candidate's source, or the answer behind its rejection."""
+    for path in (folder / f"{name}.py", folder / f"{name}.rejected.txt"):
+        if path.exists():
+            return f"{path}:\n\n{path.read_text(encoding='utf-8').rstrip()}"
+    return f"{folder} has no file for it"

@@ -1,0 +1,105 @@
+"""What a run found, in words and tables, from its ledger alone."""
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+
+from tacevo.records import Json, Stage
+
+#: How many elites the summary lists.
+TOP = 5
+
+
+def summarise(run: Mapping[str, Json], lines: Sequence[Mapping[str, Json]], elites: Sequence[str]) -> str:
+    """Write the summary of a run as Markdown.
+
+    Args:
+        run: what run.json holds.
+        lines: the ledger.
+        elites: ids of the network archive's elites.
+
+    Returns:
+        A page with the search's size, its best networks, a table of the gate's stages and one of generations.
+    """
+    candidates = {line["id"]: line for line in lines if line["kind"] == "candidate"}
+    generations = [line for line in lines if line["kind"] == "generation"]
+    parts = [f"# {run['name']}", _headline(run, candidates, generations)]
+    if generations:
+        parts += [_found(candidates, elites), _stages(candidates.values()), _progress(generations)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _headline(
+    run: Mapping[str, Json], candidates: Mapping[str, Mapping[str, Json]], generations: Sequence[Mapping[str, Json]]
+) -> str:
+    config, data = run["config"], run["data"]
+    train, validation, test = data["counts"]
+    size = data["image_size"]
+    return (
+        f"Task {run['task']['name']}, seed {config['seed']}, requests answered by {config['llm']['model']}, "
+        f"{config['numerics']['kind']} numerics. {len(candidates)} candidates in {len(generations)} generations "
+        f"(the first is generation 0). Data {data['fingerprint'][:12]}: {train} training, {validation} validation and "
+        f"{test} test images of {size} x {size} pixels; the test images were not read."
+    )
+
+
+def _found(candidates: Mapping[str, Mapping[str, Json]], elites: Sequence[str]) -> str:
+    """Set the best elites beside the baseline and the best of generation 0."""
+    baseline = next(line for line in candidates.values() if line["operator"] == "baseline")
+    first = min(line["fitness"] for line in candidates.values() if line["generation"] == 0 and "fitness" in line)
+    ranked = sorted((candidates[name] for name in elites), key=lambda line: (line["fitness"], line["id"]))
+    rows = [
+        [line["id"], _number(line["fitness"]), f"{line['parameters']:,}", f"{line['flops']:,}",
+         _number(line["arch_div"]), _number(line["eff_ratio"]), line["operator"]]
+        for line in [*ranked[:TOP], baseline]
+    ]  # fmt: skip
+    rows[-1][0] += " (baseline)"
+    best = ranked[0]["fitness"]
+    return (
+        f"## Found\n\nBest fitness {_number(best)} by {ranked[0]['id']}: {_improvement(best, first)} than the best of "
+        f"generation 0 ({_number(first)}) and {_improvement(best, baseline['fitness'])} than the baseline "
+        f"({_number(baseline['fitness'])}). Fitness is the validation loss after the short training; lower wins.\n\n"
+        + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
+    )
+
+
+def _stages(lines: Collection[Mapping[str, Json]]) -> str:
+    """Count where candidates were turned away."""
+    left = len(lines)
+    reasons = Counter((line["stage"], line["reason"]) for line in lines if "stage" in line)
+    rows = []
+    for stage in Stage:
+        lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where == stage.value}
+        left -= sum(lost.values())
+        detail = ", ".join(f"{reason} {count}" for reason, count in lost.items()) or "-"
+        rows.append([stage.value, str(sum(lost.values())), str(left), f"{left / len(lines):.1%}", detail])
+    return "## Gate\n\n" + table(["stage", "rejected", "left", "of all", "reasons"], rows)
+
+
+def _progress(generations: Sequence[Mapping[str, Json]]) -> str:
+    rows = [
+        [str(line["generation"]), f"{line['trained']}/{line['candidates']}", _number(line["best"]),
+         _number(line["generation_median"]), f"{line['coverage']:.0%}", f"{line['prompt_coverage']:.0%}",
+         f"{line['qd_score']:.3f}", f"{line['temperature']:.2f}"]
+        for line in generations
+    ]  # fmt: skip
+    header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
+    return "## Generations\n\n`networks` and `prompts` are the coverage of the two archives.\n\n" + table(header, rows)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Write a Markdown table whose columns line up in plain text, too."""
+    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    lines = [header, ["-" * width for width in widths], *rows]
+    return "\n".join(
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in lines
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _improvement(value: float, reference: float) -> str:
+    """Say how much lower a loss is than another, in per cent of the other."""
+    change = (reference - value) / reference if reference else 0.0
+    return f"{change:.1%} lower" if change >= 0 else f"{-change:.1%} higher"

@@ -1,0 +1,235 @@
+"""From a configuration to a running search: the one place that builds objects and joins them."""
+
+import contextlib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
+from tacevo.config import BoundsRule, LLMConfig, Provider, RunConfig, Source
+from tacevo.data.dataset import Dataset
+from tacevo.data.folder import Folder
+from tacevo.data.loading import Progress, load
+from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.source import Source as DataSource
+from tacevo.data.table import Table
+from tacevo.development import Tools
+from tacevo.errors import ConfigError
+from tacevo.gate.admission import Gate, GateLimits
+from tacevo.llm.client import LLM
+from tacevo.llm.grammar.provider import GrammarLLM
+from tacevo.llm.recording import RecordingLLM
+from tacevo.proposals import Settings, Task
+from tacevo.randomness import derived_seed
+from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
+from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.confinement import Level, require
+from tacevo.search import Plan, scaled
+from tacevo.store import Store
+from tacevo.training.evaluation import Evaluator, Examples
+from tacevo.training.numerics import environment
+
+#: What a sandbox runs: entry names to functions.
+ENTRIES = {"probe": "tacevo.gate.probe:run", "train": "tacevo.training.trainer:run"}
+
+
+def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
+    """Load or make the data set that a configuration names.
+
+    Raises:
+        DataError: it is missing, broken, or does not suit the task.
+    """
+    return load(
+        _source(config),
+        split_seed=config.data.split_seed,
+        normalisation=config.data.normalisation,
+        target_scaling=config.task.target_scaling,
+        cache=Path(config.store.root) / "data",
+        workers=config.executor.workers,
+        progress=progress,
+    )
+
+
+def _source(config: RunConfig) -> DataSource:
+    data = config.data
+    match data.source:
+        case Source.simulated:
+            try:
+                task = SimulatedTask(config.task.name)
+            except ValueError as error:
+                known = ", ".join(SimulatedTask)
+                raise ConfigError(
+                    f"data=simulated knows the tasks {known}; got task.name={config.task.name}; give recorded images"
+                ) from error
+            return Simulated(
+                task=task,
+                images=data.images,
+                image_size=data.image_size,
+                seed=data.seed,
+                spacings_mm=tuple(data.spacings_mm),
+            )
+        case Source.csv:
+            return Table(
+                root=Path(data.root or ""),
+                table=data.table,
+                image_column=data.image_column,
+                target_columns=tuple(data.target_columns),
+                image_size=data.image_size,
+            )
+        case Source.folder:
+            return Folder(root=Path(data.root or ""), image_size=data.image_size)
+
+
+def build_plan(config: RunConfig, task: Task, mode: Mode) -> Plan:
+    """Turn a configuration into the plan of a search; the centroids come from the store."""
+    archive = config.archive
+    settings = Settings(
+        seed=config.seed,
+        candidates=config.search.candidates,
+        mutation_probability=config.proposals.mutation_probability,
+        parents=config.proposals.parents,
+        best=config.proposals.best,
+        prompts=config.prompts.policy,
+        jitter=config.temperature.jitter,
+        model=config.llm.model,
+        max_tokens=config.llm.max_tokens,
+        llm=_provider_settings(config.llm),
+    )
+    bounds = None
+    if archive.bounds is BoundsRule.fixed:
+        axes = [archive.arch_div_bounds, [scaled(value, archive.eff_ratio_scale) for value in archive.eff_ratio_bounds]]
+        bounds = Bounds(low=tuple(axis[0] for axis in axes), high=tuple(axis[1] for axis in axes))
+    return Plan(
+        task=task,
+        settings=settings,
+        generations=config.search.generations,
+        initial=config.search.initial,
+        networks=_tessellation(config, archive.niches, mode),
+        prompts=_tessellation(config, archive.prompt_niches, mode),
+        archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
+        eff_ratio_scale=archive.eff_ratio_scale,
+        temperature_rule=config.temperature.rule,
+        temperature_start=config.temperature.start,
+        temperature_step=config.temperature.step,
+    )
+
+
+def _tessellation(config: RunConfig, niches: int, mode: Mode) -> Tessellation:
+    shape = {"niches": niches, "dimensions": 2, "samples": config.archive.samples, "seed": config.archive.seed}
+    return Tessellation(_store(config, "centroids", mode).recall(shape, lambda: find_centroids(**shape)))
+
+
+@contextlib.contextmanager
+def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, mode: Mode) -> Iterator[Tools]:
+    """Open the effects of a search: model, gate, training, workers.
+
+    Args:
+        config: the run's configuration.
+        task: the task.
+        facts: of the data set.
+        data: the data set; None where every answer is recorded, as in a replay.
+        mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
+    """
+    require(Level(config.sandbox.require.value))
+    arrays = {} if data is None else {"images": data.images}
+    with contextlib.ExitStack() as stack:
+        executor = stack.enter_context(ThreadPoolExecutor(config.executor.workers, "worker"))
+        stack.callback(executor.shutdown, wait=False, cancel_futures=True)
+        # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
+        sandbox = stack.enter_context(
+            Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays=arrays)
+        )
+        gate = build_gate(config, task.contract, sandbox, mode)
+        evaluator = Evaluator(
+            run=sandbox.run,
+            store=_store(config, "evaluations", mode),
+            contract=task.contract,
+            examples=None if data is None else _examples(data),
+            fingerprint=facts.fingerprint,
+            recipe=_recipe(config),
+            numerics=config.numerics.kind,
+        )
+        seed = derived_seed(config.seed, "training")
+        yield Tools(
+            llm=_llm(config, mode),
+            admit=gate.admit,
+            inspect=gate.inspect,
+            evaluate=lambda source: evaluator.evaluate(source, seed),
+            evaluation_key=lambda source: evaluator.key(source, seed),
+            executor=executor,
+        )
+
+
+def build_gate(config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mode) -> Gate:
+    """Build the gate of a task."""
+    gate = config.gate
+    return Gate(
+        run=sandbox.run,
+        store=_store(config, "probes", mode),
+        contract=contract,
+        limits=GateLimits(
+            parameters=gate.max_parameters,
+            flops=gate.max_flops,
+            modules=gate.max_modules,
+            source_bytes=gate.max_source_bytes,
+        ),
+        probe_limits=Limits(seconds=gate.seconds, memory_mib=gate.memory_mib),
+        numerics=config.numerics.kind,
+    )
+
+
+def _recipe(config: RunConfig) -> Recipe:
+    training = config.training
+    return Recipe(
+        epochs=training.epochs,
+        batch_size=training.batch_size,
+        learning_rate=training.learning_rate,
+        optimiser="adam",
+        limits=Limits(seconds=training.seconds, memory_mib=training.memory_mib),
+    )
+
+
+def _examples(data: Dataset) -> Examples:
+    return Examples(
+        train=data.train,
+        validation=data.validation,
+        train_targets=data.targets[data.train],
+        validation_targets=data.targets[data.validation],
+        mean=data.mean,
+        deviation=data.deviation,
+        fingerprint=data.facts.fingerprint,
+    )
+
+
+def _llm(config: RunConfig, mode: Mode) -> LLM:
+    """Put the store before the provider; in a replay there is no provider."""
+    mode = Mode.replay if mode is Mode.replay else config.llm.mode
+    inner = None if mode is Mode.replay else _provider(config.llm)
+    return RecordingLLM(inner, _store(config, "completions", mode))
+
+
+def _provider(llm: LLMConfig) -> LLM:
+    match llm.provider:
+        case Provider.grammar:
+            return GrammarLLM(slip_rate=llm.slip_rate)
+        case Provider.anthropic:
+            import anthropic  # a second to import, for the runs that need it
+
+            from tacevo.llm.anthropic import MAX_RETRIES, AnthropicLLM
+
+            try:
+                client = anthropic.AsyncAnthropic(base_url=llm.base_url, max_retries=MAX_RETRIES)
+            except anthropic.AnthropicError as error:
+                raise ConfigError(
+                    f"llm=anthropic: {error}; set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
+                ) from error
+            return AnthropicLLM(client, concurrency=llm.concurrency)
+
+
+def _provider_settings(llm: LLMConfig) -> tuple[tuple[str, float], ...]:
+    """Name what else an answer depends on, beside the request's own fields."""
+    return (("slip_rate", llm.slip_rate),) if llm.provider is Provider.grammar else ()
+
+
+def _store(config: RunConfig, kind: str, mode: Mode) -> Store:
+    return Store(Path(config.store.root), kind, mode)
