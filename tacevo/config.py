@@ -5,6 +5,7 @@ layers below receive values. An enum's member names are what users write. The re
 docs/paper.md. Numbers without a unit in their name are counts, fractions or temperatures.
 """
 
+import math
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -115,6 +116,10 @@ def _require(holds: bool, key: str, expected: str, got: object) -> None:
         raise ConfigError(f"{key} needs {expected}; got {got!r}")
 
 
+def _is_positive(value: float) -> bool:
+    return 0 < value < math.inf
+
+
 @dataclass(kw_only=True)
 class SearchConfig:
     """The size of a search (paper, section II)."""
@@ -195,8 +200,8 @@ class DataConfig:
         if self.source is Source.csv:
             columns = self.target_columns
             _require(bool(columns), "data.target_columns", "the columns of the labels, e.g. [fx,fy,fz]", columns)
-        spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and min(self.spacings_mm, default=1.0) > 0
-        _require(spaced, "data.spacings_mm", "different values > 0", self.spacings_mm)
+        spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(_is_positive, self.spacings_mm))
+        _require(spaced, "data.spacings_mm", "different finite values > 0", self.spacings_mm)
 
 
 @dataclass(kw_only=True)
@@ -246,7 +251,8 @@ class ArchiveConfig:
         _require(fits, "archive.prompt_niches", f"a value from 1 to archive.samples={most}", prompt_niches)
         for key in ("arch_div_bounds", "eff_ratio_bounds"):
             pair = getattr(self, key)
-            _require(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
+            ordered = len(pair) == 2 and -math.inf < pair[0] < pair[1] < math.inf
+            _require(ordered, f"archive.{key}", "[low, high] with finite low < high", pair)
         if self.bounds is BoundsRule.fixed and self.eff_ratio_scale is Scale.log:
             low = self.eff_ratio_bounds[0]
             _require(low > 0, "archive.eff_ratio_bounds", "low > 0 with eff_ratio_scale=log", low)
@@ -308,8 +314,8 @@ class TrainingConfig:
         """Check the ranges."""
         _require(self.epochs >= 1, "training.epochs", "a value >= 1", self.epochs)
         _require(self.batch_size >= 2, "training.batch_size", "a value >= 2", self.batch_size)
-        _require(self.learning_rate > 0, "training.learning_rate", "a value > 0", self.learning_rate)
-        _require(self.seconds > 0, "training.seconds", "a value > 0", self.seconds)
+        _require(_is_positive(self.learning_rate), "training.learning_rate", "a finite value > 0", self.learning_rate)
+        _require(_is_positive(self.seconds), "training.seconds", "a finite value > 0", self.seconds)
         _require(self.memory_mib >= 64, "training.memory_mib", "a value >= 64", self.memory_mib)
 
 
@@ -329,7 +335,7 @@ class GateConfig:
         """Check the ranges."""
         for key in ("max_parameters", "max_flops", "max_modules", "max_source_bytes"):
             _require(getattr(self, key) >= 1, f"gate.{key}", "a value >= 1", getattr(self, key))
-        _require(self.seconds > 0, "gate.seconds", "a value > 0", self.seconds)
+        _require(_is_positive(self.seconds), "gate.seconds", "a finite value > 0", self.seconds)
         _require(self.memory_mib >= 64, "gate.memory_mib", "a value >= 64", self.memory_mib)
 
 

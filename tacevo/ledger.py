@@ -138,12 +138,18 @@ def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
     if recorded["hash"] == line["hash"]:
         return
     fields = [field for field in sorted(recorded.keys() | line.keys()) if field not in {"previous", "hash"}]
-    field = next(field for field in fields if recorded.get(field) != line.get(field))
+    field = next(field for field in fields if _differs(recorded, line, field))
     place = f"generation {recorded['generation']}" if "generation" in recorded else "the run's header"
     place += f", slot {recorded['slot']}" if "slot" in recorded else ""
     raise DivergenceError(
         f"{place}: field {field!r} was recorded as {_brief(recorded.get(field))} and is now {_brief(line.get(field))}"
     )
+
+
+def _differs(recorded: dict[str, Json], line: dict[str, Json], field: str) -> bool:
+    """Tell whether two lines differ in a field as their hashes see it: a missing field is not a null, nor 1 a 1.0."""
+    first, second = ({field: entry[field]} if field in entry else {} for entry in (recorded, line))
+    return canonical(first) != canonical(second)
 
 
 def _brief(value: Json, limit: int = 200) -> str:

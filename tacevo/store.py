@@ -91,10 +91,10 @@ class Store:
         key = self.key(request)
         path = self._path(key)
         try:
-            text = path.read_text(encoding="utf-8")
+            data = path.read_bytes()
         except FileNotFoundError:
             return None
-        return _checked(path, text, key)["answer"]
+        return _checked(path, data, key)["answer"]
 
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
@@ -110,7 +110,7 @@ class Store:
             StoreError: an entry is damaged or of another schema.
         """
         for path in sorted(self._folder.glob("*/*.json")):
-            yield _checked(path, path.read_text(encoding="utf-8"), path.stem)
+            yield _checked(path, path.read_bytes(), path.stem)
 
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}.json"
@@ -152,17 +152,18 @@ def write_durably(path: Path, text: str) -> None:
         os.close(folder)
 
 
-def _checked(path: Path, text: str, key: str) -> dict[str, Json]:
+def _checked(path: Path, data: bytes, key: str) -> dict[str, Json]:
     """Parse an entry and hold it against its own key and checksum."""
     remedy = "restore the file from a copy, or delete it so that it is computed again"
     try:
-        entry: dict[str, Json] = json.loads(text)
+        entry: dict[str, Json] = json.loads(data)
         checksum = entry.pop("checksum")
+        sound = content_hash(entry) == checksum and entry.get("key") == key
     except (ValueError, KeyError, AttributeError, TypeError) as error:
         raise StoreError(f"{path} is not a store entry ({type(error).__name__}: {error}); {remedy}") from error
     if entry.get("schema") != SCHEMA:
         raise StoreError(f"{path} has schema {entry.get('schema')!r}; this version reads {SCHEMA}; {remedy}")
-    if content_hash(entry) != checksum or entry["key"] != key:
+    if not sound:
         raise StoreError(f"{path} does not match its checksum; {remedy}")
     return entry
 
@@ -170,9 +171,13 @@ def _checked(path: Path, text: str, key: str) -> dict[str, Json]:
 def _differences(recorded: Json, asked: Json, name: str = "") -> list[str]:
     """List the fields in which two requests differ, outermost name first, e.g. `messages.0.content`."""
     if isinstance(recorded, dict) and isinstance(asked, dict):
-        keys = sorted(recorded.keys() | asked.keys())
-        return [d for key in keys for d in _differences(recorded.get(key), asked.get(key), f"{name}.{key}".lstrip("."))]
+        found: list[str] = []
+        for key in sorted(recorded.keys() | asked.keys()):
+            inner = f"{name}.{key}".lstrip(".")
+            shared = key in recorded and key in asked
+            found += _differences(recorded[key], asked[key], inner) if shared else [inner]
+        return found
     if isinstance(recorded, list) and isinstance(asked, list) and len(recorded) == len(asked):
         pairs = enumerate(zip(recorded, asked, strict=True))
         return [d for i, (a, b) in pairs for d in _differences(a, b, f"{name}.{i}".lstrip("."))]
-    return [] if recorded == asked else [name or "request"]
+    return [] if canonical(recorded) == canonical(asked) else [name or "request"]  # 1 and 1.0 are two keys

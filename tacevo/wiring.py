@@ -217,13 +217,14 @@ def _provider(llm: LLMConfig) -> LLM:
 
             from tacevo.llm.anthropic import MAX_RETRIES, AnthropicLLM
 
-            try:
-                client = anthropic.AsyncAnthropic(base_url=llm.base_url, max_retries=MAX_RETRIES)
-            except anthropic.AnthropicError as error:
+            def connect() -> anthropic.AsyncAnthropic:
+                return anthropic.AsyncAnthropic(base_url=llm.base_url, max_retries=MAX_RETRIES)
+
+            if connect().api_key is None:  # the SDK itself would notice with the first request only
                 raise ConfigError(
-                    f"llm=anthropic: {error}; set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
-                ) from error
-            return AnthropicLLM(client, concurrency=llm.concurrency)
+                    "llm=anthropic needs an API key; set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
+                )
+            return AnthropicLLM(connect, concurrency=llm.concurrency)
 
 
 def _provider_settings(llm: LLMConfig) -> tuple[tuple[str, float], ...]:

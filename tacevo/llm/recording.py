@@ -12,7 +12,8 @@ class RecordingLLM:
     """Answers from the store where the store's mode allows it; asks the inner LLM for the rest, and records.
 
     Every answer is stored the moment it arrives, before anybody sees it, so that nothing that was paid for is
-    lost. A replay never reaches the inner LLM.
+    lost. A replay never reaches the inner LLM. Equal requests are one question: it is asked once, and all get the
+    answer, as they would from the store.
 
     Args:
         inner: who answers what is not recorded; None where nobody may, as in a replay.
@@ -31,18 +32,19 @@ class RecordingLLM:
             StoreError: an entry is damaged.
             LLMError: the inner LLM failed.
         """
-        missing: list[int] = []
+        missing: dict[Request, list[int]] = {}
         for position, request in enumerate(requests):
             recorded = self._store.find(to_json(request))
             if recorded is None:
-                missing.append(position)
+                missing.setdefault(request, []).append(position)
             else:
                 yield position, Completion.from_json(recorded)
         if not missing:
             return
         if self._inner is None:
             raise LLMError(f"{len(missing)} requests are not recorded, and there is no model to ask")
-        for index, completion in self._inner.complete([requests[position] for position in missing]):
-            position = missing[index]
-            self._store.write(to_json(requests[position]), to_json(completion))
-            yield position, completion
+        asked = list(missing)
+        for index, completion in self._inner.complete(asked):
+            self._store.write(to_json(asked[index]), to_json(completion))
+            for position in missing[asked[index]]:
+                yield position, completion

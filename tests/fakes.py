@@ -1,0 +1,167 @@
+"""Effects of a search without a model, a sandbox or a training: pure functions of the text that comes in."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+from tacevo.archive import NetworkArchive, Tessellation, find_centroids
+from tacevo.config import ParentPolicy, PromptPolicy, Scale, TemperatureRule
+from tacevo.development import Outcome, Tools
+from tacevo.gate.admission import Admitted
+from tacevo.proposals import Instruction, Settings, Task
+from tacevo.records import (
+    Completion,
+    Contract,
+    Graph,
+    Json,
+    Kind,
+    Loss,
+    Node,
+    Profile,
+    Reason,
+    Rejection,
+    Request,
+    Stage,
+    Training,
+    to_json,
+)
+from tacevo.search import Plan, SearchState
+from tacevo.store import content_hash
+
+CONTRACT = Contract(
+    class_name="Net",
+    kind=Kind.regression,
+    loss=Loss.mse,
+    in_channels=3,
+    image_size=32,
+    outputs=3,
+    output_argument="num_outputs",
+)
+
+TASK = Task(
+    name="fake",
+    contract=CONTRACT,
+    baseline="class Net: pass\n",
+    system="Write networks.",
+    instructions=tuple(Instruction(id=f"i{number}", text=f"Do thing {number}.") for number in range(5)),
+    crossover="Combine them.",
+)
+
+#: Small tessellations, found once.
+NETWORKS = Tessellation(find_centroids(niches=12, dimensions=2, samples=500, seed=0))
+PROMPTS = Tessellation(find_centroids(niches=8, dimensions=2, samples=500, seed=1))
+
+
+def settings(**changes: object) -> Settings:
+    """Give the settings of a small plan, with changes."""
+    values = {
+        "seed": 0,
+        "candidates": 6,
+        "mutation_probability": 0.7,
+        "parents": ParentPolicy.uniform,
+        "best": 2,
+        "prompts": PromptPolicy.uniform,
+        "jitter": 0.1,
+        "model": "fake-1",
+        "max_tokens": 100,
+    }
+    return Settings(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def plan(*, generations: int = 4, rule: TemperatureRule = TemperatureRule.paper, **changes: object) -> Plan:
+    """Give a small plan; `changes` go to its settings."""
+    return Plan(
+        task=TASK,
+        settings=settings(**changes),
+        generations=generations,
+        initial=3,
+        networks=NETWORKS,
+        prompts=PROMPTS,
+        archive=NetworkArchive(),
+        eff_ratio_scale=Scale.linear,
+        temperature_rule=rule,
+        temperature_start=0.6,
+        temperature_step=0.05,
+    )
+
+
+def number(text: str, below: int) -> int:
+    """Draw a number in [0, below) that follows from a text."""
+    return int(hashlib.sha256(text.encode()).hexdigest(), 16) % below
+
+
+class FakeLLM:
+    """Answers with a source that follows from the request; one in eight answers is hopeless."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer backwards: the order of arrival is not that of the slots."""
+        for position in reversed(range(len(requests))):
+            self.asked += 1
+            mark = content_hash(to_json(requests[position]))
+            text = "no idea" if number(mark, 8) == 0 else f"class Net: mark = {number(mark, 40)}\n"
+            yield (
+                position,
+                Completion(text=text, model="fake-1", stop_reason="end_turn", input_tokens=1, output_tokens=1),
+            )
+
+
+def inspect(source: str) -> Admitted | Rejection:
+    """Admit every source with a class, with a profile that follows from the text."""
+    if not source.startswith("class Net"):
+        return Rejection(stage=Stage.extract, reason=Reason.no_class, detail="no class Net")
+    width = 2 + number(source, 60)
+    nodes = tuple(Node(op=f"op{index % 3}", weighted=True, width=width) for index in range(2 + number(source, 5)))
+    edges = tuple((index, index + 1) for index in range(len(nodes) - 1))
+    graph = Graph(nodes=nodes, edges=edges, channels=(width, 8), kernels=(3.0,), hidden=())
+    return Admitted(
+        source=source, profile=Profile(parameters=100 * width, flops=number(source, 9_000), modules=3, graph=graph)
+    )
+
+
+def admit(completion: Completion) -> Admitted | Rejection:
+    """Put an answer through the fake gate."""
+    return inspect(completion.text)
+
+
+def evaluate(source: str) -> Training | Rejection:
+    """Train by hashing; one in ten fails."""
+    if number(source, 10) == 0:
+        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
+    loss = (1 + number(source, 1_000)) / 1_000
+    return Training(
+        train_losses=(1.0, loss), validation_losses=(1.0, loss), predictions_sha256="0" * 64, weights_sha256="1" * 64
+    )
+
+
+def tools(llm: FakeLLM | None = None, executor: Executor | None = None) -> Tools:
+    """Give fake effects; without an executor, with one thread."""
+    return Tools(
+        llm=llm or FakeLLM(),
+        admit=admit,
+        inspect=inspect,
+        evaluate=evaluate,
+        evaluation_key=content_hash,
+        executor=executor or ThreadPoolExecutor(1),
+    )
+
+
+@dataclass
+class Recorder:
+    """An observer that remembers."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+    lines: list[dict[str, Json]] = field(default_factory=list)
+    states: list[SearchState] = field(default_factory=list)
+
+    def developed(self, outcome: Outcome) -> None:
+        """Remember an outcome."""
+        self.outcomes.append(outcome)
+
+    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+        """Remember a line and the state behind it."""
+        self.lines.append(line)
+        self.states.append(state)

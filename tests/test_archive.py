@@ -1,0 +1,172 @@
+"""The archive is CVT MAP-Elites, niche for niche and occupant for occupant, as pyribs has it."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from ribs.archives import CVTArchive
+
+from tacevo.archive import (
+    AddStatus,
+    Archive,
+    Bounds,
+    Elite,
+    NetworkArchive,
+    Placed,
+    Tessellation,
+    coverage,
+    find_centroids,
+    insert,
+    qd_score,
+)
+from tacevo.randomness import stream
+
+QUARTERS = Tessellation([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
+
+UNIT = st.floats(0, 1)
+
+
+def elite(name: str, objective: float) -> Elite:
+    """Write an elite briefly."""
+    return Elite(name=name, objective=objective)
+
+
+def placed(name: str, objective: float, point: tuple[float, float]) -> Placed:
+    """Write a candidate briefly."""
+    return Placed(elite=elite(name, objective), point=point)
+
+
+def test_hundred_thousand_insertions_agree_with_pyribs() -> None:
+    """Same niches, same occupants, same coverage and QD-score as pyribs' CVTArchive on the same centroids."""
+    centroids = np.array(find_centroids(niches=100, dimensions=2, samples=10_000, seed=0))
+    rng = stream(0, "pyribs")
+    points, objectives = rng.random((100_000, 2)), rng.integers(0, 2_000, 100_000) / 2_000  # with many ties
+    ours, tessellation = Archive(), Tessellation(centroids)
+    peer = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
+    niches = [tessellation.niche_of(point) for point in points]
+    assert niches == peer.index_of(points).tolist()
+    for index, niche in enumerate(niches):
+        ours, status = insert(ours, niche, elite(str(index), float(objectives[index])))
+        result = peer.add_single([index], objectives[index], points[index])
+        assert status is list((AddStatus.rejected, AddStatus.improved, AddStatus.new))[int(result["status"])]
+    theirs = zip(peer.data("index"), peer.data("solution"), strict=True)
+    occupants = {int(niche): str(int(solution[0])) for niche, solution in theirs}
+    assert {niche: occupant.name for niche, occupant in ours.elites.items()} == occupants
+    assert coverage(ours, 100) == peer.stats.coverage
+    assert qd_score(ours, lambda objective: objective) == pytest.approx(peer.stats.qd_score, rel=1e-12)
+
+
+def test_tie_keeps_the_incumbent() -> None:
+    """An equal objective does not replace: the order of arrival decides."""
+    archive, first = insert(Archive(), 0, elite("first", 1.0))
+    archive, second = insert(archive, 0, elite("second", 1.0))
+    assert (first, second) == (AddStatus.new, AddStatus.rejected)
+    assert archive.elites[0].name == "first"
+
+
+def test_strictly_better_replaces() -> None:
+    """A higher objective takes the niche."""
+    archive, _ = insert(Archive(), 0, elite("first", 1.0))
+    archive, status = insert(archive, 0, elite("second", math.nextafter(1.0, 2.0)))
+    assert (status, archive.elites[0].name) == (AddStatus.improved, "second")
+
+
+def test_insert_leaves_the_old_archive_unchanged() -> None:
+    """An archive is a value."""
+    before = Archive()
+    insert(before, 0, elite("a", 1.0))
+    assert before.elites == {}
+
+
+def test_nan_objective_is_refused_by_name() -> None:
+    """A NaN compares with nothing, so it may not enter."""
+    with pytest.raises(ValueError, match="the objective of broken must be a number; got nan"):
+        insert(Archive(), 0, elite("broken", math.nan))
+
+
+@pytest.mark.parametrize("point", [(math.nan, 0.5), (math.inf, 0.5), (0.5,)])
+def test_point_outside_the_space_is_refused(point: tuple[float, ...]) -> None:
+    """A point needs as many finite coordinates as the space has."""
+    with pytest.raises(ValueError, match="a point needs 2 finite coordinates"):
+        QUARTERS.niche_of(point)
+
+
+@given(st.lists(st.tuples(st.sampled_from(range(4)), st.integers(-3, 3)), max_size=40))
+def test_every_niche_holds_its_first_maximum(offers: list[tuple[int, int]]) -> None:
+    """In any order of arrival a niche ends with the best that was offered to it, the first of equals."""
+    archive = Archive()
+    for index, (niche, objective) in enumerate(offers):
+        archive, _ = insert(archive, niche, elite(str(index), objective))
+    for niche in {niche for niche, _ in offers}:
+        best = max(objective for where, objective in offers if where == niche)
+        first = next(index for index, offer in enumerate(offers) if offer == (niche, best))
+        assert archive.elites[niche] == elite(str(first), best)
+
+
+def test_centroids_are_even_and_repeatable() -> None:
+    """The same arguments give the same centroids, inside the cube, and niches of about equal size."""
+    shape = {"niches": 16, "dimensions": 2, "samples": 5_000, "seed": 3}
+    centroids = find_centroids(**shape)
+    assert centroids == find_centroids(**shape)
+    assert centroids != find_centroids(**{**shape, "seed": 4})
+    tessellation = Tessellation(centroids)
+    counts = np.bincount([tessellation.niche_of(point) for point in stream(1, "even").random((8_000, 2))], minlength=16)
+    assert tessellation.centroids.min() > 0
+    assert tessellation.centroids.max() < 1
+    assert counts.min() > 0.5 * counts.mean()
+    assert counts.max() < 1.5 * counts.mean()
+
+
+@given(UNIT, UNIT)
+def test_niche_is_that_of_the_nearest_centroid(x: float, y: float) -> None:
+    """No centroid is nearer than the niche's own."""
+    distances = np.hypot(*(QUARTERS.centroids - [x, y]).T)
+    assert distances[QUARTERS.niche_of((x, y))] == pytest.approx(distances.min(), abs=1e-12)
+
+
+def test_bounds_clip_and_centre() -> None:
+    """Outside is clipped; an axis without extent gives its middle."""
+    bounds = Bounds(low=(0.0, 5.0), high=(2.0, 5.0))
+    assert bounds.normalise((1.0, 5.0)) == (0.5, 0.5)
+    assert bounds.normalise((-1.0, 9.0)) == (0.0, 0.5)
+    assert bounds.normalise((3.0, 0.0)) == (1.0, 0.5)
+
+
+def test_moving_bounds_rebuild_the_archive() -> None:
+    """A candidate outside the bounds renumbers the niches of those before it, and two of them now compete."""
+    networks, niche, status = NetworkArchive().offer(QUARTERS, placed("a", 1.0, (0.0, 0.0)))
+    networks, niche, status = networks.offer(QUARTERS, placed("b", 2.0, (1.0, 1.0)))
+    assert (niche, status) == (3, AddStatus.new)
+    networks, niche, status = networks.offer(QUARTERS, placed("c", 0.5, (9.0, 9.0)))
+    assert (niche, status) == (3, AddStatus.new)
+    assert {niche: e.name for niche, e in networks.archive.elites.items()} == {0: "b", 3: "c"}
+    assert networks.bounds == Bounds(low=(0.0, 0.0), high=(9.0, 9.0))
+
+
+def test_fixed_bounds_never_move() -> None:
+    """Given bounds clip what lies outside."""
+    fixed = NetworkArchive(bounds=Bounds(low=(0.0, 0.0), high=(1.0, 1.0)), fixed=True)
+    networks, niche, _ = fixed.offer(QUARTERS, placed("a", 1.0, (9.0, -9.0)))
+    assert niche == QUARTERS.niche_of((1.0, 0.0))
+    assert networks.bounds == fixed.bounds
+
+
+@given(st.lists(st.tuples(UNIT, UNIT, st.integers(-3, 3)), min_size=1, max_size=25))
+def test_grown_archive_equals_one_rebuilt_from_scratch(offers: list[tuple[float, float, int]]) -> None:
+    """However the bounds moved on the way, the end is the insertion of all candidates under the last bounds."""
+    networks = NetworkArchive()
+    for index, (x, y, objective) in enumerate(offers):
+        networks, _, _ = networks.offer(QUARTERS, placed(str(index), objective, (x, y)))
+    assert networks.bounds is not None
+    fresh = Archive()
+    for index, (x, y, objective) in enumerate(offers):
+        fresh, _ = insert(fresh, QUARTERS.niche_of(networks.bounds.normalise((x, y))), elite(str(index), objective))
+    assert networks.archive == fresh
+
+
+def test_qd_score_sums_quality_exactly() -> None:
+    """The sum does not hang on the order of the niches."""
+    archive = Archive({niche: elite(str(niche), value) for niche, value in enumerate([1e16, 1.0, -1e16])})
+    assert qd_score(archive, lambda objective: objective) == 1.0
