@@ -5,11 +5,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from tacevo.composition import compose, load_task
+from tacevo.config import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Admitted
+from tacevo.proposals import Task
 from tacevo.records import Completion, DataFacts, Json, Mode, Rejection
 from tacevo.sandbox.client import Sandbox
-from tacevo.training.numerics import environment
+from tacevo.training.numerics import Numerics, environment
 from tacevo.wiring import ENTRIES, build_gate
 
 
@@ -29,7 +31,22 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     Raises:
         ConfigError: there is no such task, or a file cannot be read.
     """
-    config = compose([f"task={task}", *([] if image_size is None else [f"data.image_size={image_size}"])])
+    config, judged = task_without_data(task, image_size)
+    answers = [(file, _read(Path(file))) for file in files]
+    with Sandbox(entries=ENTRIES, environment=environment(Numerics(config.numerics.kind.value)), arrays={}) as sandbox:
+        gate = build_gate(config, judged.contract, sandbox, Mode.record)
+        for file, completion in answers:
+            verdict = _verdict(file, gate.admit(completion))
+            yield json.dumps(verdict) if as_json else _words(verdict)
+
+
+def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Task]:
+    """Give a task and its configuration as if its data set were there, for work that needs none.
+
+    Raises:
+        ConfigError: there is no such task, or it cannot have that image size.
+    """
+    config = compose([f"task={name}", *([] if image_size is None else [f"data.image_size={image_size}"])])
     facts = DataFacts(
         fingerprint="",
         counts=(0, 0, 0),
@@ -38,13 +55,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
         outputs=config.task.outputs,
         names=tuple(config.task.output_names),
     )
-    contract = load_task(config, facts).contract
-    answers = [(file, _read(Path(file))) for file in files]
-    with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
-        gate = build_gate(config, contract, sandbox, Mode.record)
-        for file, completion in answers:
-            verdict = _verdict(file, gate.admit(completion))
-            yield json.dumps(verdict) if as_json else _words(verdict)
+    return config, load_task(config, facts)
 
 
 def _read(path: Path) -> Completion:

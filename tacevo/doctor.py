@@ -7,12 +7,15 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from tacevo.checking import task_without_data
 from tacevo.confdir import conf_root
-from tacevo.errors import TacevoError
-from tacevo.records import Limits
+from tacevo.errors import SandboxError, TacevoError
+from tacevo.records import Mode, Rejection
 from tacevo.rundir import machine, versions
-from tacevo.sandbox.client import Died, Sandbox
+from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.confinement import report
+from tacevo.training.numerics import Numerics, environment
+from tacevo.wiring import ENTRIES, build_gate
 
 #: Packages of extras, and what they are for.
 _EXTRAS = {
@@ -60,11 +63,17 @@ def _configs() -> str:
 
 
 def _sandbox() -> str:
-    """Start the sandbox, torch and all, and run a job that must be refused."""
-    with Sandbox(entries={"probe": "tacevo.gate.probe:run"}, environment={}, arrays={}) as sandbox:
-        outcome = sandbox.run("probe", {}, b"", Limits(seconds=30, memory_mib=1024))
-    kind = "died" if isinstance(outcome, Died) else "answered"
-    return f"started, and a job {kind} as it should"
+    """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
+    config, task = task_without_data("force", 32)
+    with tempfile.TemporaryDirectory() as store:
+        config.store.root = store  # nothing recorded may answer instead
+        with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}) as sandbox:
+            verdict = build_gate(config, task.contract, sandbox, Mode.record).inspect(task.baseline)
+    if isinstance(verdict, Rejection):
+        raise SandboxError(
+            f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"
+        )
+    return f"the baseline of task force is admitted, with {verdict.profile.parameters:,} parameters"
 
 
 def _folder() -> str:

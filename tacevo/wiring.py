@@ -23,11 +23,10 @@ from tacevo.proposals import Settings, Task
 from tacevo.randomness import derived_seed
 from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.sandbox.client import Sandbox
-from tacevo.sandbox.confinement import Level, require
 from tacevo.search import Plan, scaled
 from tacevo.store import Store
 from tacevo.training.evaluation import Evaluator, Examples
-from tacevo.training.numerics import environment
+from tacevo.training.numerics import Numerics, environment
 
 #: What a sandbox runs: entry names to functions.
 ENTRIES = {"probe": "tacevo.gate.probe:run", "train": "tacevo.training.trainer:run"}
@@ -130,14 +129,13 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         data: the data set; None where every answer is recorded, as in a replay.
         mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
     """
-    require(Level(config.sandbox.require.value))
     arrays = {} if data is None else {"images": data.images}
     with contextlib.ExitStack() as stack:
         executor = stack.enter_context(ThreadPoolExecutor(config.executor.workers, "worker"))
         stack.callback(executor.shutdown, wait=False, cancel_futures=True)
         # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
         sandbox = stack.enter_context(
-            Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays=arrays)
+            Sandbox(entries=ENTRIES, environment=environment(Numerics(config.numerics.kind.value)), arrays=arrays)
         )
         gate = build_gate(config, task.contract, sandbox, mode)
         evaluator = Evaluator(
@@ -147,7 +145,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
             examples=None if data is None else _examples(data),
             fingerprint=facts.fingerprint,
             recipe=_recipe(config),
-            numerics=config.numerics.kind,
+            numerics=Numerics(config.numerics.kind.value),
         )
         seed = derived_seed(config.seed, "training")
         yield Tools(
@@ -174,7 +172,7 @@ def build_gate(config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mo
             source_bytes=gate.max_source_bytes,
         ),
         probe_limits=Limits(seconds=gate.seconds, memory_mib=gate.memory_mib),
-        numerics=config.numerics.kind,
+        numerics=Numerics(config.numerics.kind.value),
     )
 
 

@@ -1,0 +1,292 @@
+"""The command as a user gives it: searching, stopping, continuing, replaying, and every mistake in one line."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tacevo.app import main
+
+COMMAND = [sys.executable, "-m", "tacevo.app"]
+
+#: A real search, as small as one can be that still mutates and crosses over.
+TINY = [
+    "experiment=demo",
+    "tracking=none",
+    "search.generations=2",
+    "search.candidates=3",
+    "search.initial=2",
+    "data.images=60",
+    "training.epochs=1",
+    "archive.niches=10",
+    "archive.prompt_niches=10",
+    "archive.samples=200",
+    "proposals.mutation_probability=0.5",
+    "seed=2",
+]
+
+
+def tacevo(*arguments: str, cwd: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end and check its exit status."""
+    done = subprocess.run([*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def digest(done: subprocess.CompletedProcess[str]) -> str:
+    """Take the digest from the last line of a command's output."""
+    *_, last = done.stdout.splitlines()
+    name, _, value = last.partition(": ")
+    assert name == "digest"
+    assert len(value) == 64
+    return value
+
+
+def run_of(folder: Path) -> Path:
+    """Find the one run directory below a folder."""
+    (run,) = (folder / "runs").iterdir()
+    return run
+
+
+def evaluations(folder: Path) -> list[Path]:
+    """List the entries of the evaluation store."""
+    return sorted((folder / "cache" / "evaluations").glob("*/*.json"))
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Give the folder and the digest of one finished tiny search."""
+    folder = tmp_path_factory.mktemp("searched")
+    return folder, digest(tacevo("search", *TINY, cwd=folder))
+
+
+@pytest.fixture
+def copied(searched: tuple[Path, str], tmp_path: Path) -> Path:
+    """Give a copy of the finished search, to be spoilt."""
+    shutil.copytree(searched[0], tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+def test_run_directory_can_be_read_with_ls_and_cat(searched: tuple[Path, str]) -> None:
+    """Everything that the README names is there, and run.json knows the digest."""
+    run = run_of(searched[0])
+    names = {path.name for path in run.iterdir() if not path.name.startswith(".")}
+    assert names == {
+        "run.json", "ledger.jsonl", "timings.jsonl", "archive.json", "prompts.json", "candidates", "summary.md"
+    }  # fmt: skip
+    assert json.loads((run / "run.json").read_text())["digest"] == searched[1]
+    assert (run / "candidates" / "g00s00.py").read_text().count("class ImageRegressionCNN") == 1
+    assert not list(searched[0].rglob("*.part"))
+
+
+def test_ledger_holds_no_time_path_or_host(searched: tuple[Path, str]) -> None:
+    """What differs between machines stays out of what is hashed."""
+    text = (run_of(searched[0]) / "ledger.jsonl").read_text()
+    assert str(searched[0]) not in text
+    assert os.uname().nodename not in text
+    assert "seconds" not in {key for line in text.splitlines()[1:] for key in json.loads(line)}
+
+
+def test_same_command_again_trains_nothing_and_gives_the_same_digest(searched: tuple[Path, str]) -> None:
+    """A finished search is answered from the stores."""
+    before = {path: path.stat().st_mtime_ns for path in evaluations(searched[0])}
+    again = tacevo("search", *TINY, cwd=searched[0])
+    assert digest(again) == searched[1]
+    assert {path: path.stat().st_mtime_ns for path in evaluations(searched[0])} == before
+
+
+def test_replay_needs_neither_data_nor_sandbox_and_gives_the_digest(copied: Path, searched: tuple[Path, str]) -> None:
+    """A recorded search is run again from its stores alone."""
+    shutil.rmtree(copied / "cache" / "data")
+    assert digest(tacevo("replay", str(run_of(copied)), cwd=copied)) == searched[1]
+
+
+def test_one_worker_with_stores_of_its_own_gives_the_digest_of_two(searched: tuple[Path, str], tmp_path: Path) -> None:
+    """The number of workers is no part of a result."""
+    assert digest(tacevo("search", *TINY, "executor.workers=1", cwd=tmp_path)) == searched[1]
+
+
+def test_killed_search_continues_to_the_same_digest_and_leaves_no_process(
+    searched: tuple[Path, str], tmp_path: Path
+) -> None:
+    """Kill -9 at several moments, the same command after it, always the digest of the uninterrupted run."""
+    for seconds in (1.5, 4.0, 7.0):
+        search = subprocess.Popen([*COMMAND, "search", *TINY], cwd=tmp_path, stderr=subprocess.DEVNULL)
+        time.sleep(seconds)
+        search.kill()
+        search.wait()
+    assert digest(tacevo("search", *TINY, cwd=tmp_path)) == searched[1]
+    assert not processes_in(tmp_path)
+
+
+def test_interrupted_search_says_so_and_continues(searched: tuple[Path, str], tmp_path: Path) -> None:
+    """Ctrl-C ends with status 130 and one line, and costs nothing."""
+    search = subprocess.Popen([*COMMAND, "search", *TINY], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not evaluations(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    search.send_signal(signal.SIGINT)
+    _, errors = search.communicate(timeout=60)
+    assert search.returncode == 130
+    assert "the same command continues" in errors
+    assert "Traceback" not in errors
+    assert not processes_in(tmp_path)
+    assert digest(tacevo("search", *TINY, cwd=tmp_path)) == searched[1]
+
+
+def processes_in(folder: Path) -> list[str]:
+    """List the processes that stand in a folder, after a moment for the dying."""
+    deadline = time.monotonic() + 20
+    while True:
+        alive = []
+        for process in Path("/proc").glob("[0-9]*"):
+            try:
+                if (process / "cwd").readlink() == folder.resolve():
+                    alive.append((process / "cmdline").read_text())
+            except OSError:
+                continue
+        if not alive or time.monotonic() > deadline:
+            return alive
+        time.sleep(0.2)
+
+
+def test_longer_search_continues_a_shorter_one(copied: Path) -> None:
+    """More generations in the same directory append to its ledger; fewer are refused."""
+    run = run_of(copied)
+    before = (run / "ledger.jsonl").read_text()
+    tacevo("search", *TINY, "search.generations=3", f"run.dir={run}", cwd=copied)
+    assert (run / "ledger.jsonl").read_text().startswith(before)
+    refused = tacevo("search", *TINY, "search.generations=1", f"run.dir={run}", cwd=copied, status=2)
+    assert "holds a longer run" in refused.stderr
+
+
+def test_other_configuration_in_the_same_directory_is_refused(copied: Path) -> None:
+    """One directory holds one run, and nothing of it is overwritten."""
+    run = run_of(copied)
+    before = (run / "ledger.jsonl").read_bytes()
+    refused = tacevo("search", *TINY, "seed=3", f"run.dir={run}", cwd=copied, status=2)
+    assert "holds another run" in refused.stderr
+    assert (run / "ledger.jsonl").read_bytes() == before
+
+
+def test_edited_ledger_is_refused_by_line(copied: Path) -> None:
+    """A ledger is believed only as far as its hashes go."""
+    ledger = run_of(copied) / "ledger.jsonl"
+    ledger.write_text(ledger.read_text().replace('"slot":1', '"slot":2', 1))
+    assert "line 3 does not match its hash" in tacevo("replay", str(ledger.parent), cwd=copied, status=2).stderr
+
+
+def test_edited_evaluation_is_refused(copied: Path) -> None:
+    """A damaged store entry is an error with its path, never a silent recomputation."""
+    entry = evaluations(copied)[0]
+    entry.write_text(entry.read_text().replace('"train_losses"', '"train_lasses"'))
+    refused = tacevo("replay", str(run_of(copied)), cwd=copied, status=2)
+    assert f"{entry.name} does not match its checksum" in refused.stderr
+
+
+@pytest.mark.parametrize("name", ["archive.json", "candidates/g00s00.py"])
+def test_edited_file_beside_the_ledger_is_a_difference(copied: Path, name: str) -> None:
+    """Replay compares the archives and every evaluated source, too."""
+    path = run_of(copied) / name
+    path.write_text(path.read_text().replace("3", "4", 1))
+    assert Path(name).name in tacevo("replay", str(path.parents[name.count("/")]), cwd=copied, status=1).stderr
+
+
+def test_missing_recording_is_named(copied: Path) -> None:
+    """A replay without its stores says what is missing and never computes."""
+    shutil.rmtree(copied / "cache" / "evaluations")
+    refused = tacevo("replay", str(run_of(copied)), cwd=copied, status=2)
+    assert "no recorded answer for evaluations request" in refused.stderr
+
+
+def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The summary, and one candidate with its instruction, numbers, losses and source."""
+    run = str(run_of(searched[0]))
+    assert main(["show", run]) == 0
+    assert "## Gate" in capsys.readouterr().out
+    assert main(["show", run, "g00s00"]) == 0
+    shown = capsys.readouterr().out
+    assert "this is the task's baseline" in shown
+    assert "class ImageRegressionCNN" in shown
+    assert main(["show", run, "g99s00"]) == 2
+    assert "has no candidate 'g99s00'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["search", "archive.nichs=3"], "no setting 'archive.nichs'; did you mean 'archive.niches'?"),
+        (["search", "seed=abc"], "seed=abc"),
+        (["search", "archive.niches=0"], "archive.niches needs"),
+        (["search", "task=forse"], "choose one of force, grating, hardness"),
+        (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
+        (["search", "experiment=demo", "sandbox.require=kernel", "tracking=none"], "sandbox.require=kernel"),
+        (["replay", "nowhere"], "nowhere is not the folder of a run"),
+        (["show", "nowhere"], "nowhere is not the folder of a run"),
+        (["check", "nowhere.py"], "nowhere.py cannot be read"),
+    ],
+)
+def test_users_mistake_is_one_line_and_status_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """No traceback for a user's mistake, and nothing is left behind by it."""
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert "Traceback" not in errors
+    assert not (tmp_path / "runs").exists()
+
+
+def test_help_is_complete_without_any_library() -> None:
+    """Help lists every command, and imports nothing that would make it slow."""
+    script = (
+        "import sys, contextlib\nfrom tacevo.app import main\n"
+        "with contextlib.suppress(SystemExit): main(['--help'])\n"
+        "print('slow:', sorted({'numpy', 'torch', 'hydra', 'omegaconf', 'mlflow', 'rich'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert "slow: []" in out
+    for command in ("search", "replay", "show", "check", "doctor"):
+        assert f"    {command} " in out
+
+
+def test_search_help_lists_the_groups() -> None:
+    """The choices of every config group can be read without opening a file."""
+    out = subprocess.run([*COMMAND, "search", "--help"], capture_output=True, text=True, check=True).stdout
+    assert re.search(r"^  task +force, grating, hardness$", out, re.MULTILINE)
+
+
+def test_check_judges_raw_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One JSON object a line, with the fields that other tools rely on."""
+    monkeypatch.chdir(tmp_path)
+    network = "class ImageRegressionCNN(nn.Module):\n    def __init__(self, num_outputs=3):\n"
+    network += "        super().__init__()\n        self.fc = nn.Linear(3 * 32 * 32, num_outputs)\n\n"
+    network += "    def forward(self, x):\n        return self.fc(x.flatten(1))\n"
+    Path("good.txt").write_text(f"Here it is:\n\n```python\n{network}```\n")
+    Path("bad.txt").write_text("I cannot do that.")
+    assert main(["check", "good.txt", "bad.txt", "--task", "force", "--image-size", "32", "--json"]) == 0
+    good, bad = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert (good["file"], good["verdict"], good["parameters"]) == ("good.txt", "admitted", 3 * 32 * 32 * 3 + 3)
+    assert (bad["verdict"], bad["stage"], bad["reason"]) == ("rejected", "extract", "no_class")
+
+
+def test_doctor_finds_this_machine_sound(tmp_path: Path) -> None:
+    """Machine, versions, confinement, and checks that really try."""
+    out = tacevo("doctor", cwd=tmp_path).stdout
+    assert "ok   sandbox" in out
+    assert "FAIL" not in out
