@@ -1,0 +1,122 @@
+"""`make bench`: every figure that the documentation gives."""
+
+import io
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from ribs.archives import CVTArchive
+from rich.console import Console
+
+from benchmarks.timing import medians, report
+from tacevo.archive import Archive, Elite, Tessellation, insert
+from tacevo.checking import task_without_data
+from tacevo.composition import compose
+from tacevo.progress import PlainView
+from tacevo.randomness import stream
+from tacevo.records import Limits, to_json
+from tacevo.replaying import replay
+from tacevo.sandbox.client import Sandbox
+from tacevo.session import search
+from tacevo.training.numerics import Numerics, environment
+
+INSERTIONS = 5_000
+FORKS = 8
+
+
+def archive_insertions() -> str:
+    """Insert one by one into 100 niches, as a search does; the peer is pyribs."""
+    rng = stream(0, "bench")
+    centroids, points, objectives = rng.random((100, 2)), rng.random((INSERTIONS, 2)), rng.random(INSERTIONS)
+    tessellation = Tessellation(centroids)
+
+    def ours() -> None:
+        archive = Archive()
+        for index in range(INSERTIONS):
+            elite = Elite(name=str(index), objective=float(objectives[index]))
+            archive, _ = insert(archive, tessellation.niche_of(points[index]), elite)
+
+    def peer() -> None:
+        archive = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
+        for index in range(INSERTIONS):
+            archive.add_single(np.zeros(1), objectives[index], points[index])
+
+    found = medians({"tacevo": ours, "pyribs": peer}, rounds=5)
+    return report("archive, one insertion at a time", found, unit="insertions", per_second=INSERTIONS)
+
+
+def candidate_processes() -> str:
+    """Judge a baseline in a confined fork; the peer starts an interpreter and imports torch, as usual elsewhere."""
+    _, task = task_without_data("force", 32)
+    sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
+    header = {"source": task.baseline, "contract": to_json(task.contract), "limits": sizes}
+    limits = Limits(seconds=60, memory_mib=2048)
+    with Sandbox(
+        entries={"probe": "tacevo.gate.probe:run"}, environment=environment(Numerics.portable), arrays={}
+    ) as sandbox:
+        sandbox.run("probe", header, b"", limits)  # the zygote starts with the first job
+
+        def ours() -> None:
+            for _ in range(FORKS):
+                sandbox.run("probe", header, b"", limits)
+
+        def peer() -> None:
+            for _ in range(FORKS):
+                subprocess.run([sys.executable, "-c", "import torch"], check=True)
+
+        found = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=3)
+    return report("a candidate's process", found, unit="candidates", per_second=FORKS)
+
+
+def replaying() -> str:
+    """Replay a small search from its stores; the peer is its recording."""
+    small = ["experiment=demo", "tracking=none", "search.generations=2", "data.images=120", "training.epochs=1"]
+    with tempfile.TemporaryDirectory() as folder:
+        places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
+        view = _silent()
+        recorded = medians({"recording": lambda: search(compose([*small, *places]), view)}, rounds=1)
+        replayed = medians({"replay": lambda: replay(Path(folder) / "run", None, view)}, rounds=5)
+    return report("replay of 21 candidates", {**replayed, **recorded}, unit="s")
+
+
+def workers() -> str:
+    """Search with two workers; the peer is one worker."""
+    small = ["experiment=demo", "tracking=none", "search.generations=1", "data.images=240", "training.epochs=2"]
+
+    def with_workers(count: int) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            places = [f"run.dir={folder}/run", f"store.root={folder}/cache", f"executor.workers={count}"]
+            search(compose([*small, *places]), _silent())
+
+    found = medians({"two workers": lambda: with_workers(2), "one worker": lambda: with_workers(1)}, rounds=3)
+    return report("a search of 13 candidates", found, unit="s")
+
+
+def memory() -> str:
+    """Give the peak resident memory of a process that replays, and whether it imported torch."""
+    script = (
+        "import resource, sys; from tacevo.app import main; main(sys.argv[1:]); "
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, 'torch' in sys.modules)"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        small = ["experiment=demo", "tracking=none", "search.generations=0", "data.images=40", "training.epochs=1"]
+        command = [sys.executable, "-c", script, "search", *small]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    peak, torch = done.stdout.split()[-2:]
+    return f"peak memory of the process that searches: {peak} MiB (torch imported: {torch})"
+
+
+def _silent() -> PlainView:
+    return PlainView(Console(file=io.StringIO()), total=0)
+
+
+def main() -> None:
+    """Print one line a figure."""
+    for measure in (archive_insertions, candidate_processes, workers, replaying, memory):
+        print(measure(), flush=True)
+
+
+if __name__ == "__main__":
+    main()
