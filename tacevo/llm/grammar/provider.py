@@ -1,0 +1,108 @@
+"""The embedded provider: answers requests from the grammar, without a network connection or a key.
+
+It promises: equal requests get equal answers, whatever was asked before; an answer without a slip holds a network
+that builds and trains. It does not promise to understand a parent that another model wrote: then it says so in
+words, and the gate rejects that answer.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tacevo.errors import ConfigError
+from tacevo.llm.grammar.crossover import cross
+from tacevo.llm.grammar.instructions import transform
+from tacevo.llm.grammar.network import Network
+from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
+from tacevo.llm.grammar.syntax import UnreadableError
+from tacevo.llm.grammar.variations import warm
+from tacevo.randomness import stream
+from tacevo.records import Completion, Request, to_json
+from tacevo.store import content_hash
+
+#: What every completion names as its model; it changes whenever equal requests may get other answers.
+MODEL = "grammar-1"
+
+#: Both counts are estimates: there is no tokeniser, and this is the usual ratio for English and code.
+_CHARACTERS_PER_TOKEN = 4
+
+_PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
+_INSTRUCTION = re.compile(r"^Instruction: (.*)\Z", re.DOTALL | re.MULTILINE)
+
+
+class GrammarLLM:
+    """Answers mutation and crossover requests with source text from the grammar.
+
+    Args:
+        slip_rate: probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
+
+    Raises:
+        ConfigError: `slip_rate` is outside [0, 1].
+    """
+
+    def __init__(self, *, slip_rate: float) -> None:
+        if not 0 <= slip_rate <= 1:
+            raise ConfigError(f"llm.slip_rate must lie in [0, 1]; got {slip_rate}")
+        self._slip_rate = slip_rate
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer the requests in their order."""
+        for position, request in enumerate(requests):
+            yield position, answer(request, slip_rate=self._slip_rate)
+
+
+def answer(request: Request, *, slip_rate: float) -> Completion:
+    """Answer one request: a pure function of the request and the slip rate.
+
+    The network depends neither on the slip rate nor on the request's provider settings (where a plan records that
+    rate), so runs that differ in it alone share their proper answers.
+
+    Args:
+        request: its last message holds one parent and an instruction for a mutation, two for a crossover.
+        slip_rate: probability of a fault, in [0, 1].
+
+    Returns:
+        A completion whose token counts are the numbers of characters divided by four, rounded up.
+    """
+    digest = content_hash(to_json(replace(request, settings=())))
+    try:
+        child = _child(request, stream(0, "grammar", digest))
+    except UnreadableError as error:
+        said = Answer(text=f"I cannot read the request, so this answer holds no code: {error}.\n")
+    else:
+        rng = stream(0, "grammar", "slip", digest)
+        slip = draw(slip_rate, rng)
+        said = proper(child) if slip is None else spoil(child, slip, rng)
+    return _completion(request, said)
+
+
+def _child(request: Request, rng: np.random.Generator) -> Network:
+    """Make the network that a request asks for."""
+    content = request.messages[-1].content if request.messages else ""
+    instruction = _INSTRUCTION.search(content)
+    parents = [parse(source) for source in _PARENT.findall(content)]
+    if instruction is None or len(parents) not in {1, 2}:
+        raise UnreadableError(f"one or two parents and an instruction were expected; found {len(parents)} parents")
+    if len(parents) == 1:
+        return transform(parents[0], instruction[1], rng, request.temperature)
+    return warm(cross(parents[0], parents[1], instruction[1], rng), request.temperature, rng)
+
+
+def _completion(request: Request, said: Answer) -> Completion:
+    """Count tokens, and cut what is longer than the request allows."""
+    asked = request.system + "".join(message.content for message in request.messages)
+    longest = request.max_tokens * _CHARACTERS_PER_TOKEN
+    return Completion(
+        text=said.text[:longest],
+        model=MODEL,
+        stop_reason="max_tokens" if len(said.text) > longest else said.stop_reason,
+        input_tokens=_tokens(asked),
+        output_tokens=_tokens(said.text[:longest]),
+    )
+
+
+def _tokens(text: str) -> int:
+    return -(-len(text) // _CHARACTERS_PER_TOKEN)

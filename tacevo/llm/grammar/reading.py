@@ -1,0 +1,182 @@
+"""The parts of a network, read from plain syntax trees: blocks, attention, head."""
+
+import ast
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from itertools import pairwise
+from typing import TypeVar
+
+from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head, Hidden, Norm, Output
+from tacevo.llm.grammar.syntax import Call, UnreadableError, read_call
+
+_Member = TypeVar("_Member", bound=StrEnum)
+
+
+def method(node: ast.ClassDef, name: str) -> ast.FunctionDef:
+    """Find a method of a class.
+
+    Raises:
+        UnreadableError: there is none of that name.
+    """
+    for statement in node.body:
+        if isinstance(statement, ast.FunctionDef) and statement.name == name:
+            return statement
+    raise UnreadableError(f"class {node.name} has no method {name}")
+
+
+def attributes_of(constructor: ast.FunctionDef) -> dict[str, ast.expr]:
+    """Collect what a constructor assigns to `self`, by name."""
+    return {
+        statement.targets[0].attr: statement.value
+        for statement in constructor.body
+        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Attribute)
+    }
+
+
+def required(attributes: Mapping[str, ast.expr], name: str) -> ast.expr:
+    """Look up an attribute.
+
+    Raises:
+        UnreadableError: the constructor does not set it.
+    """
+    if name not in attributes:
+        raise UnreadableError(f"the constructor does not set self.{name}")
+    return attributes[name]
+
+
+def read_attention(node: ast.expr) -> Attention:
+    """Read the attention module that stands before the adaptive pooling."""
+    return _attention([read_call(node)])
+
+
+def read_block(node: ast.expr) -> Block:
+    """Read one block, be it a Sequential or an instance of the custom module.
+
+    Raises:
+        UnreadableError: it is neither, or a part that every block has is missing.
+    """
+    shape, layers = _custom_block(node) if read_call(node).name == "ConvBlock" else _sequential_block(node)
+    return Block(
+        channels=_number(shape.arguments[1:2]),
+        kernel=_number([shape.keywords.get("kernel_size", "")]),
+        separable=shape.keywords.get("separable") == "True",
+        norm=_first(Norm, [layer.name for layer in layers]) or Norm.none,
+        activation=_activation(layers),
+        attention=_attention(layers),
+        dropout=_rate(layers, "nn.Dropout2d"),
+        down=_down(shape, layers),
+    )
+
+
+def _custom_block(node: ast.expr) -> tuple[Call, list[Call]]:
+    """Split a ConvBlock into its own arguments and the layers it is given."""
+    keywords = node.keywords if isinstance(node, ast.Call) else []
+    listed = next((keyword.value for keyword in keywords if keyword.arg == "layers"), None)
+    if not isinstance(listed, ast.List):
+        raise UnreadableError(f"a list of layers was expected in `{ast.unparse(node)}`")
+    return read_call(node), [read_call(item) for item in listed.elts]
+
+
+def _sequential_block(node: ast.expr) -> tuple[Call, list[Call]]:
+    """Split a Sequential into the convolution, in the arguments of a ConvBlock, and the layers that follow."""
+    layers = _sequence(node)
+    convolutions = [layer for layer in layers if layer.name == "nn.Conv2d"]
+    if not convolutions:
+        raise UnreadableError(f"a convolution was expected in `{ast.unparse(node)}`")
+    first, last = convolutions[0], convolutions[-1]
+    keywords = {**first.keywords, "separable": str(first is not last)}
+    return Call(name="ConvBlock", arguments=last.arguments, keywords=keywords), layers
+
+
+def _down(shape: Call, layers: Sequence[Call]) -> Down:
+    if shape.keywords.get("stride") == "2":
+        return Down.stride
+    return _first(Down, [_text(layer) for layer in layers]) or Down.none
+
+
+def read_head(classes: Mapping[str, ast.ClassDef], node: ast.expr) -> Head:
+    """Read the head, be it a Sequential or a class of its own.
+
+    Args:
+        classes: every class of the source, by name.
+        node: what the network's constructor assigns to the head's attribute.
+
+    Raises:
+        UnreadableError: it is neither, or a part that every head has is missing.
+    """
+    own_module = read_call(node).name == "Head"
+    if own_module:
+        if "Head" not in classes:
+            raise UnreadableError("class Head is used but not defined")
+        node = required(attributes_of(method(classes["Head"], "__init__")), "layers")
+    layers = _sequence(node)
+    starts = [index for index, layer in enumerate(layers) if layer.name == "nn.Linear"]
+    if not starts:
+        raise UnreadableError("the head has no linear layer")
+    return Head(
+        hidden=tuple(_hidden(layers[start:end]) for start, end in pairwise(starts)),
+        input_dropout=_rate(layers[: starts[0]], "nn.Dropout"),
+        output=_first(Output, [_text(layer) for layer in layers[starts[-1] :]]) or Output.free,
+        own_module=own_module,
+    )
+
+
+def _hidden(layers: Sequence[Call]) -> Hidden:
+    """Read a hidden layer from its linear layer on."""
+    return Hidden(
+        width=_number(layers[0].arguments[1:2]),
+        layer_norm=any(layer.name == "nn.LayerNorm" for layer in layers),
+        activation=_activation(layers),
+        dropout=_rate(layers, "nn.Dropout"),
+    )
+
+
+def _sequence(node: ast.expr) -> list[Call]:
+    """Read the layers of a Sequential."""
+    if not isinstance(node, ast.Call) or ast.unparse(node.func) != "nn.Sequential":
+        raise UnreadableError(f"an nn.Sequential was expected; found `{ast.unparse(node)}`")
+    return [read_call(item) for item in node.args]
+
+
+def _text(call: Call) -> str:
+    """Write a layer again as source text, in the form that the enums use."""
+    keywords = [f"{name}={value}" for name, value in call.keywords.items()]
+    return f"{call.name}({', '.join([*call.arguments, *keywords])})"
+
+
+def _activation(layers: Sequence[Call]) -> Activation:
+    found = _first(Activation, [_text(layer) for layer in layers])
+    if found is None:
+        raise UnreadableError(f"no known activation among the layers {', '.join(layer.name for layer in layers)}")
+    return found
+
+
+def _attention(layers: Sequence[Call]) -> Attention:
+    return _first(Attention, [layer.name for layer in layers]) or Attention.none
+
+
+def _first(kind: type[_Member], texts: Sequence[str]) -> _Member | None:
+    """Find the first text that is a member's value."""
+    members = {member.value: member for member in kind if member.value}
+    return next((members[text] for text in texts if text in members), None)
+
+
+def _rate(layers: Sequence[Call], name: str) -> float:
+    """Read the probability of the first dropout of that kind; 0 without one."""
+    for layer in layers:
+        if layer.name == name:
+            return _real(layer.arguments)
+    return 0.0
+
+
+def _real(texts: Sequence[str]) -> float:
+    try:
+        return float(texts[0])
+    except (IndexError, ValueError) as error:
+        raise UnreadableError(f"a number was expected; found {texts or 'nothing'}") from error
+
+
+def _number(texts: Sequence[str]) -> int:
+    if not texts or not texts[0].isdecimal():
+        raise UnreadableError(f"a whole number was expected; found {texts or 'nothing'}")
+    return int(texts[0])

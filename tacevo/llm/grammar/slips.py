@@ -1,0 +1,109 @@
+"""The faults of real models, one at a time, so that the gate works for its living."""
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from tacevo.llm.grammar.network import Network
+from tacevo.llm.grammar.rendering import render
+from tacevo.llm.grammar.variations import pick
+
+
+class Slip(StrEnum):
+    """What can go wrong with an answer."""
+
+    # in form only: a good extraction still finds the class
+    prose = "prose"
+    no_fence = "no_fence"
+    # for good
+    wrong_channels = "wrong_channels"
+    cut_off = "cut_off"
+    no_super = "no_super"
+    undefined_name = "undefined_name"
+    wrong_outputs = "wrong_outputs"
+    missing_import = "missing_import"
+    foreign_import = "foreign_import"
+
+
+#: Three slips in ten are harmless; of these, most are talk around the code.
+_ODDS = (Slip.prose, Slip.prose, Slip.no_fence, *(slip for slip in Slip if slip not in {Slip.prose, Slip.no_fence}))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What the provider says, and why it stopped: `end_turn` or `max_tokens`."""
+
+    text: str
+    stop_reason: str = "end_turn"
+
+
+def proper(network: Network) -> Answer:
+    """Answer without a fault: one fenced block and nothing else."""
+    return Answer(text=_fenced(render(network)))
+
+
+def draw(slip_rate: float, rng: np.random.Generator) -> Slip | None:
+    """Decide whether an answer carries a fault, and which.
+
+    Args:
+        slip_rate: probability of a fault, in [0, 1].
+        rng: settles both.
+    """
+    return pick(rng, _ODDS) if rng.random() < slip_rate else None
+
+
+def spoil(network: Network, slip: Slip, rng: np.random.Generator) -> Answer:
+    """Answer with a network's source text and exactly one fault in it."""
+    source = render(network)
+    match slip:
+        case Slip.prose:
+            return Answer(text=_explained(source))
+        case Slip.no_fence:
+            return Answer(text=source)
+        case Slip.cut_off:
+            end = len(source) * int(rng.integers(40, 80)) // 100
+            return Answer(text=f"```python\n{source[:end]}", stop_reason="max_tokens")
+        case _:
+            return Answer(text=_fenced(_damaged(source, network, slip)))
+
+
+def _damaged(source: str, network: Network, slip: Slip) -> str:
+    """Put a fault into the source that leaves it valid Python."""
+    result = f"return self.{network.signature.head_name}(x)"
+    width = network.signature.output_argument
+    match slip:
+        case Slip.wrong_channels:
+            opening = rf"(self\.conv{len(network.blocks)} = (?:nn\.Sequential\(\s*nn\.Conv2d|ConvBlock)\(\s*)(\w+)"
+            return re.sub(opening, r"\g<1>2 * \g<2>", source)
+        case Slip.no_super:
+            return _replace_last(source, "        super().__init__()\n", "")
+        case Slip.undefined_name:
+            return _replace_last(source, result, f"x = self.feature_norm(x)\n        {result}")
+        case Slip.wrong_outputs:
+            return _replace_last(source, f", {width}),", f", {width} + 1),")
+        case Slip.foreign_import:
+            return f"from torchvision import transforms\n\n\n{source}"
+        case _:  # missing_import
+            return source.replace("nn.Flatten()", 'einops.layers.torch.Rearrange("n c h w -> n (c h w)")')
+
+
+def _fenced(source: str) -> str:
+    return f"```python\n{source}```\n"
+
+
+def _explained(source: str) -> str:
+    """Surround the code with talk, as chat models do in spite of the format rules."""
+    return (
+        "Certainly! Here is a version of the network that follows your instruction:\n\n"
+        f"{_fenced(source)}\n"
+        "The names of the unchanged layers stay as they were. Build it with `in_channels` and train it like its "
+        "parent.\n"
+    )
+
+
+def _replace_last(text: str, old: str, new: str) -> str:
+    """Replace the last occurrence, the one in the network's own class or in its head."""
+    before, _, after = text.rpartition(old)
+    return before + new + after

@@ -1,0 +1,233 @@
+"""Moves that leave a choice to chance: what temperature adds, and how open-ended instructions are met.
+
+Only integers and `Generator.random` are drawn, whose bits are equal on every CPU.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from tacevo.llm.grammar import moves
+from tacevo.llm.grammar.bounds import MAX_GRID, MAX_HALVINGS, fit
+from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Network, Norm, Pooling
+
+_Option = TypeVar("_Option")
+
+#: A move whose details the generator settles.
+Variation = Callable[[Network, np.random.Generator], Network]
+
+_MOST_EDITS = 4
+
+
+def pick(rng: np.random.Generator, options: Sequence[_Option]) -> _Option:
+    """Choose one of several options, each with equal probability."""
+    return options[int(rng.integers(len(options)))]
+
+
+def vary(network: Network, variations: Sequence[Variation], rng: np.random.Generator) -> Network:
+    """Apply one variation: the first, in random order, that changes the network within the bounds.
+
+    Returns:
+        A network within the bounds; the same one only where no variation changes it.
+    """
+    for index in rng.permutation(len(variations)):
+        changed = fit(variations[int(index)](network, rng))
+        if changed != network:
+            return changed
+    return network
+
+
+def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
+    """Add the small random edits of a temperature: each of four happens with probability `temperature / 2`.
+
+    Args:
+        network: what the instruction alone gives.
+        temperature: in [0, 1]; 0 adds nothing, 1 adds two edits on average.
+        rng: settles which edits happen and how.
+    """
+    for _ in range(_MOST_EDITS):
+        if rng.random() < temperature / 2:
+            network = vary(network, SMALL_EDITS, rng)
+    return network
+
+
+def _resize_block(network: Network, rng: np.random.Generator) -> Network:
+    return moves.scale_channels(network, [_any_block(network, rng)], pick(rng, (0.75, 1.25)))
+
+
+def _change_kernel(network: Network, rng: np.random.Generator) -> Network:
+    kernel = pick(rng, (3, 5, 7))
+    return moves.edit_blocks(network, [_any_block(network, rng)], lambda block: replace(block, kernel=kernel))
+
+
+def _change_activation(network: Network, rng: np.random.Generator) -> Network:
+    return moves.set_activation(network, pick(rng, tuple(Activation)), trunk=pick(rng, (True, False)))
+
+
+def _change_norm(network: Network, rng: np.random.Generator) -> Network:
+    norm = pick(rng, tuple(Norm))
+    return moves.edit_blocks(network, moves.all_blocks(network), lambda block: replace(block, norm=norm))
+
+
+def _resize_hidden(network: Network, rng: np.random.Generator) -> Network:
+    return moves.scale_hidden(network, pick(rng, (0.5, 0.75, 1.25, 1.5)))
+
+
+def _change_layer_norm(network: Network, rng: np.random.Generator) -> Network:
+    wanted = pick(rng, (True, False))
+    return moves.edit_hidden(network, lambda layer: replace(layer, layer_norm=wanted))
+
+
+def _change_downsampling(network: Network, rng: np.random.Generator) -> Network:
+    return moves.set_downsampling(network, pick(rng, (Down.max, Down.average, Down.stride)))
+
+
+def _change_dropout(network: Network, rng: np.random.Generator) -> Network:
+    return moves.set_dropout(network, pick(rng, (0.1, 0.2, 0.3, 0.4, 0.5)))
+
+
+def _change_grid(network: Network, rng: np.random.Generator) -> Network:
+    return replace(network, grid=min(MAX_GRID, max(2, network.grid + pick(rng, (-1, 1)))))
+
+
+def _change_pooling(network: Network, rng: np.random.Generator) -> Network:
+    return replace(network, pooling=pick(rng, tuple(Pooling)))
+
+
+def _change_attention(network: Network, rng: np.random.Generator) -> Network:
+    return replace(network, attention=pick(rng, tuple(Attention)))
+
+
+def _attend_in_block(network: Network, rng: np.random.Generator) -> Network:
+    attention = pick(rng, tuple(Attention))
+    return moves.edit_blocks(network, [_any_block(network, rng)], lambda block: replace(block, attention=attention))
+
+
+def _bypass_block(network: Network, rng: np.random.Generator) -> Network:
+    target = _later_block(network, rng)
+    return moves.add_skip(network, target - 1, target)
+
+
+def _drop_skip(network: Network, rng: np.random.Generator) -> Network:
+    if not network.skips:
+        return network
+    gone = pick(rng, network.skips)
+    return replace(network, skips=tuple(skip for skip in network.skips if skip != gone))
+
+
+def _separate_block(network: Network, rng: np.random.Generator) -> Network:
+    # Not the first: filtering each image channel by itself leaves it next to nothing to learn from.
+    number = _later_block(network, rng)
+    return moves.edit_blocks(network, [number], lambda block: replace(block, separable=block.kernel > 1))
+
+
+def _join_block(network: Network, rng: np.random.Generator) -> Network:
+    return moves.edit_blocks(network, [_any_block(network, rng)], lambda block: replace(block, separable=False))
+
+
+def _add_block(network: Network, rng: np.random.Generator) -> Network:
+    """Double a block: behind it comes one of its kind that halves the map only if there is room for that."""
+    number = _any_block(network, rng)
+    original: Block = network.blocks[number - 1]
+    halvings = sum(block.down is not Down.none for block in network.blocks)
+    down = original.down if halvings < MAX_HALVINGS and pick(rng, (True, False)) else Down.none
+    return moves.insert_block(network, number, replace(original, down=down))
+
+
+def _drop_any_block(network: Network, rng: np.random.Generator) -> Network:
+    return moves.drop_block(network, _any_block(network, rng))
+
+
+def _narrow_trunk(network: Network, rng: np.random.Generator) -> Network:
+    return moves.scale_channels(network, moves.all_blocks(network), pick(rng, (0.5, 0.75)))
+
+
+def _widen_trunk(network: Network, rng: np.random.Generator) -> Network:
+    return moves.scale_channels(network, moves.all_blocks(network), pick(rng, (1.25, 1.5)))
+
+
+def _lighten_head(network: Network, rng: np.random.Generator) -> Network:
+    return moves.scale_hidden(network, pick(rng, (0.25, 0.5)))
+
+
+def _coarsen_grid(network: Network, rng: np.random.Generator) -> Network:
+    return replace(network, grid=min(network.grid, pick(rng, (2, 3))))
+
+
+def _stride_trunk(network: Network, rng: np.random.Generator) -> Network:
+    return moves.set_downsampling(network, Down.stride)
+
+
+def _add_hidden(network: Network, rng: np.random.Generator) -> Network:
+    return moves.add_hidden(network, pick(rng, (64, 128, 256)))
+
+
+def _drop_hidden(network: Network, rng: np.random.Generator) -> Network:
+    return moves.drop_hidden(network)
+
+
+def _ease_dropout(network: Network, rng: np.random.Generator) -> Network:
+    rate = pick(rng, (0.1, 0.2))
+    return moves.edit_hidden(network, lambda layer: replace(layer, dropout=min(layer.dropout, rate)))
+
+
+def _any_block(network: Network, rng: np.random.Generator) -> int:
+    return int(rng.integers(1, len(network.blocks) + 1))
+
+
+def _later_block(network: Network, rng: np.random.Generator) -> int:
+    """Choose a block behind conv1, or conv1 where it is the only one."""
+    return int(rng.integers(min(2, len(network.blocks)), len(network.blocks) + 1))
+
+
+#: What temperature adds: one part of the network, changed a little.
+SMALL_EDITS: tuple[Variation, ...] = (
+    _resize_block,
+    _change_kernel,
+    _change_activation,
+    _change_norm,
+    _resize_hidden,
+    _change_layer_norm,
+    _change_downsampling,
+    _change_dropout,
+    _change_grid,
+    _change_pooling,
+    _change_attention,
+    _attend_in_block,
+    _bypass_block,
+    _drop_skip,
+    _separate_block,
+    _join_block,
+    _add_block,
+    _drop_any_block,
+    _add_hidden,
+    _drop_hidden,
+)
+
+#: What makes a network smaller or faster.
+CHEAPER: tuple[Variation, ...] = (
+    _narrow_trunk,
+    _lighten_head,
+    _coarsen_grid,
+    _stride_trunk,
+    _separate_block,
+    _drop_any_block,
+    _drop_hidden,
+)
+
+#: What practice expects to lower the error.
+STRONGER: tuple[Variation, ...] = (
+    _widen_trunk,
+    _change_norm,
+    _change_activation,
+    _change_layer_norm,
+    _change_attention,
+    _attend_in_block,
+    _bypass_block,
+    _add_block,
+    _add_hidden,
+    _ease_dropout,
+    _change_pooling,
+)
