@@ -1,0 +1,1 @@
+"""Data sets: the protocol every task follows, a simulated sensor, and loaders for real recordings."""

@@ -1,0 +1,117 @@
+"""A finished data set: uint8 images on disk, scaled targets, the split, and a fingerprint over all of it.
+
+Promises: what `write` left on disk, `read` gives back unchanged; every value that training can see enters the
+fingerprint. It does not check the images again on reading: that is what comparing `fingerprint` is for.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tacevo.data.protocol import BLOCK
+from tacevo.errors import DataError
+from tacevo.records import DataFacts, to_json
+from tacevo.store import canonical
+
+#: Changes when the header or the order of the bytes that enter the fingerprint changes.
+FINGERPRINT_SCHEMA = 1
+
+IMAGES = "images.npy"
+FACTS = "facts.json"
+#: The fields of `Dataset` that are kept as one `.npy` file each, in the order in which they are hashed.
+ARRAYS = ("targets", "train", "validation", "test")
+#: The fields of `Dataset` that stand in `facts.json` beside the facts.
+STATISTICS = ("mean", "deviation", "offset", "scale")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Dataset:
+    """Everything that training needs of a data set; N images, C channels, S pixels a side, K outputs."""
+
+    facts: DataFacts
+    #: An `.npy` file, uint8, shape (N, C, S, S), values 0 to 255: `np.load(images, mmap_mode="r")`.
+    images: Path
+    #: Regression: float32 (N, K), equal to (label - offset) / scale. Classification: int64 (N,), in [0, K).
+    targets: npt.NDArray[np.float32] | npt.NDArray[np.int64]
+    #: Row numbers of the three parts, int64, ascending.
+    train: npt.NDArray[np.int64]
+    validation: npt.NDArray[np.int64]
+    test: npt.NDArray[np.int64]
+    #: Per channel, in units of the pixel values 0 to 255: input = (pixel - mean) / deviation.
+    mean: tuple[float, ...]
+    deviation: tuple[float, ...]
+    #: Per output, in the units of the recording; empty for classification.
+    offset: tuple[float, ...]
+    scale: tuple[float, ...]
+
+
+def fingerprint(dataset: Dataset) -> str:
+    """Hash every value that training can see: SHA-256 in 64 hex digits.
+
+    The hash runs over a canonical JSON header (names, shapes, statistics) and the raw little-endian bytes of
+    images, targets and split; it does not depend on `dataset.facts.fingerprint` or on where the images lie.
+    """
+    images = np.load(dataset.images, mmap_mode="r")
+    arrays = {name: getattr(dataset, name) for name in ARRAYS}
+    header = {
+        "schema": FINGERPRINT_SCHEMA,
+        "names": to_json(dataset.facts.names),
+        "shapes": {name: [str(array.dtype), *array.shape] for name, array in {"images": images, **arrays}.items()},
+        **{name: to_json(getattr(dataset, name)) for name in STATISTICS},
+    }
+    digest = hashlib.sha256(canonical(header).encode())
+    for block in _blocks(images):
+        digest.update(block.tobytes())
+    for array in arrays.values():
+        digest.update(array.astype(array.dtype.newbyteorder("<")).tobytes())
+    return digest.hexdigest()
+
+
+def with_fingerprint(dataset: Dataset) -> Dataset:
+    """Give back the data set with its fingerprint in its facts."""
+    return replace(dataset, facts=replace(dataset.facts, fingerprint=fingerprint(dataset)))
+
+
+def write(dataset: Dataset, folder: Path) -> None:
+    """Put everything but the images into a folder; the images are expected to lie there already."""
+    for name in ARRAYS:
+        np.save(folder / f"{name}.npy", getattr(dataset, name))
+    facts = {"facts": to_json(dataset.facts), **{name: to_json(getattr(dataset, name)) for name in STATISTICS}}
+    (folder / FACTS).write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read(folder: Path) -> Dataset:
+    """Read what `write` left in a folder, without touching the images.
+
+    Raises:
+        DataError: a file is missing or damaged.
+    """
+    try:
+        facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
+        return Dataset(
+            facts=DataFacts.from_json(facts["facts"]),
+            images=(folder / IMAGES).resolve(strict=True),
+            targets=np.load(folder / "targets.npy"),
+            train=np.load(folder / "train.npy"),
+            validation=np.load(folder / "validation.npy"),
+            test=np.load(folder / "test.npy"),
+            mean=tuple(facts["mean"]),
+            deviation=tuple(facts["deviation"]),
+            offset=tuple(facts["offset"]),
+            scale=tuple(facts["scale"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DataError(
+            f"the cached data set {folder} is damaged ({error}); delete that folder and run again"
+        ) from error
+
+
+def _blocks(images: npt.NDArray[np.uint8]) -> Iterator[npt.NDArray[np.uint8]]:
+    """Cut memory-mapped images into blocks of whole images, in order."""
+    for start in range(0, len(images), BLOCK):
+        yield images[start : start + BLOCK]

@@ -1,0 +1,82 @@
+"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or `.jpg`, `.jpeg`)."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tacevo.data.photos import DECODING, decode, files_hash
+from tacevo.data.source import Catalogue, refuse
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Folder:
+    """One folder per class, named after it; classes are in the order of their numbers, or of their names."""
+
+    root: Path
+    #: Height and width that images are resized to, in pixels.
+    image_size: int
+
+    def describe(self) -> Json:
+        """Name the content: class names, and the name and bytes of every image, not where they lie.
+
+        Raises:
+            DataError: the folder is missing or has no classes, or a class has no images.
+        """
+        classes = _classes(self.root)
+        images = [path for paths in classes.values() for path in paths]
+        return {
+            "source": "folder",
+            "decoding": DECODING,
+            "classes": {name: len(paths) for name, paths in classes.items()},
+            "names": [path.relative_to(self.root).as_posix() for path in images],
+            "images": files_hash(images),
+            "image_size": self.image_size,
+        }
+
+    def catalogue(self) -> Catalogue:
+        """List labels and images, class by class, images in the order of their names.
+
+        Raises:
+            DataError: the folder is missing or has no classes, or a class has no images.
+        """
+        classes = _classes(self.root)
+        counts = [len(paths) for paths in classes.values()]
+        return Catalogue(
+            kind=Kind.classification,
+            names=tuple(classes),
+            labels=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
+            image_size=self.image_size,
+            pictures=tuple(partial(decode, path, self.image_size) for paths in classes.values() for path in paths),
+        )
+
+
+def _classes(root: Path) -> dict[str, list[Path]]:
+    """Find every class and its images."""
+    if not root.is_dir():
+        raise DataError(f"data.root is no folder: {root}; give the folder that holds one folder per class")
+    names = [entry.name for entry in root.iterdir() if entry.is_dir() and not entry.name.startswith(".")]
+    if not names:
+        raise DataError(f"{root} has no folders; put the images of each class into a folder of its own")
+    classes = {name: _images(root / name) for name in _ordered(names)}
+    empty = [name for name, paths in classes.items() if not paths]
+    refuse(f"some classes in {root} have no images", empty, f"Add {sorted(SUFFIXES)} files or remove these folders.")
+    return classes
+
+
+def _ordered(names: list[str]) -> list[str]:
+    """Sort class names, as numbers where all are numbers, so that 2 comes before 10."""
+    try:
+        return sorted(names, key=lambda name: (float(name), name))
+    except ValueError:
+        return sorted(names)
+
+
+def _images(folder: Path) -> list[Path]:
+    """Find the images below a class folder, sorted by path."""
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())

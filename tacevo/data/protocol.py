@@ -1,0 +1,125 @@
+"""The protocol that every data set follows: split, input statistics and target scaling.
+
+Nothing here looks at the validation or test split beyond its row numbers.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tacevo.config import Normalisation, TargetScaling
+from tacevo.errors import DataError
+from tacevo.randomness import stream
+
+#: Images whose pixels are counted at once; bounds the memory used at about 35 MB for 256 pixel images.
+BLOCK = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Split:
+    """Row numbers of the three parts, int64, each in ascending order, disjoint and complete."""
+
+    train: npt.NDArray[np.int64]
+    validation: npt.NDArray[np.int64]
+    test: npt.NDArray[np.int64]
+
+
+def split(count: int, seed: int) -> Split:
+    """Split rows at random into 80 % training, 10 % validation and 10 % test.
+
+    The tenths are rounded to the nearest whole number, so the paper's 3,507 gratings give its 351 test images.
+
+    Args:
+        count: number of rows, at least 10, so that no part is empty.
+        seed: the split's own seed, apart from the run's.
+    """
+    order = stream(seed, "split").permutation(count)
+    tenth = (count + 5) // 10
+    parts = np.split(order.astype(np.int64), [count - 2 * tenth, count - tenth])
+    train, validation, test = (np.sort(part) for part in parts)  # ascending: a pass reads the file forwards
+    return Split(train=train, validation=validation, test=test)
+
+
+def input_statistics(
+    images: npt.NDArray[np.uint8], train: npt.NDArray[np.int64], normalisation: Normalisation
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Find the mean and deviation that inputs are normalised with.
+
+    Both come from whole-number sums and correctly rounded operations, so their bits are equal on every machine.
+
+    Args:
+        images: shape (N, C, S, S), values 0 to 255; may be memory-mapped.
+        train: the rows that may be looked at.
+        normalisation: `unit` looks at no pixel and gives mean 0 and deviation 255.
+
+    Returns:
+        Mean and population deviation per channel, in units of the pixel values 0 to 255. A channel that never
+        changes has deviation 1, so that it becomes 0 everywhere.
+    """
+    channels = images.shape[1]
+    if normalisation is Normalisation.unit:
+        return (0.0,) * channels, (255.0,) * channels
+    histograms = _histograms(images, train)
+    moments = [_moments(histogram) for histogram in histograms]
+    return tuple(mean for mean, _ in moments), tuple(deviation or 1.0 for _, deviation in moments)
+
+
+def _histograms(images: npt.NDArray[np.uint8], rows: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Count how often each channel takes each of the 256 values; shape (C, 256)."""
+    counts = np.zeros((images.shape[1], 256), dtype=np.int64)
+    for start in range(0, len(rows), BLOCK):
+        block = images[rows[start : start + BLOCK]]
+        for channel in range(images.shape[1]):
+            counts[channel] += np.bincount(block[:, channel].ravel(), minlength=256)
+    return counts
+
+
+def _moments(histogram: npt.NDArray[np.int64]) -> tuple[float, float]:
+    """Mean and population deviation of the values 0 to 255 counted in a histogram."""
+    counts = [int(count) for count in histogram]  # Python's integers: the squares below exceed 64 bits
+    total = sum(counts)
+    first = sum(value * count for value, count in enumerate(counts))
+    second = sum(value * value * count for value, count in enumerate(counts))
+    return first / total, math.sqrt(total * second - first * first) / total
+
+
+def target_scale(
+    labels: npt.NDArray[np.float64], train: npt.NDArray[np.int64], scaling: TargetScaling, names: tuple[str, ...]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Find offset and scale per output, where target = (label - offset) / scale.
+
+    Args:
+        labels: shape (N, K), in the units of the recording.
+        train: the rows that may be looked at.
+        scaling: what the training targets shall become.
+        names: of the K outputs, for messages.
+
+    Returns:
+        Offsets and scales, K each, in the units of the labels.
+
+    Raises:
+        DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt.
+    """
+    columns = [[float(value) for value in column] for column in labels[train].T]
+    constant = [name for name, column in zip(names, columns, strict=True) if min(column) == max(column)]
+    if constant:
+        raise DataError(
+            f"target {constant} has one value in the whole training split; leave it out of data.target_columns or "
+            "record more images"
+        )
+    pairs = [_offset_and_scale(column, scaling) for column in columns]
+    return tuple(offset for offset, _ in pairs), tuple(scale for _, scale in pairs)
+
+
+def _offset_and_scale(column: list[float], scaling: TargetScaling) -> tuple[float, float]:
+    """Offset and scale of one output; sums are exact (`fsum`), so the bits are equal on every machine."""
+    match scaling:
+        case TargetScaling.minmax:
+            return min(column), max(column) - min(column)
+        case TargetScaling.zscore:
+            mean = math.fsum(column) / len(column)
+            return mean, math.sqrt(math.fsum((value - mean) ** 2 for value in column) / len(column))
+        case TargetScaling.none:
+            return 0.0, 1.0

@@ -1,0 +1,61 @@
+"""What every source of tactile images offers to `tacevo.data.loading`."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+
+#: How many faults a message spells out before it only counts them.
+SHOWN_FAULTS = 5
+
+#: One picture: uint8, shape (3, image_size, image_size), channels in the order red, green, blue.
+Picture = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Catalogue:
+    """What a source holds, before any picture is made."""
+
+    kind: Kind
+    #: Names of the regressed values or of the classes, in the order of the outputs.
+    names: tuple[str, ...]
+    #: Regression: float64 (N, len(names)), in the units of the recording. Classification: int64 (N,).
+    labels: npt.NDArray[np.float64] | npt.NDArray[np.int64]
+    #: Height and width of every picture, in pixels.
+    image_size: int
+    #: One call per picture, in the order of the labels; picklable, so that worker processes can make it.
+    pictures: Sequence[Callable[[], Picture]]
+
+
+class Source(Protocol):
+    """Anything that images and labels can be had from."""
+
+    def describe(self) -> Json:
+        """Name everything that determines the images and labels: the source's part of the cache key."""
+        ...
+
+    def catalogue(self) -> Catalogue:
+        """List labels and pictures without making any picture."""
+        ...
+
+
+def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
+    """Raise one error about all faults of one kind; do nothing where there are none.
+
+    Args:
+        problem: what is wrong, e.g. `labels.csv names images that do not exist`.
+        faults: one short text per faulty row or file; the first few are shown.
+        advice: what the user can do about it.
+
+    Raises:
+        DataError: `faults` is not empty.
+    """
+    if not faults:
+        return
+    shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
+    raise DataError(f"{problem} ({len(faults)} found): {shown}. {advice}")

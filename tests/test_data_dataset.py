@@ -1,0 +1,110 @@
+"""A data set on disk: it comes back unchanged, and whatever training can see changes its fingerprint."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tacevo.data.dataset import ARRAYS, Dataset, fingerprint, read, with_fingerprint, write
+from tacevo.errors import DataError
+from tacevo.records import DataFacts
+
+
+def make(folder: Path) -> Dataset:
+    """Make a data set of ten tiny images."""
+    folder.mkdir(exist_ok=True)
+    images = np.arange(10 * 3 * 4, dtype=np.uint8).reshape(10, 3, 2, 2)
+    np.save(folder / "images.npy", images)
+    facts = DataFacts(fingerprint="", counts=(8, 1, 1), in_channels=3, image_size=2, outputs=2, names=("depth", "roll"))
+    rows = np.arange(10)
+    unsigned = Dataset(
+        facts=facts,
+        images=(folder / "images.npy").resolve(),
+        targets=np.linspace(0, 1, 20, dtype=np.float32).reshape(10, 2),
+        train=rows[:8],
+        validation=rows[8:9],
+        test=rows[9:],
+        mean=(1.0, 2.0, 3.0),
+        deviation=(4.0, 5.0, 6.0),
+        offset=(0.0, 0.5),
+        scale=(1.0, 2.0),
+    )
+    return with_fingerprint(unsigned)
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    """Facts, statistics and arrays survive, with their types."""
+    before = make(tmp_path)
+    write(before, tmp_path)
+    after = read(tmp_path)
+    assert (after.facts, after.images) == (before.facts, before.images)
+    assert (after.mean, after.deviation, after.offset, after.scale) == (
+        before.mean,
+        before.deviation,
+        before.offset,
+        before.scale,
+    )
+    for name in ARRAYS:
+        assert np.array_equal(getattr(after, name), getattr(before, name))
+        assert getattr(after, name).dtype == getattr(before, name).dtype
+
+
+def test_fingerprint_can_be_checked_afterwards(tmp_path: Path) -> None:
+    """It does not depend on itself, nor on the folder of the images."""
+    here, there = make(tmp_path / "here"), make(tmp_path / "there")
+    assert here.facts.fingerprint == there.facts.fingerprint == fingerprint(here)
+    assert len(here.facts.fingerprint) == 64
+
+
+def moved(row: np.ndarray[tuple[int], np.dtype[np.int64]]) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Point a part of the split at other rows."""
+    return (row + 1) % 10
+
+
+CHANGES: dict[str, Callable[[Dataset], Dataset]] = {
+    "targets": lambda d: replace(d, targets=d.targets[::-1]),
+    "train": lambda d: replace(d, train=moved(d.train)),
+    "validation": lambda d: replace(d, validation=moved(d.validation)),
+    "test": lambda d: replace(d, test=moved(d.test)),
+    "mean": lambda d: replace(d, mean=(1.0, 2.0, 3.5)),
+    "deviation": lambda d: replace(d, deviation=(4.0, 5.0, 6.5)),
+    "offset": lambda d: replace(d, offset=(0.0, 0.25)),
+    "scale": lambda d: replace(d, scale=(1.0, 2.5)),
+    "names": lambda d: replace(d, facts=replace(d.facts, names=("depth", "pitch"))),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+def test_every_part_enters_the_fingerprint(tmp_path: Path, change: Callable[[Dataset], Dataset]) -> None:
+    """A change of any part that training can see changes the hash."""
+    dataset = make(tmp_path)
+    assert fingerprint(change(dataset)) != dataset.facts.fingerprint
+
+
+def test_one_pixel_enters_the_fingerprint(tmp_path: Path) -> None:
+    """The last bit of the last pixel changes the hash."""
+    dataset = make(tmp_path)
+    images = np.load(dataset.images)
+    images[-1, -1, -1, -1] ^= 1
+    np.save(dataset.images, images)
+    assert fingerprint(dataset) != dataset.facts.fingerprint
+
+
+@pytest.mark.parametrize("name", ["facts.json", "images.npy", "targets.npy", "test.npy"])
+def test_missing_file_names_the_folder_to_delete(tmp_path: Path, name: str) -> None:
+    """A cache entry that someone has damaged is an error, never a silent guess."""
+    write(make(tmp_path), tmp_path)
+    (tmp_path / name).unlink()
+    with pytest.raises(DataError, match=r"is damaged .*delete that folder"):
+        read(tmp_path)
+
+
+def test_facts_that_are_cut_off_are_an_error(tmp_path: Path) -> None:
+    """Half a JSON file is reported as damage."""
+    write(make(tmp_path), tmp_path)
+    text = (tmp_path / "facts.json").read_text()
+    (tmp_path / "facts.json").write_text(text[: len(text) // 2])
+    with pytest.raises(DataError, match="is damaged"):
+        read(tmp_path)
