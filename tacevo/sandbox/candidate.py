@@ -1,0 +1,98 @@
+"""The child's side of a job: from source text to a network, from stored images to its input, from an error to a reason.
+
+Only entries import this module; it needs torch, and what it runs is hostile until proven otherwise.
+"""
+
+import hashlib
+import inspect
+import math
+import sys
+from collections.abc import Mapping
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import torch
+import torch._dynamo  # the first optimiser would import it: a second for each child, instead of one for the zygote
+from torch import nn
+
+from tacevo.records import Contract, Json, Kind, Loss, Reason
+
+_NAME = "candidate"
+
+
+def read_contract(value: Mapping[str, Json]) -> Contract:
+    """Read a contract from its JSON."""
+    return Contract(**{**value, "kind": Kind(value["kind"]), "loss": Loss(value["loss"])})
+
+
+def build(source: str, contract: Contract, seed: int) -> nn.Module:
+    """Run a candidate's source and construct its network.
+
+    The text sees `torch`, `nn`, `F` and `math` without importing them, since answers often leave the imports
+    out. Torch's generator is seeded first, so the initial weights follow from the arguments alone.
+
+    Args:
+        source: text of a module that defines the contract's class.
+        contract: the class's name and the arguments it may take.
+        seed: for `torch.manual_seed`.
+
+    Raises:
+        TypeError: the source does not define such a class, or it is no `nn.Module`.
+        Exception: whatever the source raises.
+    """
+    module = ModuleType(_NAME)
+    sys.modules[_NAME] = module  # where dataclasses and type hints look their names up
+    module.__dict__.update(torch=torch, nn=nn, F=nn.functional, math=math)
+    torch.set_deterministic_debug_mode("error")  # as use_deterministic_algorithms(True), without importing a compiler
+    torch.manual_seed(seed)
+    exec(compile(source, f"<{_NAME}>", "exec"), module.__dict__)
+    made = module.__dict__.get(contract.class_name)
+    if not (isinstance(made, type) and issubclass(made, nn.Module)):
+        raise TypeError(f"expected a class {contract.class_name} that extends nn.Module; got {type(made).__name__}")
+    offered = {"in_channels": contract.in_channels, contract.output_argument: contract.outputs}
+    parameters = inspect.signature(made).parameters
+    return made(**{name: value for name, value in offered.items() if name in parameters})
+
+
+def standardise(images: np.ndarray[Any, Any], mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:
+    """Turn stored images into network input.
+
+    Args:
+        images: uint8, shape (n, C, S, S).
+        mean: float32, shape (C, 1, 1), in units of the stored values.
+        deviation: the same, positive.
+
+    Returns:
+        Float32, shape (n, C, S, S): (images - mean) / deviation.
+    """
+    return torch.from_numpy(images).to(torch.float32).sub_(mean).div_(deviation)
+
+
+def fault(output: object, shape: tuple[int, ...]) -> str | None:
+    """Say what keeps an output from being a plain float32 tensor of the shape; None where it is one.
+
+    A subclass of Tensor is refused, because it may answer every later question as it likes.
+    """
+    if type(output) is not torch.Tensor:
+        return f"expected a torch.Tensor; got {type(output).__name__}"
+    if output.dtype is not torch.float32:
+        return f"expected float32; got {output.dtype}"
+    if tuple(output.shape) != shape:
+        return f"expected shape {shape}; got {tuple(output.shape)}"
+    return None
+
+
+def reason_for(error: Exception, otherwise: Reason) -> Reason:
+    """Name an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
+    failed_allocation = isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
+    return Reason.out_of_memory if isinstance(error, MemoryError) or failed_allocation else otherwise
+
+
+def digest(model: nn.Module) -> str:
+    """Hash every weight and buffer with its name, type and shape: 64 hex digits of SHA-256."""
+    total = hashlib.sha256()
+    for name, value in sorted(model.state_dict().items()):
+        total.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
+        total.update(value.detach().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
+    return total.hexdigest()

@@ -1,0 +1,53 @@
+"""The candidate's process: confined first, then the entry, then the end."""
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from tacevo.records import Json, Limits
+from tacevo.sandbox.confinement import confine
+from tacevo.sandbox.processes import close_all_but
+from tacevo.sandbox.protocol import Message, Sort
+from tacevo.sandbox.text import describe
+
+#: What an entry gets: the arrays of the sandbox by name, mapped read-only.
+Arrays = Mapping[str, np.ndarray[Any, Any]]
+#: Sends one frame of the answer: a JSON header and raw bytes.
+Send = Callable[[Json, bytes], None]
+#: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
+#: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
+Entry = Callable[[Json, bytes, Arrays, Send], object]
+
+
+def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> NoReturn:
+    """Turn this fresh fork into a candidate's process, run the entry and end without any clean-up.
+
+    Args:
+        entry: the code to run.
+        job: `header` for the entry, `limits` as JSON.
+        payload: bytes for the entry.
+        arrays: what the zygote mapped.
+        pipe: file descriptor that answers go to; the only one that stays open beside the standard streams, which
+            are /dev/null.
+    """
+
+    def say(sort: Sort, header: Json, data: bytes = b"") -> None:
+        left = memoryview(Message.of(sort, header, data).to_bytes())
+        while left:
+            left = left[os.write(pipe, left) :]
+
+    try:
+        os.setsid()
+        os.chdir("/")
+        close_all_but(pipe)
+        say(Sort.ready, confine(Limits(**job["limits"])))
+        _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
+        say(Sort.done, None)
+    except MemoryError as error:
+        say(Sort.starved, None, describe(error).encode())
+    except BaseException as error:  # SystemExit too: a candidate must not reach the code of the zygote
+        say(Sort.raised, None, describe(error).encode())
+    finally:
+        os._exit(0)  # no atexit, no finaliser, no flush: nothing of the candidate's runs after its answer

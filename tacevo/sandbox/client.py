@@ -1,0 +1,238 @@
+"""The sandbox as the search sees it: one call runs one candidate's job in a confined process of its own.
+
+What it promises: the answer is data (JSON and raw bytes of stated length), however the candidate behaves; when a
+call returns, or the search ends in whatever way, no process of the candidate's is left; a candidate over a limit
+is dead within a second. What it does not promise is in docs/security.md.
+"""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from tacevo.errors import SandboxError
+from tacevo.records import Json, Limits, Reason, to_json
+from tacevo.sandbox.confinement import Level, protect_memory, require
+from tacevo.sandbox.processes import end_tree
+from tacevo.sandbox.protocol import Channel, Message, Sort
+from tacevo.sandbox.text import one_line
+
+#: Seconds that a zygote may take to import torch, and a supervisor to come up on a busy machine.
+_START_SECONDS = 120.0
+#: Seconds after a candidate's limit when the search itself ends it: its supervisor was stopped from within.
+_GRACE_SECONDS = 5.0
+
+_BOOT = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.zygote import main; main(int(sys.argv[1]))"
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One part of an answer; nothing in it is trusted."""
+
+    header: Json
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The entry returned, after it had sent these frames."""
+
+    frames: tuple[Frame, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Died:
+    """The candidate was killed at a limit (`out_of_time`, `out_of_memory`) or ended without an answer (`crashed`)."""
+
+    reason: Reason
+    #: One line for a person.
+    detail: str
+
+
+class Sandbox:
+    """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
+
+    The prepared process (the zygote) starts with the first job. If it dies, the jobs that it had not started
+    raise `SandboxError`, running ones are finished by their supervisors, and the next `run` starts another.
+
+    Args:
+        entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
+        environment: the whole environment of the candidates, beside a fixed `PYTHONHASHSEED`.
+        arrays: name to an `.npy` file, mapped read-only for the entries.
+    """
+
+    def __init__(
+        self, *, entries: Mapping[str, str], environment: Mapping[str, str], arrays: Mapping[str, Path]
+    ) -> None:
+        require(Level.process)
+        protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
+        self._setup = {"entries": dict(entries), "arrays": {name: str(Path(p).resolve()) for name, p in arrays.items()}}
+        self._environment = {**environment, "PYTHONHASHSEED": "0"}
+        self._lock = threading.Lock()
+        self._zygote: _Zygote | None = None
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+        """Run one job and wait for it.
+
+        Args:
+            entry: which of the entries.
+            header: JSON for the entry.
+            payload: bytes for the entry.
+            limits: wall time and memory of the child.
+
+        Raises:
+            SandboxError: the sandbox itself failed; nothing follows about the candidate.
+            KeyError: there is no such entry.
+        """
+        if entry not in self._setup["entries"]:
+            raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
+        job = Message.of(Sort.job, {"entry": entry, "header": header, "limits": to_json(limits)}, payload)
+        ours, theirs = socket.socketpair()
+        with ours:
+            with theirs:
+                zygote = self._submit(theirs)
+            channel = Channel(ours)
+            supervisor = _hand_over(channel, job, zygote)
+            return _await_answer(channel, limits, supervisor, zygote)
+
+    def close(self) -> None:
+        """End the zygote and every job; calls to `run` that wait in other threads raise `SandboxError`."""
+        with self._lock:
+            self._closed = True
+            if self._zygote is not None:
+                self._zygote.close()
+                self._zygote = None
+
+    def _submit(self, job: socket.socket) -> "_Zygote":
+        """Pass the socket of a job to the zygote, starting one where there is none."""
+        with self._lock:
+            if self._closed:
+                raise SandboxError("the sandbox is closed")
+            if self._zygote is not None and not self._zygote.is_alive():
+                self._zygote.close()
+                self._zygote = None
+            if self._zygote is None:
+                self._zygote = _Zygote(self._setup, self._environment)
+            self._zygote.submit(job)
+            return self._zygote
+
+
+class _Zygote:
+    """A running zygote: its process and the socket that jobs are handed over on."""
+
+    def __init__(self, setup: Json, environment: Mapping[str, str]) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            paths = [os.path.abspath(path) for path in sys.path]
+            self._process = subprocess.Popen(
+                [sys.executable, "-s", "-P", "-B", "-c", _BOOT, str(theirs.fileno()), *paths],
+                env=environment,
+                pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C is the search's to handle
+            )
+        self._stream = ours
+        self._ended = False
+        try:
+            self._await_start(setup)
+        except BaseException:
+            self.close()
+            raise
+
+    def _await_start(self, setup: Json) -> None:
+        channel = Channel(self._stream)
+        self._stream.settimeout(_START_SECONDS)
+        try:
+            channel.send(Message.of(Sort.setup, setup))
+            problem = channel.receive().read_header()["error"]
+        except (OSError, EOFError) as error:
+            raise SandboxError(f"the zygote did not start ({type(error).__name__}: {error})") from error
+        if problem is not None:
+            raise SandboxError(f"the zygote could not be prepared: {problem}")
+
+    def is_alive(self) -> bool:
+        """Tell whether the process runs, and nobody has told it to end."""
+        return not self._ended and self._process.poll() is None
+
+    def submit(self, job: socket.socket) -> None:
+        """Pass on the socket of a job.
+
+        Raises:
+            SandboxError: the zygote is gone.
+        """
+        try:
+            socket.send_fds(self._stream, [b"j"], [job.fileno()])
+        except OSError as error:
+            raise SandboxError(f"the zygote takes no job ({error}); the next call starts another one") from error
+
+    def close(self) -> None:
+        """End the process and everything below it; harmless when it has ended already."""
+        self._ended = True  # before the jobs notice: their end is no verdict
+        self._stream.close()  # its end of file is the order to end everything
+        try:
+            self._process.wait(_GRACE_SECONDS)
+        except subprocess.TimeoutExpired:
+            end_tree(self._process.pid)
+            self._process.wait()
+
+
+def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
+    """Give the job to its supervisor, before any code of the candidate runs; return the supervisor's process id."""
+    channel.stream.settimeout(_START_SECONDS)
+    try:
+        supervisor: int = channel.receive().read_header()["pid"]
+        channel.send(job)
+    except (OSError, EOFError) as error:
+        state = "is alive" if zygote.is_alive() else "has died"
+        raise SandboxError(
+            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}"
+        ) from error
+    return supervisor
+
+
+def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zygote) -> Finished | Died:
+    """Collect the frames and the verdict of one job."""
+    channel.stream.settimeout(limits.seconds + _GRACE_SECONDS)
+    frames = []
+    try:
+        while (message := channel.receive()).sort is Sort.frame:
+            frames.append(message)
+    except TimeoutError:
+        end_tree(supervisor)
+        return Died(Reason.out_of_time, f"over {limits.seconds:g} s, and its supervisor was stopped")
+    except (OSError, EOFError) as error:
+        if zygote.is_alive():
+            return Died(Reason.crashed, "its supervisor was killed")
+        raise SandboxError("the sandbox ended while a candidate ran; run it again") from error
+    return _judge(message.read_header(), frames)
+
+
+def _judge(verdict: Json, messages: list[Message]) -> Finished | Died:
+    """Turn the supervisor's verdict and the candidate's frames, which may be garbage, into the answer."""
+    match verdict["ended"]:
+        case "finished":
+            try:
+                return Finished(tuple(Frame(message.read_header(), message.payload) for message in messages))
+            except ValueError as error:
+                return Died(Reason.crashed, one_line(f"a header of its answer cannot be read: {error}"))
+        case "died":
+            return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
+        case _:
+            raise SandboxError(f"the sandbox is broken: {one_line(verdict['detail'])}")

@@ -1,0 +1,94 @@
+"""Process trees as the kernel shows them in /proc: who descends from whom, how much memory they hold, their end.
+
+Linux only. Everything here runs in trusted processes that have one thread each.
+"""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+_PAUSE = 0.001  # seconds between two looks at a dying tree
+_LAST_DESCRIPTOR = 2**31 - 1
+
+
+def children(pid: int) -> list[int]:
+    """List the children of a process, those of all its threads; none where it is gone."""
+    found: list[int] = []
+    with contextlib.suppress(OSError):
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            with contextlib.suppress(OSError):
+                found += map(int, Path(f"/proc/{pid}/task/{thread}/children").read_text().split())
+    return found
+
+
+def descendants(pid: int, spare: Collection[int] = ()) -> Iterator[int]:
+    """Give every process below `pid`, parents first, without the spared children and what is below those."""
+    generation = [child for child in children(pid) if child not in spare]
+    while generation:
+        yield from generation
+        generation = [child for parent in generation for child in children(parent)]
+
+
+def anonymous_mib(pid: int) -> float:
+    """Resident memory of one process that no file backs, in MiB; 0 where it is gone.
+
+    Pages inherited through a fork count too, so a caller takes the parent's figure off. Mapped images do not.
+    """
+    fields = _status(pid)
+    return sum(int(fields[name].split()[0]) for name in ("RssAnon", "RssShmem") if name in fields) / 1024
+
+
+def address_space_mib() -> float:
+    """Address space of this process, in MiB."""
+    return int(_status(os.getpid())["VmSize"].split()[0]) / 1024
+
+
+def end_own_descendants(spare: Collection[int] = ()) -> None:
+    """Kill and reap every descendant of this process, which must be a subreaper, except the spared and theirs.
+
+    A killed process hands its children to the subreaper, so a double fork or a new session does not escape; the
+    loop ends when the kernel knows of no descendant any more.
+    """
+    while doomed := list(descendants(os.getpid(), spare)):
+        for pid in doomed:
+            _kill(pid)
+            with contextlib.suppress(ChildProcessError):  # a grandchild: it will be ours once its parent is gone
+                os.waitpid(pid, os.WNOHANG)
+        time.sleep(_PAUSE)
+
+
+def end_tree(pid: int) -> None:
+    """Kill a process that is not ours and, before it, all its descendants, even where it is stopped."""
+    while living := [below for below in descendants(pid) if _is_alive(below)]:
+        for below in living:
+            _kill(below)
+        time.sleep(_PAUSE)
+    _kill(pid)
+
+
+def close_all_but(descriptor: int) -> None:
+    """Close every file of this process but the standard streams and one more."""
+    os.closerange(3, descriptor)
+    os.closerange(descriptor + 1, _LAST_DESCRIPTOR)
+
+
+def _kill(pid: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _is_alive(pid: int) -> bool:
+    """Tell a running process from one that is gone or waits to be reaped."""
+    return _status(pid).get("State", "Z")[0] not in "ZX"
+
+
+def _status(pid: int) -> dict[str, str]:
+    """Read /proc/<pid>/status; empty where the process is gone."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text(errors="replace").splitlines()
+    except OSError:
+        return {}
+    return {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}

@@ -1,0 +1,155 @@
+"""One trusted process per candidate: starts it, watches time and memory, ends its whole tree, passes the answer on.
+
+It never runs a line of the candidate's and never parses a header that came from it.
+"""
+
+import os
+import select
+import socket
+import time
+from collections.abc import Mapping
+
+from tacevo.records import Json, Limits, Reason
+from tacevo.sandbox import child
+from tacevo.sandbox.confinement import become_subreaper
+from tacevo.sandbox.processes import anonymous_mib, descendants, end_own_descendants
+from tacevo.sandbox.protocol import OUTPUT_LIMIT, Channel, Message, Sort, Splitter
+from tacevo.sandbox.text import describe
+
+_TICK = 0.025  # seconds between two looks at time and memory
+_PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pipe hold
+
+
+def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> None:
+    """Serve one job that comes over `search`, and leave no process behind.
+
+    Raises:
+        OSError: the search is gone, noticed while writing.
+    """
+    channel = Channel(search)
+    try:
+        become_subreaper()
+        channel.send(Message.of(Sort.hello, {"pid": os.getpid()}))
+        answer = _serve(channel, entries, arrays)
+    except EOFError:
+        return  # nobody waits any more
+    except Exception as error:
+        answer = [Message.of(Sort.verdict, {"ended": "broken", "detail": describe(error)})]
+    finally:
+        end_own_descendants()
+    for message in answer:
+        channel.send(message)
+
+
+def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> list[Message]:
+    """Start the candidate and watch it to its end; give its frames and the verdict.
+
+    Raises:
+        EOFError: the search has given the job up, or is gone.
+    """
+    message = channel.receive()
+    job = message.read_header()
+    pipe, theirs = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        child.run(entries[job["entry"]], job, message.payload, arrays, theirs)
+    os.close(theirs)
+    os.set_blocking(pipe, False)
+    watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]))
+    verdict = watch.until_the_end()
+    return [*watch.frames, Message.of(Sort.verdict, verdict)]
+
+
+class _Watch:
+    """What a supervisor knows of its candidate.
+
+    Args:
+        pid: the child.
+        pipe: the non-blocking end of its result pipe.
+        search: descriptor of the socket to the search; its end means that nobody waits any more.
+        limits: what the candidate may use, from now on.
+    """
+
+    def __init__(self, pid: int, pipe: int, search: int, limits: Limits) -> None:
+        self.frames: list[Message] = []
+        self._pid, self._pipe, self._search, self._limits = pid, pipe, search, limits
+        self._end = os.pidfd_open(pid)
+        self._deadline = time.monotonic() + limits.seconds
+        self._inherited_mib = anonymous_mib(os.getpid())
+        self._splitter = Splitter(OUTPUT_LIMIT)
+        self._confined = False
+        self._poll = select.poll()
+        for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (search, select.POLLRDHUP)):
+            self._poll.register(descriptor, event)
+
+    def until_the_end(self) -> Json:
+        """Wait until the candidate is done, dead or over a limit, and give the verdict."""
+        while True:
+            if time.monotonic() >= self._deadline:
+                return _died(Reason.out_of_time, f"over {self._limits.seconds:g} s")
+            if self._used_mib() > self._limits.memory_mib:
+                return _died(Reason.out_of_memory, f"over {self._limits.memory_mib} MiB of resident memory")
+            happened = {descriptor for descriptor, _ in self._poll.poll(_TICK * 1000)}
+            if self._search in happened:
+                raise EOFError("the search has given the job up")
+            verdict = self._read()
+            if verdict is None and self._end in happened:
+                verdict = self._read() or self._lost()  # what it wrote before it died still counts
+            if verdict is not None:
+                return verdict
+
+    def _read(self) -> Json | None:
+        """Take what is in the pipe; give the verdict if it ends the job."""
+        try:
+            data = os.read(self._pipe, _PIPE_SIZE)
+            messages = self._splitter.feed(data)
+        except BlockingIOError:
+            return None
+        except ValueError as error:
+            return _died(Reason.crashed, f"its answer cannot be read: {error}")
+        for message in messages:
+            verdict = self._hear(message)
+            if verdict is not None:
+                return verdict
+        return None if data else self._lost()  # no data: every writer has closed the pipe
+
+    def _hear(self, message: Message) -> Json | None:
+        """Take one message of the child's; give the verdict if it is the last."""
+        text = message.payload.decode(errors="replace")
+        match message.sort:
+            case Sort.ready:
+                self._confined = True
+            case Sort.frame:
+                self.frames.append(message)
+            case Sort.done:
+                return {"ended": "finished"}
+            case Sort.starved if self._confined:
+                return _died(Reason.out_of_memory, text)
+            case Sort.raised if self._confined:
+                return _died(Reason.crashed, text)
+            case Sort.starved | Sort.raised:
+                return {"ended": "broken", "detail": f"a child could not be confined: {text}"}
+            case _:
+                return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
+        return None
+
+    def _lost(self) -> Json:
+        """Give the verdict on a child that stopped talking before it was done."""
+        self._poll.unregister(self._pipe)
+        self._poll.poll(_TICK * 1000)  # a dying process closes its files shortly before it can be waited for
+        pid, status = os.waitpid(self._pid, os.WNOHANG)
+        if not pid:
+            how = "it closed its result pipe"
+        elif os.WIFSIGNALED(status):
+            how = f"killed by signal {os.WTERMSIG(status)}"
+        else:
+            how = f"it exited with status {os.waitstatus_to_exitcode(status)} before it had answered"
+        return _died(Reason.crashed, how) if self._confined else {"ended": "broken", "detail": how}
+
+    def _used_mib(self) -> float:
+        """Memory of the whole tree beyond what was inherited, in MiB."""
+        return sum(max(0.0, anonymous_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
+
+
+def _died(reason: Reason, detail: str) -> Json:
+    return {"ended": "died", "reason": reason.value, "detail": detail}

@@ -1,0 +1,51 @@
+"""The task losses as the parent computes them from a candidate's predictions.
+
+They decide which candidate wins, so they must be equal on every machine: sums are exact (`math.fsum`), and the
+result is rounded to 9 significant digits on purpose, because `exp` and `log` of the C library may differ in
+their last bit between CPUs.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacevo.records import Loss
+
+_DIGITS = 9
+
+
+def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArray[Any]) -> float:
+    """Compute the task loss, rounded to 9 significant digits.
+
+    Args:
+        loss: which one.
+        predictions: shape (n, K), finite.
+        targets: float32 of shape (n, K) for `mse`; int64 of shape (n,), each in [0, K), for `cross_entropy`.
+    """
+    exact = mean_squared_error if loss is Loss.mse else cross_entropy
+    return float(f"{exact(predictions, targets):.{_DIGITS}g}")
+
+
+def mean_squared_error(predictions: NDArray[np.float32], targets: NDArray[np.float32]) -> float:
+    """Average the squared error over all values of shape (n, K)."""
+    errors = predictions.astype(np.float64) - targets.astype(np.float64)
+    return math.fsum((errors * errors).ravel().tolist()) / errors.size
+
+
+def cross_entropy(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> float:
+    """Average, in nats, minus the log-probability that softmax gives to the true class.
+
+    Args:
+        logits: shape (n, K), finite.
+        classes: shape (n,), each in [0, K).
+    """
+    rows = zip(logits.tolist(), classes.tolist(), strict=True)
+    return math.fsum(_log_sum_exp(row) - row[true] for row, true in rows) / len(classes)
+
+
+def _log_sum_exp(values: list[float]) -> float:
+    """Compute log(sum(exp(values))) without overflow."""
+    top = max(values)
+    return top + math.log(math.fsum(math.exp(value - top) for value in values))

@@ -1,0 +1,169 @@
+"""The training of one candidate, inside its sandbox: the entry `run`.
+
+It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
+validation labels never come here, so a candidate cannot know how well it does. Nothing that leaves here is
+trusted: the candidate shares this process.
+"""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.nn.functional import cross_entropy, mse_loss
+
+from tacevo.randomness import stream
+from tacevo.records import Contract, Json, Limits, Loss, Reason, Recipe
+from tacevo.sandbox.candidate import build, digest, fault, read_contract, reason_for, standardise
+from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.text import describe
+
+
+class _FailedError(Exception):
+    """The candidate failed."""
+
+    def __init__(self, reason: Reason, detail: str) -> None:
+        super().__init__(detail)
+        self.reason, self.detail = reason, detail
+
+
+class _Job(NamedTuple):
+    """What the search asked for; rows index the images."""
+
+    source: str
+    contract: Contract
+    recipe: Recipe
+    seed: int
+    images: NDArray[np.uint8]
+    mean: torch.Tensor
+    deviation: torch.Tensor
+    train: NDArray[np.int64]
+    validation: NDArray[np.int64]
+    targets: torch.Tensor
+
+    def inputs(self, rows: NDArray[np.int64]) -> torch.Tensor:
+        """Give the network's input for some images, float32 of shape (len(rows), C, S, S)."""
+        return standardise(self.images[rows], self.mean, self.deviation)
+
+
+def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Train a candidate and send one frame per epoch, then one with the digest of its weights.
+
+    Args:
+        header: `source`, `contract`, `recipe`, `seed`; `mean` and `deviation` per channel, in units of the stored
+            values; `train` and `validation`, the numbers of images.
+        payload: int64 rows of the training images, int64 rows of the validation images, then the training
+            targets (float32 of shape (n, K), or int64 of shape (n,)).
+        arrays: `images`, uint8 of shape (N, C, S, S).
+        send: gets `{"epoch", "train_loss"}` with the float32 predictions of the validation images, shape (n, K),
+            row-major, for each epoch; then `{"weights_sha256"}`; or `{"rejection": {"reason", "detail"}}`.
+    """
+    try:
+        return _train(_read(header, payload, arrays), send)
+    except _FailedError as failure:
+        send({"rejection": {"reason": failure.reason.value, "detail": failure.detail}}, b"")
+        return failure  # its trace keeps the candidate's objects alive: their finalisers must not run
+
+
+def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
+    """Read a job from its wire form."""
+    contract = read_contract(header["contract"])
+    count, split = header["train"], header["train"] + header["validation"]
+    rows = np.frombuffer(payload, np.int64, split)
+    kind = np.float32 if contract.loss is Loss.mse else np.int64
+    targets = np.frombuffer(payload, kind, offset=rows.nbytes).reshape((count, -1) if contract.loss is Loss.mse else -1)
+    return _Job(
+        source=header["source"],
+        contract=contract,
+        recipe=Recipe(**{**header["recipe"], "limits": Limits(**header["recipe"]["limits"])}),
+        seed=header["seed"],
+        images=arrays["images"],
+        mean=torch.tensor(header["mean"])[:, None, None],
+        deviation=torch.tensor(header["deviation"])[:, None, None],
+        train=rows[:count],
+        validation=rows[count:],
+        targets=torch.from_numpy(targets.copy()),
+    )
+
+
+def _train(job: _Job, send: Send) -> nn.Module:
+    """Train for all epochs; give the trained network."""
+    with _blaming(Reason.construction_failed):
+        model = build(job.source, job.contract, job.seed)
+        # Fused always: the other form takes its square root from a library whose last bit depends on the CPU.
+        optimiser = torch.optim.Adam(model.parameters(), job.recipe.learning_rate, fused=True)
+    for epoch in range(job.recipe.epochs):
+        train_loss = _epoch(job, model, optimiser, epoch)
+        send({"epoch": epoch, "train_loss": train_loss}, _predict(job, model))
+    with _blaming(Reason.crashed):
+        send({"weights_sha256": digest(model)}, b"")
+    return model
+
+
+def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int64]]:
+    """Shuffle the positions 0..count-1 into the batches of one epoch.
+
+    A last incomplete batch is dropped (batch normalisation cannot take one image) unless it is the only one.
+    """
+    order = stream(seed, "batches", epoch).permutation(count)
+    full = count // size
+    return [order] if full == 0 else [order[i * size : (i + 1) * size] for i in range(full)]
+
+
+def _epoch(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, epoch: int) -> float:
+    """Train on every batch of one epoch; give the mean of the batch losses."""
+    model.train()
+    losses = [
+        _step(job, model, optimiser, positions)
+        for positions in batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
+    ]
+    return math.fsum(losses) / len(losses)
+
+
+def _step(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, positions: NDArray[np.int64]) -> float:
+    """Take one step on one batch; give its loss before the step."""
+    output = _forward(job, model, job.train[positions])
+    with _blaming(Reason.backward_failed):
+        loss = (mse_loss if job.contract.loss is Loss.mse else cross_entropy)(output, job.targets[positions])
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            raise _FailedError(Reason.not_finite, f"expected a finite training loss; got {value}")
+        optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    return value
+
+
+def _predict(job: _Job, model: nn.Module) -> bytes:
+    """Predict every validation image, in batches of the training's size; float32, row-major."""
+    model.eval()
+    size = job.recipe.batch_size
+    with torch.no_grad():
+        parts = [_forward(job, model, job.validation[i : i + size]) for i in range(0, len(job.validation), size)]
+    return torch.cat(parts).contiguous().numpy().tobytes()
+
+
+def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:
+    """Run the network on some images and check what comes out: float32 of shape (len(rows), K)."""
+    with _blaming(Reason.forward_failed):
+        output: Any = model(job.inputs(rows))
+    problem = fault(output, (len(rows), job.contract.outputs))
+    if problem is not None:
+        raise _FailedError(Reason.bad_output, problem)
+    checked: torch.Tensor = output
+    return checked
+
+
+@contextmanager
+def _blaming(reason: Reason) -> Iterator[None]:
+    """Turn whatever the candidate raises into a failure for this reason."""
+    try:
+        yield
+    except _FailedError:
+        raise
+    except Exception as error:
+        raise _FailedError(reason_for(error, reason), describe(error)) from error

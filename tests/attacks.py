@@ -1,0 +1,244 @@
+"""Entries that do to the sandbox what a hostile candidate would; imported by the zygote, so without pytest."""
+
+import atexit
+import ctypes
+import mmap
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tacevo.records import Json
+from tacevo.sandbox.child import Arrays, Send
+
+MIB = 2**20
+
+
+def echo(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Answer with what came."""
+    send(header, payload)
+
+
+def look_around(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Report what a candidate can see of its own process."""
+    send(
+        {
+            "environment": dict(os.environ),
+            "directory": os.getcwd(),
+            "is_session_leader": os.getsid(0) == os.getpid(),
+            "descriptors": sum(_works(partial(os.fstat, number)) for number in range(1024)),
+            "streams": [os.readlink(f"/proc/self/fd/{n}") for n in range(3)],
+            "hash": hash("seed"),
+            "torch": "torch" in sys.modules,
+        },
+        b"",
+    )
+
+
+def sum_images(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Read the shared images, then try to change them."""
+    total = int(arrays["images"].sum())
+    try:
+        arrays["images"][0] = 0
+    except ValueError:
+        send(total, b"")
+
+
+def spin(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Never return, deaf to every signal that can be ignored."""
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGALRM, signal.SIGXCPU):
+        signal.signal(number, signal.SIG_IGN)
+    while True:
+        pass
+
+
+def spin_with_family(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Never return, in five processes, three of which left the session."""
+    for number in range(4):
+        if os.fork() == 0:
+            if number:
+                os.setsid()
+                if os.fork():
+                    os._exit(0)
+            _sleep_for_ever()
+    _sleep_for_ever()
+
+
+def leave_an_orphan(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Answer at once with the process id of a grandchild that left the session and goes on."""
+    shared = mmap.mmap(-1, 4)
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork() == 0:
+            shared[:] = struct.pack("!I", os.getpid())
+            _sleep_for_ever()
+        os._exit(0)
+    while not any(shared[:]):
+        time.sleep(0.001)
+    send(struct.unpack("!I", shared[:])[0], b"")
+
+
+class _Endless:
+    def __del__(self) -> None:
+        while True:
+            pass
+
+
+def spin_in_finaliser(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Answer, and give back an object whose finaliser never ends."""
+    send("answered", b"")
+    return _Endless()
+
+
+def spin_at_exit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Answer, and register an exit handler that never ends."""
+    atexit.register(_sleep_for_ever)
+    send("answered", b"")
+
+
+def exit_quietly(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """End the process as if all were well, before answering."""
+    os._exit(0)
+
+
+def raise_system_exit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Raise what `except Exception` does not catch."""
+    raise SystemExit(0)
+
+
+def divide_by_zero(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Raise an ordinary exception."""
+    print(1 / 0)
+
+
+def read_address_zero(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Crash in native code."""
+    ctypes.string_at(0)
+
+
+def print_much(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Print 50 MB to both streams, then answer."""
+    for _ in range(50):
+        print("x" * MIB)
+        print("x" * MIB, file=sys.stderr)
+    send("answered", b"")
+
+
+def reserve_two_gib(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Ask for 2 GiB in one piece."""
+    send(len(bytearray(2048 * MIB)), b"")
+
+
+def fill_shared_memory(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Fill 1 GiB of anonymous shared memory."""
+    memory = mmap.mmap(-1, 1024 * MIB)
+    for position in range(0, 1024 * MIB, mmap.PAGESIZE):
+        memory[position] = 1
+    _sleep_for_ever()
+
+
+def fill_memory_in_family(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Take four times 100 MiB, each in a process of its own."""
+    for _ in range(4):
+        if os.fork() == 0:
+            _kept = b"x" * (100 * MIB)
+            _sleep_for_ever()
+    _sleep_for_ever()
+
+
+def kill_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Kill the parent, and stay behind with a child."""
+    os.fork()
+    os.kill(os.getppid(), signal.SIGKILL)
+    _sleep_for_ever()
+
+
+def stop_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Stop the parent, so that nobody watches the limits."""
+    os.kill(os.getppid(), signal.SIGSTOP)
+    _sleep_for_ever()
+
+
+def kill_zygote(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Kill the parent's parent, whose process id it was told, then answer."""
+    os.kill(header, signal.SIGKILL)
+    time.sleep(0.2)
+    send("answered", b"")
+
+
+def write_raw(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write the payload, as it is, into the result pipe."""
+    os.write(_pipe(), payload)
+    _sleep_for_ever()
+
+
+def close_pipe(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Close the result pipe and go on."""
+    os.close(_pipe())
+    _sleep_for_ever()
+
+
+def answer_much(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Send 100 MiB."""
+    for number in range(100):
+        send(number, bytes(MIB))
+
+
+def steal(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Try to read memory and environment of supervisor, zygote and search; report what worked."""
+    taken = []
+    for pid in (os.getppid(), header["search"]):
+        for name in ("environ", "mem", "maps"):
+            if _works(partial(os.open, f"/proc/{pid}/{name}", os.O_RDONLY)):
+                taken.append(f"{pid} {name}")
+        attach = 16
+        if ctypes.CDLL(None, use_errno=True).ptrace(attach, pid, 0, 0) == 0:
+            taken.append(f"{pid} ptrace")
+    send(taken, b"")
+
+
+def open_things(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Try to open a file to read, a socket, a pipe, a file in memory, and to start a program; report what worked."""
+    attempts: dict[str, Callable[[], object]] = {
+        "file": partial(os.open, "/etc/hostname", os.O_RDONLY),
+        "tcp": partial(socket.socket, socket.AF_INET),
+        "unix": partial(socket.socket, socket.AF_UNIX),
+        "pipe": os.pipe,
+        "memory": partial(os.memfd_create, "x"),
+        "program": partial(subprocess.run, ["/bin/true"], check=False),
+    }
+    send([name for name, attempt in attempts.items() if _works(attempt)], b"")
+
+
+def write_files(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Try to write a byte: to a new file, to an old one, and by growing one."""
+    folder = Path(header["folder"])
+    _works(lambda: (folder / "new").write_text("x"))
+    _works(lambda: (folder / "old").write_text("x"))
+    _works(lambda: os.truncate(folder / "old", MIB))
+    send("tried", b"")
+
+
+def _works(act: Callable[[], Any]) -> bool:
+    try:
+        act()
+    except OSError:
+        return False
+    return True
+
+
+def _pipe() -> int:
+    """Find the result pipe: the only file beside the standard streams."""
+    return next(n for n in range(3, 64) if _works(partial(os.fstat, n)))
+
+
+def _sleep_for_ever() -> None:
+    while True:
+        time.sleep(60)

@@ -1,0 +1,325 @@
+"""Promise: whatever a candidate does, the search gets a typed answer, and no process of the candidate's is left."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import attacks
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tacevo.errors import SandboxError
+from tacevo.records import Json, Limits, Reason
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.sandbox.processes import children, descendants
+from tacevo.sandbox.protocol import Message, Sort
+from tacevo.training.numerics import Numerics, environment
+
+pytestmark = pytest.mark.timeout(60)
+
+LIMITS = Limits(seconds=5, memory_mib=300)
+SHORT = Limits(seconds=1, memory_mib=300)
+ENTRIES = {
+    name: f"attacks:{name}"
+    for name, value in vars(attacks).items()
+    if callable(value) and value.__module__ == "attacks"
+}
+
+
+def open_sandbox(folder: Path) -> Sandbox:
+    """Open a sandbox with every attack and 12 bytes of images."""
+    images = folder / "images.npy"
+    np.save(images, np.ones((12,), np.uint8))
+    return Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images})
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
+    """Give one sandbox to all attacks, so that each also finds what the others left behind."""
+    with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
+        opened.run("echo", None, b"", LIMITS)
+        yield opened
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Wait until a condition holds, at most 10 seconds."""
+    deadline = time.monotonic() + 10
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def is_gone(pid: int) -> bool:
+    """Tell whether a process has ended and been reaped."""
+    return not Path(f"/proc/{pid}").exists()
+
+
+def death(sandbox: Sandbox, entry: str, limits: Limits = LIMITS, payload: bytes = b"") -> Died:
+    """Run an attack that must die, and see that nothing of it is left and the sandbox still works."""
+    before = set(descendants(os.getpid()))
+    answer = sandbox.run(entry, None, payload, limits)
+    assert isinstance(answer, Died)
+    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+    assert sandbox.run("echo", 1, b"", LIMITS) == Finished((Frame(1, b""),))
+    return answer
+
+
+def answer(sandbox: Sandbox, entry: str, header: Json = None) -> Json:
+    """Run an attack that must answer with one frame; give its header."""
+    finished = sandbox.run(entry, header, b"", LIMITS)
+    assert isinstance(finished, Finished), finished
+    (frame,) = finished.frames
+    return frame.header
+
+
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(header=JSON, payload=st.binary(max_size=300_000))
+def test_header_and_payload_pass_through_unchanged(sandbox: Sandbox, header: Json, payload: bytes) -> None:
+    """What an entry gets and sends is what was meant."""
+    assert sandbox.run("echo", header, payload, LIMITS) == Finished((Frame(header, payload),))
+
+
+def test_threads_get_their_own_answers(sandbox: Sandbox) -> None:
+    """Jobs of several threads at once are not mixed up."""
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(lambda number: answer(sandbox, "echo", number), range(24)))
+    assert answers == list(range(24))
+
+
+def test_child_sees_a_cleared_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No variable of the search reaches a candidate."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", "secret")
+    with Sandbox(entries=ENTRIES, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as fresh:
+        seen = answer(fresh, "look_around")["environment"]
+    seen.pop("LC_CTYPE", None)  # which Python sets itself
+    assert seen == {"OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
+
+
+def test_child_has_its_own_session_and_no_inherited_file(sandbox: Sandbox) -> None:
+    """A candidate stands alone: a session, a neutral directory, silent streams, one pipe."""
+    seen = answer(sandbox, "look_around")
+    assert seen["is_session_leader"]
+    assert seen["directory"] == "/"
+    assert seen["streams"] == ["/dev/null"] * 3
+    assert seen["descriptors"] == 4
+
+
+def test_hashes_of_text_are_fixed(sandbox: Sandbox, tmp_path: Path) -> None:
+    """Two sandboxes give a string the same hash, so that no candidate's bits hang on it."""
+    with open_sandbox(tmp_path) as other:
+        assert answer(other, "look_around")["hash"] == answer(sandbox, "look_around")["hash"]
+
+
+def test_arrays_are_shared_read_only(sandbox: Sandbox) -> None:
+    """A candidate reads the images and cannot change them."""
+    assert answer(sandbox, "sum_images") == 12
+
+
+def test_search_never_imports_torch() -> None:
+    """The sandbox's client works without torch in the search process."""
+    check = "import sys, tacevo.sandbox.client, tacevo.training.evaluation; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], env=_search_environment(), check=False).returncode == 0
+
+
+@pytest.mark.parametrize("entry", ["spin", "spin_with_family"])
+def test_endless_candidate_is_out_of_time(sandbox: Sandbox, entry: str) -> None:
+    """Over the time limit the whole tree dies, other sessions included."""
+    assert death(sandbox, entry, SHORT) == Died(Reason.out_of_time, "over 1 s")
+
+
+def test_orphan_of_a_finished_candidate_is_killed(sandbox: Sandbox) -> None:
+    """A grandchild that left the session does not outlive the answer."""
+    orphan = answer(sandbox, "leave_an_orphan")
+    assert eventually(lambda: is_gone(orphan))
+
+
+@pytest.mark.parametrize("entry", ["spin_in_finaliser", "spin_at_exit"])
+def test_endless_end_does_not_delay_the_answer(sandbox: Sandbox, entry: str) -> None:
+    """After the answer nothing of the candidate's runs, so its finalisers cannot hold it up."""
+    assert answer(sandbox, entry) == "answered"
+
+
+@pytest.mark.parametrize("entry", ["reserve_two_gib", "fill_shared_memory", "fill_memory_in_family"])
+def test_greedy_candidate_is_out_of_memory(sandbox: Sandbox, entry: str) -> None:
+    """Memory counts in one piece, when shared, and over all processes of the tree."""
+    assert death(sandbox, entry).reason is Reason.out_of_memory
+
+
+@pytest.mark.parametrize(
+    ("entry", "detail"),
+    [
+        ("exit_quietly", "it exited with status 0 before it had answered"),
+        ("raise_system_exit", "SystemExit: 0"),
+        ("divide_by_zero", "ZeroDivisionError: division by zero"),
+        ("read_address_zero", "killed by signal 11"),
+        ("kill_supervisor", "its supervisor was killed"),
+        ("close_pipe", "it closed its result pipe"),
+    ],
+)
+def test_death_without_an_answer_is_a_crash(sandbox: Sandbox, entry: str, detail: str) -> None:
+    """Every way to end without a full answer is a verdict, not a hang and not an exception."""
+    assert death(sandbox, entry) == Died(Reason.crashed, detail)
+
+
+def test_endless_answer_is_a_crash(sandbox: Sandbox) -> None:
+    """Nobody collects more than a stated number of bytes."""
+    assert death(sandbox, "answer_much").reason is Reason.crashed
+
+
+FORGED = {
+    "unknown sort": b"\xff" * 13,
+    "endless length": b"\x05\x00\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\xff",
+    "message of another role": Message.of(Sort.verdict, {"ended": "finished"}).to_bytes(),
+    "no JSON": Message(Sort.frame, b"{", b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+    "NaN": Message(Sort.frame, b"NaN", b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+    "infinity": Message(Sort.frame, b"1e999", b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+    "lone surrogate": Message(Sort.frame, b'"\\ud800"', b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+    "bad UTF-8": Message(Sort.frame, b'"\xff"', b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+    "deep nesting": Message(Sort.frame, b"[" * 100_000, b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+    "endless number": Message(Sort.frame, b"9" * 100_000, b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
+}
+
+
+@pytest.mark.parametrize("forged", FORGED.values(), ids=FORGED.keys())
+def test_garbage_in_the_pipe_is_a_crash(sandbox: Sandbox, forged: bytes) -> None:
+    """A candidate that writes to the result pipe itself gets a verdict, whatever it writes."""
+    assert death(sandbox, "write_raw", payload=forged).reason is Reason.crashed
+
+
+def test_half_a_message_is_out_of_time(sandbox: Sandbox) -> None:
+    """Nobody waits longer than the limit for the rest of a message."""
+    half = Message.of(Sort.frame, None, bytes(100)).to_bytes()[:50]
+    assert death(sandbox, "write_raw", SHORT, half).reason is Reason.out_of_time
+
+
+def test_stopped_supervisor_does_not_stop_the_search(sandbox: Sandbox) -> None:
+    """Where a candidate stops its supervisor, the search itself ends both."""
+    assert death(sandbox, "stop_supervisor", SHORT).detail == "over 1 s, and its supervisor was stopped"
+
+
+def test_killed_zygote_costs_no_running_job(tmp_path: Path) -> None:
+    """A job outlives the zygote, and the next job starts another one."""
+    before = set(children(os.getpid()))
+    with open_sandbox(tmp_path) as fresh:
+        answer(fresh, "echo")
+        (zygote,) = set(children(os.getpid())) - before
+        assert answer(fresh, "kill_zygote", zygote) == "answered"
+        assert answer(fresh, "echo", 2) == 2
+
+
+def test_prints_go_nowhere(sandbox: Sandbox, capfd: pytest.CaptureFixture[str]) -> None:
+    """A candidate may print megabytes; nobody is held up and nothing is shown."""
+    assert answer(sandbox, "print_much") == "answered"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_memory_of_the_search_cannot_be_read(sandbox: Sandbox) -> None:
+    """Labels and keys in the memory of search and supervisor are out of reach, for root's candidates too."""
+    assert answer(sandbox, "steal", {"search": os.getpid()}) == []
+
+
+def test_nothing_can_be_opened(sandbox: Sandbox) -> None:
+    """No file, socket or pipe is added to those that a candidate starts with, and no program is started."""
+    assert answer(sandbox, "open_things") == []
+
+
+def test_no_byte_can_be_written(sandbox: Sandbox, tmp_path: Path) -> None:
+    """A candidate adds no byte to any file."""
+    (tmp_path / "old").touch()
+    answer(sandbox, "write_files", {"folder": str(tmp_path)})
+    assert all(path.stat().st_size == 0 for path in tmp_path.iterdir())
+
+
+def _search_environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+HANGING_SEARCH = """
+import attacks
+from tacevo.records import Limits
+from tacevo.sandbox.client import Sandbox
+with Sandbox(entries={"hang": "attacks:spin_with_family"}, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as sandbox:
+    sandbox.run("hang", None, b"", Limits(seconds=600, memory_mib=300))
+"""
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_ended_search_leaves_no_orphan(end: signal.Signals) -> None:
+    """However the search ends, its zygote, its supervisors and its candidates end too."""
+    command = [sys.executable, "-c", HANGING_SEARCH]
+    with subprocess.Popen(command, env=_search_environment(), stderr=subprocess.DEVNULL) as search:
+        try:
+            assert eventually(lambda: len(list(descendants(search.pid))) >= 7)  # zygote, supervisor, five of the attack
+            family = list(descendants(search.pid))
+        finally:
+            search.send_signal(end)
+    assert eventually(lambda: all(map(is_gone, family)))
+
+
+def test_closed_sandbox_ends_running_jobs(tmp_path: Path) -> None:
+    """Closing does not wait for candidates; a thread that waits for one is told."""
+    fresh = open_sandbox(tmp_path)
+    before = set(descendants(os.getpid()))
+    told: list[SandboxError] = []
+
+    def wait_for_it() -> None:
+        try:
+            fresh.run("spin", None, b"", Limits(seconds=600, memory_mib=300))
+        except SandboxError as error:
+            told.append(error)
+
+    waiting = threading.Thread(target=wait_for_it)
+    waiting.start()
+    assert eventually(lambda: len(set(descendants(os.getpid())) - before) == 3)
+    fresh.close()
+    waiting.join()
+    assert len(told) == 1
+    assert set(descendants(os.getpid())) <= before
+    with pytest.raises(SandboxError, match="the sandbox is closed"):
+        fresh.run("echo", None, b"", LIMITS)
+
+
+def test_missing_entry_is_named(sandbox: Sandbox) -> None:
+    """A misspelt entry is the caller's mistake, told at once."""
+    with pytest.raises(KeyError, match="no entry 'ecko'"):
+        sandbox.run("ecko", None, b"", LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("entries", "arrays", "problem"),
+    [
+        ({"a": "nowhere:run"}, {}, "No module named 'nowhere'"),
+        ({"a": "attacks:nothing"}, {}, "has no attribute 'nothing'"),
+        ({"a": "attacks:echo"}, {"images": Path("/nowhere.npy")}, "No such file"),
+    ],
+)
+def test_zygote_that_cannot_be_prepared_says_why(
+    entries: dict[str, str], arrays: dict[str, Path], problem: str
+) -> None:
+    """A broken sandbox raises; it never judges a candidate."""
+    with (
+        Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as broken,
+        pytest.raises(SandboxError, match=problem),
+    ):
+        broken.run("a", None, b"", LIMITS)

@@ -1,0 +1,45 @@
+"""Promise: text that came from a candidate is one short printable line before anyone sees it."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.sandbox.text import LONGEST, describe, one_line
+
+
+@given(st.text())
+def test_any_text_becomes_one_printable_line(text: str) -> None:
+    """No control character reaches a terminal, and nothing is endless."""
+    line = one_line(text)
+    assert line.isprintable()
+    assert len(line) <= LONGEST
+
+
+def test_first_line_that_says_something_is_kept() -> None:
+    """Blank lines in front are skipped, lines behind are cut."""
+    assert one_line("\n  \n mat1 and mat2\nhave shapes") == "mat1 and mat2"
+
+
+def test_addresses_are_scrubbed() -> None:
+    """What differs between two runs is taken out."""
+    assert one_line("<Net at 0x7f3a> lacks x") == "<Net at 0x...> lacks x"
+
+
+def test_terminal_codes_are_replaced() -> None:
+    """An escape sequence stays readable and does nothing."""
+    assert one_line("\x1b[2Jgone") == "?[2Jgone"
+
+
+def test_exception_is_its_type_and_message() -> None:
+    """A detail starts with the type, which says most."""
+    assert describe(ValueError("bad shape\nmore")) == "ValueError: bad shape"
+    assert describe(ValueError()) == "ValueError"
+
+
+def test_exception_that_cannot_be_printed_is_described() -> None:
+    """A hostile exception class does not break the report of it."""
+
+    class _MuteError(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError
+
+    assert describe(_MuteError()) == "_MuteError: (its message cannot be read)"

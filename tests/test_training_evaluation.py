@@ -1,0 +1,261 @@
+"""Promise: an evaluation depends on its key alone, labels stay in the parent, and no answer of a child is believed."""
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from training_jobs import CONTRACT, RECIPE, SOURCE, examples
+
+from tacevo.errors import CacheMissError, DataError, SandboxError
+from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.store import Store
+from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Run, judge
+from tacevo.training.numerics import Numerics, environment
+
+pytestmark = pytest.mark.timeout(120)
+
+DATA = examples()
+EXAMPLES = Examples(
+    train=DATA.train,
+    validation=DATA.validation,
+    train_targets=DATA.targets[DATA.train],
+    validation_targets=DATA.targets[DATA.validation],
+    mean=(127.5,) * 3,
+    deviation=(74.0,) * 3,
+    fingerprint="abc",
+)
+WEIGHTS = "0" * 64
+
+
+def evaluator(run: Run, root: Path, **changes: Any) -> Evaluator:
+    """Make an evaluator of the tiny task, with some arguments changed."""
+    store = Store(root, "evaluations", changes.pop("mode", Mode.record))
+    arguments = {"contract": CONTRACT, "examples": EXAMPLES, "fingerprint": "abc", "recipe": RECIPE}
+    return Evaluator(run=run, store=store, **{**arguments, "numerics": Numerics.portable, **changes})
+
+
+def open_sandbox(folder: Path) -> Sandbox:
+    """Open a sandbox with the images of the tiny task."""
+    images = folder / "images.npy"
+    np.save(images, DATA.images)
+    return Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images})
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
+    """Give one sandbox to all trainings."""
+    with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
+        yield opened
+
+
+def never(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    """Refuse to train."""
+    raise SandboxError("nothing may be trained here")
+
+
+class Recorder:
+    """A sandbox that notes what it is sent and answers with perfect predictions."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[Json, bytes]] = []
+
+    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished:
+        """Answer as a trainer would."""
+        self.sent.append((header, payload))
+        return good_answer(EXAMPLES.validation_targets)
+
+
+def good_answer(predictions: np.ndarray[Any, Any]) -> Finished:
+    """Write what a trainer sends that predicts the same after every epoch."""
+    frames = [Frame({"epoch": epoch, "train_loss": 0.5}, predictions.tobytes()) for epoch in range(RECIPE.epochs)]
+    return Finished((*frames, Frame({"weights_sha256": WEIGHTS}, b"")))
+
+
+def test_trivial_target_is_learnt(sandbox: Sandbox, tmp_path: Path) -> None:
+    """The validation loss, computed from the child's predictions, falls clearly below the labels' variance."""
+    verdict = evaluator(sandbox.run, tmp_path).evaluate(SOURCE, 0)
+    assert isinstance(verdict, Training)
+    assert verdict.fitness < EXAMPLES.validation_targets.var() / 2
+    assert len(verdict.train_losses) == len(verdict.validation_losses) == RECIPE.epochs
+
+
+def test_two_sandboxes_give_equal_bits(sandbox: Sandbox, tmp_path: Path) -> None:
+    """Nothing of a process enters a training."""
+    first = evaluator(sandbox.run, tmp_path / "a").evaluate(SOURCE, 0)
+    with open_sandbox(tmp_path) as other:
+        assert evaluator(other.run, tmp_path / "b").evaluate(SOURCE, 0) == first
+
+
+def test_threads_give_what_one_by_one_gives(sandbox: Sandbox, tmp_path: Path) -> None:
+    """The number of trainings at once changes no bit, and each seed gives its own."""
+    serial = [evaluator(sandbox.run, tmp_path / "a").evaluate(SOURCE, seed) for seed in range(4)]
+    together = evaluator(sandbox.run, tmp_path / "b")
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda seed: together.evaluate(SOURCE, seed), range(4))) == serial
+    assert len({verdict.weights_sha256 for verdict in serial if isinstance(verdict, Training)}) == 4
+
+
+def test_candidate_whose_finaliser_never_ends_is_evaluated(sandbox: Sandbox, tmp_path: Path) -> None:
+    """A model is not dropped before its answer is out."""
+    endless = SOURCE + "\n    def __del__(self):\n        while True:\n            pass\n"
+    assert isinstance(evaluator(sandbox.run, tmp_path).evaluate(endless, 0), Training)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("while True: pass", Reason.out_of_time),
+        ("raise SystemExit(0)", Reason.crashed),
+        ("import os; os._exit(0)", Reason.crashed),
+        ("self.huge = torch.ones(2**27)", Reason.out_of_memory),
+        ("self.huge = nn.Linear(10**6, 10**6)", Reason.out_of_memory),
+        ("raise ValueError('\\x1b no')", Reason.construction_failed),
+    ],
+)
+def test_failed_training_is_a_rejection(sandbox: Sandbox, tmp_path: Path, line: str, reason: Reason) -> None:
+    """Whatever ends a training early arrives as a typed value, and is stored as such."""
+    broken = SOURCE.replace("super().__init__()", f"super().__init__()\n        {line}")
+    seconds = 2 if reason is Reason.out_of_time else 20
+    recipe = replace(RECIPE, limits=Limits(seconds=seconds, memory_mib=400))
+    verdict = evaluator(sandbox.run, tmp_path, recipe=recipe).evaluate(broken, 0)
+    assert isinstance(verdict, Rejection)
+    assert (verdict.stage, verdict.reason) == (Stage.train, reason)
+    assert evaluator(never, tmp_path, recipe=recipe, mode=Mode.replay).evaluate(broken, 0) == verdict
+
+
+def test_second_evaluation_is_recalled(tmp_path: Path) -> None:
+    """Equal questions are asked once; in replay neither data nor sandbox is needed."""
+    first = evaluator(Recorder().run, tmp_path).evaluate(SOURCE, 0)
+    assert evaluator(never, tmp_path).evaluate(SOURCE, 0) == first
+    assert evaluator(never, tmp_path, examples=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
+
+
+def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
+    """Source, seed, data, contract, recipe and numerics each give another key."""
+    base = evaluator(never, tmp_path)
+    keys = {
+        base.key(SOURCE, 0),
+        base.key(SOURCE + "\n", 0),
+        base.key(SOURCE, 1),
+        evaluator(never, tmp_path, examples=None, fingerprint="other").key(SOURCE, 0),
+        evaluator(never, tmp_path, contract=replace(CONTRACT, outputs=1)).key(SOURCE, 0),
+        evaluator(never, tmp_path, recipe=replace(RECIPE, epochs=9)).key(SOURCE, 0),
+        evaluator(never, tmp_path, numerics=Numerics.fast).key(SOURCE, 0),
+    }
+    assert len(keys) == 7
+
+
+def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
+    """What is sent does not change with the validation labels, and does not contain them."""
+    first, second = Recorder(), Recorder()
+    evaluator(first.run, tmp_path / "a").evaluate(SOURCE, 0)
+    other = replace(EXAMPLES, validation_targets=1 - EXAMPLES.validation_targets)
+    evaluator(second.run, tmp_path / "b", examples=other).evaluate(SOURCE, 0)
+    assert first.sent == second.sent
+    ((header, payload),) = first.sent
+    assert all(row.tobytes() not in payload for row in EXAMPLES.validation_targets)
+    assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
+
+
+def test_broken_sandbox_is_never_stored(tmp_path: Path) -> None:
+    """No verdict follows from a sandbox that failed."""
+    with pytest.raises(SandboxError, match="nothing may be trained here"):
+        evaluator(never, tmp_path).evaluate(SOURCE, 0)
+    assert list(tmp_path.rglob("*.json")) == []
+
+
+def test_miss_in_replay_is_an_error(tmp_path: Path) -> None:
+    """Replay trains nothing."""
+    with pytest.raises(CacheMissError, match="no recorded answer for evaluations request"):
+        evaluator(never, tmp_path, examples=None, mode=Mode.replay).evaluate(SOURCE, 0)
+
+
+def test_training_without_data_is_an_error(tmp_path: Path) -> None:
+    """Recording needs the data set."""
+    with pytest.raises(DataError, match="load the data set to train it"):
+        evaluator(never, tmp_path, examples=None).evaluate(SOURCE, 0)
+
+
+def test_fingerprint_of_other_data_is_refused(tmp_path: Path) -> None:
+    """A key never names other data than what is trained on."""
+    with pytest.raises(ValueError, match="fingerprint must be that of the examples, abc; got other"):
+        evaluator(never, tmp_path, fingerprint="other")
+
+
+def test_perfect_predictions_have_no_loss() -> None:
+    """The loss comes from the parent's labels."""
+    verdict = judge(good_answer(EXAMPLES.validation_targets), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    assert isinstance(verdict, Training)
+    assert verdict.validation_losses == (0.0,) * RECIPE.epochs
+
+
+def test_classification_is_judged_by_cross_entropy() -> None:
+    """Equal logits over two classes cost log 2, in nine digits."""
+    contract = replace(CONTRACT, loss=Loss.cross_entropy)
+    verdict = judge(good_answer(np.zeros((8, 2), np.float32)), contract, RECIPE.epochs, np.zeros(8, np.int64))
+    assert isinstance(verdict, Training)
+    assert verdict.fitness == 0.693147181
+
+
+GOOD = good_answer(EXAMPLES.validation_targets).frames
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        (),
+        GOOD[:-1],
+        GOOD[1:],
+        (*GOOD, GOOD[-1]),
+        (Frame({"epoch": 0, "train_loss": 0.5}, b"123"), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": 0.5}, bytes(1000)), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": "low"}, GOOD[0].payload), *GOOD[1:]),
+        (Frame([], GOOD[0].payload), *GOOD[1:]),
+        (Frame(None, GOOD[0].payload), *GOOD[1:]),
+        (*GOOD[:-1], Frame({"weights_sha256": "zz"}, b"")),
+        (*GOOD[:-1], Frame(3, b"")),
+        (Frame({"rejection": {"reason": "no such reason", "detail": ""}}, b""),),
+        (Frame({"rejection": 7}, b""),),
+    ],
+    ids=range(13),
+)
+def test_malformed_answer_is_a_bad_output(frames: tuple[Frame, ...]) -> None:
+    """Frames that a trainer would not send are the candidate's, and count against it."""
+    verdict = judge(Finished(frames), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.bad_output
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_predictions_that_are_not_finite_are_rejected(value: float) -> None:
+    """One bad number after any epoch is enough."""
+    predictions = EXAMPLES.validation_targets.copy()
+    predictions[3, 1] = value
+    verdict = judge(good_answer(predictions), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.not_finite
+
+
+def test_detail_of_a_child_is_cleaned() -> None:
+    """Text that a candidate forged cannot speak to a terminal or break a store."""
+    forged = Finished((Frame({"rejection": {"reason": "crashed", "detail": "\x1b[2J" + "x" * 10_000}}, b""),))
+    verdict = judge(forged, CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    assert isinstance(verdict, Rejection)
+    assert verdict.detail.isprintable()
+    assert len(verdict.detail) == 300
+
+
+def test_portable_numerics_close_every_door() -> None:
+    """The variables that were measured to change bits are all set; fast leaves the instruction set to the CPU."""
+    portable, fast = environment(Numerics.portable), environment(Numerics.fast)
+    assert portable["ATEN_CPU_CAPABILITY"] == "avx2"
+    assert portable["ONEDNN_MAX_CPU_ISA"] == "AVX2"
+    assert portable["MKL_CBWR"] == "COMPATIBLE"
+    assert portable["OMP_NUM_THREADS"] == fast["OMP_NUM_THREADS"] == "1"
+    assert json.dumps(fast).count("ISA") == 0

@@ -1,0 +1,76 @@
+"""Promise: the parent's losses are the task losses, exact in any order, and rounded alike on every machine."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from torch.nn import functional
+
+from tacevo.records import Loss
+from tacevo.training.losses import cross_entropy, mean_squared_error, validation_loss
+
+VALUES = arrays(np.float32, (6, 3), elements=st.floats(-50, 50, width=32))
+CLASSES = arrays(np.int64, (6,), elements=st.integers(0, 2))
+
+
+def test_mean_squared_error_by_hand() -> None:
+    """Errors 1, 2, 0 and 3 over four values: (1 + 4 + 0 + 9) / 4."""
+    predictions = np.array([[1, 2], [3, 4]], np.float32)
+    targets = np.array([[0, 4], [3, 1]], np.float32)
+    assert mean_squared_error(predictions, targets) == 3.5
+
+
+def test_cross_entropy_by_hand() -> None:
+    """Equal logits over two classes cost log 2; odds of three to one cost log 4/3."""
+    logits = np.array([[5, 5], [0, 0]], np.float32)
+    logits[1, 0] = np.float32(math.log(3))
+    expected = (math.log(2) + math.log(4 / 3)) / 2
+    assert cross_entropy(logits, np.array([1, 0])) == pytest.approx(expected, rel=1e-6)
+
+
+@given(predictions=VALUES, targets=VALUES)
+def test_mean_squared_error_agrees_with_torch(
+    predictions: np.ndarray[tuple[int, int], np.dtype[np.float32]],
+    targets: np.ndarray[tuple[int, int], np.dtype[np.float32]],
+) -> None:
+    """The parent computes what the child minimises."""
+    theirs = functional.mse_loss(torch.from_numpy(predictions), torch.from_numpy(targets)).item()
+    assert mean_squared_error(predictions, targets) == pytest.approx(theirs, rel=1e-5, abs=1e-6)
+
+
+@given(logits=VALUES, classes=CLASSES)
+def test_cross_entropy_agrees_with_torch(
+    logits: np.ndarray[tuple[int, int], np.dtype[np.float32]], classes: np.ndarray[tuple[int], np.dtype[np.int64]]
+) -> None:
+    """The parent computes what the child minimises."""
+    theirs = functional.cross_entropy(torch.from_numpy(logits), torch.from_numpy(classes)).item()
+    assert cross_entropy(logits, classes) == pytest.approx(theirs, rel=1e-5, abs=1e-6)
+
+
+@given(logits=VALUES, classes=CLASSES, order=st.permutations(range(6)))
+def test_order_of_the_examples_does_not_matter(
+    logits: np.ndarray[tuple[int, int], np.dtype[np.float32]],
+    classes: np.ndarray[tuple[int], np.dtype[np.int64]],
+    order: list[int],
+) -> None:
+    """Sums are exact, so a permutation changes no bit."""
+    assert cross_entropy(logits[order], classes[order]) == cross_entropy(logits, classes)
+    assert mean_squared_error(logits[order], -logits[order]) == mean_squared_error(logits, -logits)
+
+
+def test_extreme_logits_stay_finite() -> None:
+    """The largest float32 values give a number, which a store can hold."""
+    top = np.finfo(np.float32).max
+    assert math.isfinite(cross_entropy(np.array([[top, -top]], np.float32), np.array([1])))
+    assert math.isfinite(mean_squared_error(np.array([[top]], np.float32), np.array([[-top]], np.float32)))
+
+
+def test_validation_loss_has_nine_digits() -> None:
+    """A last bit that differs between two C libraries is rounded away."""
+    logits = np.array([[0.1, 0.2, 0.7]], np.float32)
+    assert validation_loss(Loss.cross_entropy, logits, np.array([2])) == 0.767949557
+    assert validation_loss(Loss.mse, np.eye(3, dtype=np.float32), np.zeros((3, 3), np.float32)) == 0.333333333

@@ -1,0 +1,187 @@
+"""Promise: a training follows from its job alone, learns, and names what the candidate did wrong."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from training_jobs import CONTRACT, RECIPE, SOURCE, examples, header_of, payload_of
+
+from tacevo.records import Contract, Json, Kind, Limits, Loss, Reason, Recipe, to_json
+from tacevo.sandbox.candidate import build, fault, standardise
+from tacevo.training.trainer import batches, run
+
+
+@given(count=st.integers(1, 100), size=st.integers(1, 40), epoch=st.integers(0, 3))
+def test_batches_are_full_and_disjoint(count: int, size: int, epoch: int) -> None:
+    """Every batch has the asked size, no example comes twice, and at most size - 1 are left out."""
+    order = batches(count, size, seed=0, epoch=epoch)
+    positions = np.concatenate(order)
+    assert len(set(positions.tolist())) == len(positions)
+    assert {len(batch) for batch in order} == {min(size, count)}
+    assert count - len(positions) < size
+
+
+def test_batches_differ_between_epochs_and_seeds() -> None:
+    """The order is drawn anew for each epoch, by name."""
+    orders = {tuple(batches(20, 20, seed, epoch)[0].tolist()) for seed in range(2) for epoch in range(2)}
+    assert len(orders) == 4
+
+
+def test_batch_order_is_pinned() -> None:
+    """A change of the order would change every result, so it is made on purpose only."""
+    assert [batch.tolist() for batch in batches(5, 2, seed=0, epoch=0)] == [[4, 0], [2, 3]]
+
+
+def test_standardise_takes_the_mean_off_and_divides() -> None:
+    """Each channel by its own figures, in float32."""
+    images = np.array([[[[10]], [[30]]]], np.uint8)
+    got = standardise(images, torch.tensor([0.0, 10.0])[:, None, None], torch.tensor([10.0, 5.0])[:, None, None])
+    assert got.dtype is torch.float32
+    assert got.flatten().tolist() == [1.0, 4.0]
+
+
+FULL = """
+class Net(nn.Module):
+    def __init__(self, num_outputs, in_channels, depth=3):
+        super().__init__()
+        self.seen = (num_outputs, in_channels, depth)
+"""
+
+
+def test_build_passes_only_arguments_that_the_constructor_has() -> None:
+    """A class without parameters is built without arguments, one with both gets both."""
+    assert isinstance(build("class Net(nn.Module):\n    pass\n", CONTRACT, 0), torch.nn.Module)
+    assert build(FULL, CONTRACT, 0).seen == (2, 3, 3)
+
+
+@pytest.mark.parametrize("source", ["", "Net = 3", "class Net:\n    pass\n", "class Other(nn.Module):\n    pass\n"])
+def test_build_names_the_missing_class(source: str) -> None:
+    """Text without the contract's class is told apart from a class that fails."""
+    with pytest.raises(TypeError, match="expected a class Net that extends"):
+        build(source, CONTRACT, 0)
+
+
+class _Sly(torch.Tensor):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("output", "problem"),
+    [
+        (torch.zeros(4, 2), None),
+        (torch.zeros(2, 4).T, None),
+        (torch.zeros(4, 1), "expected shape (4, 2); got (4, 1)"),
+        (torch.zeros(4, 2, dtype=torch.complex64), "expected float32; got torch.complex64"),
+        (torch.zeros(4, 2).as_subclass(_Sly), "expected a torch.Tensor; got _Sly"),
+        ([torch.zeros(2)] * 4, "expected a torch.Tensor; got list"),
+        (torch.nn.Parameter(torch.zeros(4, 2)), "expected a torch.Tensor; got Parameter"),
+    ],
+)
+def test_output_must_be_a_plain_float32_tensor_of_the_shape(output: object, problem: str | None) -> None:
+    """Nothing broadcasts, nothing is converted, no subclass answers for itself."""
+    assert fault(output, (4, 2)) == problem
+
+
+def sent_by(source: str, **changes: Any) -> list[tuple[Json, bytes]]:
+    """Run the trainer in this process; give the frames that it sends."""
+    data = examples()
+    frames: list[tuple[Json, bytes]] = []
+    header = {**header_of(source, data), **changes}
+    run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
+    return frames
+
+
+def test_frames_are_epochs_and_a_digest() -> None:
+    """One frame of predictions for each epoch, then one with the hash of the weights."""
+    frames = sent_by(SOURCE)
+    assert [sorted(header) for header, _ in frames] == [["epoch", "train_loss"]] * RECIPE.epochs + [["weights_sha256"]]
+    assert {len(payload) for _, payload in frames[:-1]} == {8 * 2 * 4}
+
+
+def test_equal_jobs_give_equal_bits() -> None:
+    """Nothing but the job enters a training, whatever was drawn before."""
+    first = sent_by(SOURCE)
+    torch.rand(7)
+    assert sent_by(SOURCE) == first
+    assert sent_by(SOURCE, seed=1) != first
+
+
+def test_training_loss_falls() -> None:
+    """A linear target is learnt."""
+    losses = [header["train_loss"] for header, _ in sent_by(SOURCE)[:-1]]
+    assert losses[-1] < losses[0] / 2
+
+
+def net(construct: str = "pass", forward: str = "return self.head(x.flatten(1))") -> str:
+    """Write a small network with one line of its constructor and one of its forward pass changed."""
+    return (
+        "class Net(nn.Module):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+        "        self.head = nn.Linear(48, 2)\n"
+        f"        {construct}\n"
+        "    def forward(self, x):\n"
+        f"        {forward}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "reason", "detail"),
+    [
+        ("class Net(nn.Module", Reason.construction_failed, "SyntaxError"),
+        (net(construct="1 / 0"), Reason.construction_failed, "ZeroDivisionError: division by zero"),
+        (net(construct="del self.head"), Reason.construction_failed, "optimizer got an empty parameter list"),
+        (net(construct="torch.empty(10**14)"), Reason.out_of_memory, "can't allocate memory"),
+        (net(forward="return self.head(x)"), Reason.forward_failed, "mat1 and mat2 shapes cannot be multiplied"),
+        (net(forward="return x"), Reason.bad_output, "expected shape (16, 2); got (16, 3, 4, 4)"),
+        (net(forward="return self.head(x.flatten(1)).detach()"), Reason.backward_failed, "does not require grad"),
+        (net(forward="return self.head(x.flatten(1)) / 0"), Reason.not_finite, "expected a finite training loss"),
+    ],
+)
+def test_failure_is_named(source: str, reason: Reason, detail: str) -> None:
+    """What a candidate does wrong arrives as one typed frame."""
+    ((header, payload),) = sent_by(source)
+    assert header["rejection"]["reason"] == reason.value
+    assert detail in header["rejection"]["detail"]
+    assert payload == b""
+
+
+def test_patched_loss_changes_no_prediction() -> None:
+    """A candidate that replaces the library's losses trains on the true one all the same."""
+    patched = "for F.mse_loss in [lambda a, b: (a * 0).sum()]:\n    pass\n" + SOURCE
+    original = torch.nn.functional.mse_loss
+    try:
+        assert sent_by(patched) == sent_by(SOURCE)
+    finally:
+        torch.nn.functional.mse_loss = original
+
+
+def test_column_major_output_is_sent_row_by_row() -> None:
+    """The layout of a tensor in memory does not reach the bytes."""
+    turned = net(forward="y = self.head(x.flatten(1)); return y if self.training else y.T.contiguous().T")
+    assert sent_by(turned) == sent_by(net())
+
+
+def test_classification_trains() -> None:
+    """Classes are int64 targets of shape (n,)."""
+    contract = Contract(**{**_fields(CONTRACT), "kind": Kind.classification, "loss": Loss.cross_entropy})
+    data = examples(classes=True)
+    frames: list[tuple[Json, bytes]] = []
+    header = {**header_of(SOURCE, data), "contract": to_json(contract)}
+    run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
+    assert len(frames) == RECIPE.epochs + 1
+
+
+def _fields(contract: Contract) -> dict[str, Any]:
+    return {name: getattr(contract, name) for name in Contract.__slots__}
+
+
+def test_single_small_batch_is_kept() -> None:
+    """Fewer images than a batch make one batch of what there is."""
+    recipe = Recipe(
+        epochs=1, batch_size=1000, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=9, memory_mib=300)
+    )
+    assert len(sent_by(SOURCE, recipe=to_json(recipe))) == 2

@@ -1,0 +1,72 @@
+"""A tiny learnable task for the tests of training: 3 x 4 x 4 images whose first two pixels are the targets."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacevo.records import Contract, Json, Kind, Limits, Loss, Recipe, to_json
+
+CONTRACT = Contract(
+    class_name="Net",
+    kind=Kind.regression,
+    loss=Loss.mse,
+    in_channels=3,
+    image_size=4,
+    outputs=2,
+    output_argument="num_outputs",
+)
+RECIPE = Recipe(
+    epochs=4, batch_size=16, learning_rate=1e-2, optimiser="adam", limits=Limits(seconds=20, memory_mib=400)
+)
+SOURCE = """
+class Net(nn.Module):
+    def __init__(self, in_channels=3, num_outputs=2):
+        super().__init__()
+        self.body = nn.Sequential(nn.Flatten(), nn.Linear(in_channels * 16, 32), nn.ReLU(), nn.Dropout(0.1))
+        self.head = nn.Linear(32, num_outputs)
+
+    def forward(self, x):
+        return self.head(self.body(x))
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Images and labels of a task: 128 for training, 8 for validation."""
+
+    images: NDArray[np.uint8]
+    train: NDArray[np.int64]
+    validation: NDArray[np.int64]
+    #: For all images; float32 (136, 2), or int64 (136,).
+    targets: NDArray[Any]
+
+
+def examples(*, classes: bool = False) -> Data:
+    """Make the task, always the same."""
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 256, (136, 3, 4, 4), dtype=np.uint8)
+    pixels = images[:, 0, 0, :2].astype(np.float32) / 255
+    targets = (pixels[:, 0] > pixels[:, 1]).astype(np.int64) if classes else pixels
+    rows = rng.permutation(136)
+    return Data(images, rows[:128], rows[128:], targets)
+
+
+def header_of(source: str, data: Data) -> Json:
+    """Write the header that a trainer gets."""
+    return {
+        "source": source,
+        "contract": to_json(CONTRACT),
+        "recipe": to_json(RECIPE),
+        "seed": 0,
+        "mean": [127.5] * 3,
+        "deviation": [74.0] * 3,
+        "train": len(data.train),
+        "validation": len(data.validation),
+    }
+
+
+def payload_of(data: Data) -> bytes:
+    """Write the payload that a trainer gets."""
+    return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
