@@ -14,13 +14,14 @@ from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
 from tacevo.composition import compose
+from tacevo.config import Numerics
 from tacevo.progress import PlainView
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
 from tacevo.replaying import replay
 from tacevo.sandbox.client import Sandbox
 from tacevo.session import search
-from tacevo.training.numerics import Numerics, environment
+from tacevo.training.numerics import environment
 
 INSERTIONS = 5_000
 FORKS = 8

@@ -11,7 +11,7 @@ from tacevo.gate.admission import Admitted
 from tacevo.proposals import Task
 from tacevo.records import Completion, DataFacts, Json, Mode, Rejection
 from tacevo.sandbox.client import Sandbox
-from tacevo.training.numerics import Numerics, environment
+from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
 
 
@@ -33,7 +33,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
-    with Sandbox(entries=ENTRIES, environment=environment(Numerics(config.numerics.kind.value)), arrays={}) as sandbox:
+    with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
         gate = build_gate(config, judged.contract, sandbox, Mode.record)
         for file, completion in answers:
             verdict = _verdict(file, gate.admit(completion))

@@ -32,6 +32,9 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     added = [override for override in overrides if override.startswith(("+", "~"))]
     if added:
         raise ConfigError(f"every setting has its place already, so none can be added or removed; got {added[0]!r}")
+    ignored = [override for override in overrides if override.startswith(("hydra.", "hydra/"))]
+    if ignored:
+        raise ConfigError(f"Hydra's own settings have no effect here; got {ignored[0]!r}")
     ConfigStore.instance().store(name="schema", node=RunConfig)
     GlobalHydra.instance().clear()
     try:
@@ -85,8 +88,9 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         output_argument=task.output_argument,
     )
     library = _read_library(task.instructions)
+    template = _read("task.system", task.system)
     try:
-        system = system_prompt(_read("task.system", task.system), contract, facts.names)
+        system = system_prompt(template, contract, facts.names)
     except ValueError as error:
         raise ConfigError(f"task.system: {error}") from error
     return Task(

@@ -103,11 +103,11 @@ class Tracking(StrEnum):
 
 
 class Confinement(StrEnum):
-    """The least confinement of candidates that a run accepts."""
+    """How strongly candidates are confined; each level includes the one before. A run names the least it accepts."""
 
-    kernel = "kernel"
-    process = "process"
     none = "none"
+    process = "process"
+    kernel = "kernel"
 
 
 def _require(holds: bool, key: str, expected: str, got: object) -> None:

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from tacevo.checking import task_without_data
 from tacevo.confdir import conf_root
+from tacevo.config import Numerics
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Mode, Rejection
 from tacevo.rundir import machine, versions
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.confinement import report
-from tacevo.training.numerics import Numerics, environment
+from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
 
 #: Packages of extras, and what they are for.

@@ -15,7 +15,7 @@ from tacevo.progress import View, Watcher
 from tacevo.proposals import Task
 from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
 from tacevo.rundir import SCHEMA, RunDirectory, machine, versions
-from tacevo.sandbox.confinement import Level, report, require
+from tacevo.sandbox.confinement import report, require
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.store import content_hash
 from tacevo.summary import summarise
@@ -44,7 +44,7 @@ def search(config: RunConfig, view: View) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    require(Level(config.sandbox.require.value))
+    require(config.sandbox.require)
     data = load_data(config, view.data)
     task = load_task(config, data.facts)
     plan = build_plan(config, task, Mode.record)

@@ -26,7 +26,7 @@ from tacevo.sandbox.client import Sandbox
 from tacevo.search import Plan, scaled
 from tacevo.store import Store
 from tacevo.training.evaluation import Evaluator, Examples
-from tacevo.training.numerics import Numerics, environment
+from tacevo.training.numerics import environment
 
 #: What a sandbox runs: entry names to functions.
 ENTRIES = {"probe": "tacevo.gate.probe:run", "train": "tacevo.training.trainer:run"}
@@ -135,7 +135,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         stack.callback(executor.shutdown, wait=False, cancel_futures=True)
         # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
         sandbox = stack.enter_context(
-            Sandbox(entries=ENTRIES, environment=environment(Numerics(config.numerics.kind.value)), arrays=arrays)
+            Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays=arrays)
         )
         gate = build_gate(config, task.contract, sandbox, mode)
         evaluator = Evaluator(
@@ -145,7 +145,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
             examples=None if data is None else _examples(data),
             fingerprint=facts.fingerprint,
             recipe=_recipe(config),
-            numerics=Numerics(config.numerics.kind.value),
+            numerics=config.numerics.kind,
         )
         seed = derived_seed(config.seed, "training")
         yield Tools(
@@ -172,7 +172,7 @@ def build_gate(config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mo
             source_bytes=gate.max_source_bytes,
         ),
         probe_limits=Limits(seconds=gate.seconds, memory_mib=gate.memory_mib),
-        numerics=Numerics(config.numerics.kind.value),
+        numerics=config.numerics.kind,
     )
 
 
@@ -211,18 +211,26 @@ def _provider(llm: LLMConfig) -> LLM:
         case Provider.grammar:
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
-            import anthropic  # a second to import, for the runs that need it
+            return _claude(llm)
 
-            from tacevo.llm.anthropic import MAX_RETRIES, AnthropicLLM
 
-            def connect() -> anthropic.AsyncAnthropic:
-                return anthropic.AsyncAnthropic(base_url=llm.base_url, max_retries=MAX_RETRIES)
+def _claude(llm: LLMConfig) -> LLM:
+    """Connect to Claude, and see at once whether there is anything to log in with."""
+    import anthropic  # a second to import, for the runs that need it
 
-            if connect().api_key is None:  # the SDK itself would notice with the first request only
-                raise ConfigError(
-                    "llm=anthropic needs an API key; set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
-                )
-            return AnthropicLLM(connect, concurrency=llm.concurrency)
+    from tacevo.llm.anthropic import MAX_RETRIES, AnthropicLLM
+
+    def connect() -> anthropic.AsyncAnthropic:
+        return anthropic.AsyncAnthropic(base_url=llm.base_url, max_retries=MAX_RETRIES)
+
+    remedy = "set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
+    try:
+        client = connect()
+    except anthropic.AnthropicError as error:
+        raise ConfigError(f"llm=anthropic: {error}; {remedy}") from error
+    if not client.auth_headers and client.credentials is None:  # the SDK itself would only notice when it asks
+        raise ConfigError(f"llm=anthropic needs an API key; {remedy}")
+    return AnthropicLLM(connect, concurrency=llm.concurrency)
 
 
 def _provider_settings(llm: LLMConfig) -> tuple[tuple[str, float], ...]:

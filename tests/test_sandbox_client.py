@@ -16,12 +16,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tacevo.config import Numerics
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.processes import children, descendants
 from tacevo.sandbox.protocol import Message, Sort
-from tacevo.training.numerics import Numerics, environment
+from tacevo.training.numerics import environment
 
 pytestmark = pytest.mark.timeout(60)
 

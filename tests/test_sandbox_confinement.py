@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.config import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
-from tacevo.sandbox.confinement import Level, available, confine, report, require
+from tacevo.sandbox.confinement import available, confine, report, require
 
 
 def test_kernel_level_is_refused_for_now() -> None:
@@ -17,13 +18,13 @@ def test_kernel_level_is_refused_for_now() -> None:
     with pytest.raises(
         SandboxError, match=r"sandbox.require=kernel is not available here; the strongest level is process"
     ):
-        require(Level.kernel)
+        require(Confinement.kernel)
 
 
-@pytest.mark.parametrize("level", [Level.none, Level.process])
-def test_weaker_level_than_available_is_granted(level: Level) -> None:
+@pytest.mark.parametrize("level", [Confinement.none, Confinement.process])
+def test_weaker_level_than_available_is_granted(level: Confinement) -> None:
     """Asking for less than there is is fine."""
-    assert available() is Level.process
+    assert available() is Confinement.process
     require(level)
 
 

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples
 
+from tacevo.config import Numerics
 from tacevo.errors import CacheMissError, DataError, SandboxError
 from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.store import Store
 from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Run, judge
-from tacevo.training.numerics import Numerics, environment
+from tacevo.training.numerics import environment
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -16,9 +16,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from tacevo.config import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason, to_json
-from tacevo.sandbox.confinement import Level, protect_memory, require
+from tacevo.sandbox.confinement import protect_memory, require
 from tacevo.sandbox.processes import end_tree
 from tacevo.sandbox.protocol import Channel, Message, Sort
 from tacevo.sandbox.text import one_line
@@ -70,7 +71,7 @@ class Sandbox:
     def __init__(
         self, *, entries: Mapping[str, str], environment: Mapping[str, str], arrays: Mapping[str, Path]
     ) -> None:
-        require(Level.process)
+        require(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._setup = {"entries": dict(entries), "arrays": {name: str(Path(p).resolve()) for name, p in arrays.items()}}
         self._environment = {**environment, "PYTHONHASHSEED": "0"}

@@ -8,8 +8,8 @@ See docs/security.md for what follows from each measure, and what does not.
 import ctypes
 import os
 import resource
-from enum import StrEnum
 
+from tacevo.config import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
 from tacevo.sandbox.processes import address_space_mib
@@ -25,27 +25,19 @@ _PR_SET_NO_NEW_PRIVS = 38
 _CAPABILITY_VERSION_3 = 0x20080522
 
 
-class Level(StrEnum):
-    """How strongly candidates are confined; each level includes the one before."""
-
-    none = "none"
-    process = "process"
-    kernel = "kernel"
-
-
-def available() -> Level:
+def available() -> Confinement:
     """Say the strongest level that this version applies on this machine."""
     linux = hasattr(os, "pidfd_open") and os.path.exists("/proc/thread-self/children")
-    return Level.process if linux else Level.none
+    return Confinement.process if linux else Confinement.none
 
 
-def require(level: Level) -> None:
+def require(level: Confinement) -> None:
     """Refuse to go on where candidates cannot be confined as strongly as asked.
 
     Raises:
         SandboxError: the level is not available.
     """
-    levels = list(Level)
+    levels = list(Confinement)
     if levels.index(level) > levels.index(available()):
         raise SandboxError(
             f"sandbox.require={level} is not available here; the strongest level is {available()!s}. "

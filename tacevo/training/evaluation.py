@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacevo.config import Numerics
 from tacevo.errors import DataError
 from tacevo.records import Contract, Json, Limits, Reason, Recipe, Rejection, Stage, Training, to_json
 from tacevo.sandbox.client import Died, Finished, Frame
 from tacevo.sandbox.text import one_line
 from tacevo.store import Store
 from tacevo.training.losses import validation_loss
-from tacevo.training.numerics import Numerics
 
 #: What the sandbox must offer for `Evaluator`, beside the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}

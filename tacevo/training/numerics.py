@@ -1,14 +1,6 @@
 """How trained bits depend on the machine, as environment variables for the sandbox; see docs/determinism.md."""
 
-from enum import StrEnum
-
-
-class Numerics(StrEnum):
-    """`portable`: equal bits on every x86-64 CPU with AVX2; `fast`: on the recorded hardware and versions only."""
-
-    portable = "portable"
-    fast = "fast"
-
+from tacevo.config import Numerics
 
 #: One thread: sums would otherwise depend on how many there are, and a zygote with threads cannot fork safely.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
