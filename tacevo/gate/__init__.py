@@ -1,0 +1,1 @@
+"""From a model's raw answer to an admitted candidate: extraction, static policy, probe."""

@@ -1,0 +1,207 @@
+"""From a model's raw answer to one source text, without running any of it.
+
+The rules, in order:
+
+1. An answer over the size limit, refused, or blank is turned away before anything is parsed.
+2. If the whole answer is Python that defines the class, it is the source.
+3. Otherwise the blocks are its fenced blocks, if it has any that are Python, else the longest stretches of lines
+   that parse.
+4. The last block that holds the whole class is the source: a model that shows two versions means the later one.
+   Blocks that define a name which the source uses but does not define go before it.
+5. One text that defines the class twice is ambiguous, because Python would silently keep the last.
+
+An answer cut off at its token limit counts only if its last block with the class was closed.
+"""
+
+import ast
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tacevo.gate.blocks import Block, fenced_blocks, parsable_blocks
+from tacevo.gate.parsing import Problem, parse
+from tacevo.records import Completion, Contract, Reason, Rejection, Stage
+
+
+@dataclass(frozen=True, slots=True)
+class _Code:
+    """A block that parses."""
+
+    block: Block
+    tree: ast.Module
+
+
+def extract(completion: Completion, contract: Contract, *, limit: int = 100_000) -> str | Rejection:
+    """Find the source text in an answer.
+
+    Args:
+        completion: the answer as the model gave it.
+        contract: names the class to look for.
+        limit: most UTF-8 bytes that an answer may have.
+
+    Returns:
+        Source that parses and defines the class once: newlines normalised, dedented, ending with one newline;
+        or a rejection at stage `extract`.
+    """
+    cut_off = completion.stop_reason == "max_tokens"
+    found = _first_look(completion, limit) or _choose(_normalised(completion.text), contract.class_name, cut_off)
+    if isinstance(found, Problem):
+        return Rejection(stage=Stage.extract, reason=found.reason, detail=found.detail)
+    return found
+
+
+def _first_look(completion: Completion, limit: int) -> Problem | None:
+    """Turn away what needs no parsing; the size comes first, so that nothing else is done with a huge answer."""
+    try:
+        size = len(completion.text) if len(completion.text) > limit else len(completion.text.encode())
+    except UnicodeEncodeError as error:
+        return Problem(Reason.syntax, f"expected Unicode text; got a lone surrogate at character {error.start}")
+    if size > limit:
+        return Problem(Reason.too_long, f"expected at most {limit} bytes; got {size} or more")
+    if completion.stop_reason == "refusal":
+        return Problem(Reason.refused, "the model refused to answer")
+    if not completion.text.strip():
+        return Problem(Reason.empty, "the answer is blank")
+    return None
+
+
+def _normalised(text: str) -> str:
+    """Give every line the same ending and drop a byte order mark."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _choose(text: str, name: str, cut_off: bool) -> str | Problem:
+    """Pick the source among the blocks of an answer, as the module's rules say."""
+    blocks = _blocks(text, name)
+    codes = []
+    for block in blocks:
+        tree = parse(block.text)
+        if isinstance(tree, ast.Module):
+            codes.append(_Code(block, tree))
+    mentioning = [block for block in blocks if _mentions(block.text, name)]
+    if cut_off and not _is_closed(text, mentioning, name):
+        return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
+    whole = [code for code in codes if _defines_whole(code.tree, name)]
+    if not whole:
+        return _explain(text, mentioning, codes, name)
+    source = "\n\n".join([*(helper.block.text for helper in _helpers(whole[-1], codes, name)), whole[-1].block.text])
+    return _checked_once(source, name)
+
+
+def _blocks(text: str, name: str) -> list[Block]:
+    """Cut an answer into candidate blocks."""
+    everything = Block.of(text, closed=False)
+    tree = parse(everything.text)
+    if isinstance(tree, ast.Module) and _class_definitions(tree, name):
+        return [everything]
+    fenced = fenced_blocks(text)
+    if any(_mentions(block.text, name) for block in fenced):
+        return fenced
+    return parsable_blocks(text)
+
+
+def _mentions(text: str, name: str) -> list[re.Match[str]]:
+    """Find the class statements in text that need not parse."""
+    return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
+
+
+def _is_closed(text: str, mentioning: Sequence[Block], name: str) -> bool:
+    """Tell whether the last class statement of an answer stands in a block that the model had finished."""
+    in_blocks = sum(len(_mentions(block.text, name)) for block in mentioning)
+    return bool(mentioning) and mentioning[-1].closed and in_blocks == len(_mentions(text, name))
+
+
+def _class_definitions(tree: ast.Module, name: str) -> list[ast.ClassDef]:
+    return [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name]
+
+
+def _defines_whole(tree: ast.Module, name: str) -> bool:
+    """Tell a whole class from an excerpt: it has a forward pass, or a base that can bring one."""
+    for node in _class_definitions(tree, name):
+        methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
+        bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
+        if "forward" in methods or bases - {"Module"}:
+            return True
+    return False
+
+
+def _helpers(chosen: _Code, codes: Sequence[_Code], name: str) -> list[_Code]:
+    """Find the other blocks that define what the chosen one uses but lacks, and what those lack, in text order."""
+    taken: list[_Code] = []
+    missing = _loaded(chosen.tree) - _bound(chosen.tree)
+    grew = True
+    while grew:
+        grew = False
+        for code in codes:
+            if code is chosen or code in taken or _class_definitions(code.tree, name):
+                continue
+            if missing & _defined(code.tree):
+                taken.append(code)
+                missing |= _loaded(code.tree) - _bound(code.tree)
+                grew = True
+    return [code for code in codes if code in taken]
+
+
+def _loaded(tree: ast.Module) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+
+
+def _bound(tree: ast.Module) -> set[str]:
+    """Collect every name that a text binds in any scope."""
+    names = _defined(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.arg):
+            names.add(node.arg)
+        elif isinstance(node, ast.alias):
+            names.add(node.asname or node.name.split(".")[0])
+    return names
+
+
+def _defined(tree: ast.Module) -> set[str]:
+    """Collect the classes, functions and constants that a text defines at its top level."""
+    names = {node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    for node in tree.body:
+        if isinstance(node, ast.Assign):
+            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+    return names
+
+
+def _checked_once(source: str, name: str) -> str | Problem:
+    """Make sure that the joined source still parses and that exactly one thing in it has the class's name."""
+    tree = parse(source)
+    if isinstance(tree, Problem):
+        return tree
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if _binds(node, name)]
+    if len(lines) > 1:
+        where = ", ".join(str(line) for line in lines)
+        return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
+    return source.strip("\n") + "\n"
+
+
+def _binds(node: ast.AST, name: str) -> bool:
+    """Tell whether a statement gives the class's name to something."""
+    match node:
+        case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
+            return node.name == name
+        case ast.Name(ctx=ast.Store()):
+            return node.id == name
+        case ast.alias():
+            return (node.asname or node.name) == name
+    return False
+
+
+def _explain(text: str, mentioning: Sequence[Block], codes: Sequence[_Code], name: str) -> Problem:
+    """Say why no block holds the whole class."""
+    if mentioning:
+        tree = parse(mentioning[-1].text)
+        return tree if isinstance(tree, Problem) else Problem(Reason.no_class, f"class {name} has no forward method")
+    classes = sorted({node.name for code in codes for node in code.tree.body if isinstance(node, ast.ClassDef)})
+    if classes:
+        return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
+    for mention in _mentions(text, name)[-1:]:
+        tree = parse(Block.of(text[mention.start() :], closed=False).text)
+        if isinstance(tree, Problem):
+            return tree
+    return Problem(Reason.no_class, f"expected a class {name}; the answer has no Python class")

@@ -1,0 +1,83 @@
+"""What a traced call is called, and which calls are operations at all (see docs/descriptors.md).
+
+A layer and its function, a method and its in-place form, an operator and its reflection get one spelling, so that
+the same network has the same graph however it is written. This module knows names only, no tensors.
+"""
+
+import re
+
+#: Calls that move or relabel values: data flows through them, but they are no operation of their own.
+_SHAPING = """
+    flatten unflatten ravel view view_as reshape reshape_as permute transpose t swapaxes swapdims movedim moveaxis
+    squeeze unsqueeze contiguous getitem setitem get chunk split tensor_split hsplit vsplit unbind narrow select
+    expand expand_as broadcast_to broadcast_tensors repeat tile atleast_1d atleast_2d atleast_3d
+    to type type_as float double half bfloat16 cpu clone detach copy alias requires_grad identity sequential
+"""
+
+#: Simple element-wise activations, which the paper leaves out of its operation types.
+_ACTIVATIONS = """
+    relu relu6 leaky_relu prelu rrelu elu selu celu gelu silu mish sigmoid log_sigmoid hardsigmoid hardswish tanh
+    hardtanh hardshrink softshrink tanhshrink softplus softsign threshold
+"""
+
+#: Calls that take no more than shape and type from their tensor; what they return does not depend on its values.
+_FACTORIES = """
+    zeros_like ones_like full_like empty_like rand_like randn_like randint_like
+    new_zeros new_ones new_full new_empty new_tensor
+"""
+
+_WEIGHTED = """
+    conv1d conv2d conv3d conv_transpose1d conv_transpose2d conv_transpose3d linear bilinear matmul einsum tensordot
+    addmm baddbmm multihead_attention rnn lstm gru rnn_cell lstm_cell gru_cell
+"""
+
+#: Operations that can hold a weight of two or more dimensions; normalisations scale, they are not among them.
+WEIGHTED = frozenset(_WEIGHTED.split())
+
+#: Convolutions, each with the number of image dimensions of its kernel.
+CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
+
+_SYNONYMS = {
+    **{f"{form}{op}": op for op in ("add", "sub", "mul", "div", "pow", "matmul") for form in ("i", "r")},
+    **{"truediv": "div", "itruediv": "div", "rtruediv": "div", "true_divide": "div", "divide": "div"},
+    **{"subtract": "sub", "multiply": "mul", "negative": "neg", "absolute": "abs", "clip": "clamp"},
+    **{"concat": "cat", "concatenate": "cat", "mm": "matmul", "bmm": "matmul", "linalg_matmul": "matmul"},
+    **{f"{kind}_pad_nd": "pad" for kind in ("constant", "reflection", "replication", "circular")},
+    **{"lppool1d": "lp_pool1d", "lppool2d": "lp_pool2d", "lppool3d": "lp_pool3d", "rmsnorm": "rms_norm"},
+    **{"upsample": "interpolate", "softmax2d": "softmax", "multi_head_attention_forward": "multihead_attention"},
+}
+
+_WORD_START = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+def operation(name: str) -> str:
+    """Spell the operation behind a layer class or a function.
+
+    Args:
+        name: the name of the class that defines a layer's `forward`, or of a torch function or tensor method.
+
+    Returns:
+        One spelling for all forms, e.g. `max_pool2d` for `MaxPool2d` and `max_pool2d_with_indices`, `add` for
+        `__iadd__` and `add_`.
+    """
+    snake = _WORD_START.sub("_", name.strip("_")).lower().removesuffix("_with_indices")
+    return _SYNONYMS.get(snake, snake)
+
+
+def is_transparent(op: str) -> bool:
+    """Say whether data passes through this call without its being a node."""
+    return _squashed(op) in _TRANSPARENT
+
+
+def is_factory(op: str) -> bool:
+    """Say whether this call looks at no value of the tensor it is given."""
+    return _squashed(op) in _SHAPE_ONLY
+
+
+def _squashed(name: str) -> str:
+    """Drop the underscores, because `LeakyReLU` does not show where the words of `leaky_relu` begin."""
+    return name.replace("_", "")
+
+
+_TRANSPARENT = frozenset(_squashed(name) for name in (_SHAPING + _ACTIVATIONS).split())
+_SHAPE_ONLY = frozenset(_squashed(name) for name in _FACTORIES.split())

@@ -1,0 +1,37 @@
+"""Parsing text that may be anything, with every failure a value."""
+
+import ast
+import threading
+import warnings
+from dataclasses import dataclass
+
+from tacevo.records import Reason
+
+_FILTERS = threading.Lock()  # catch_warnings swaps a list that all threads share
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Why a text cannot be used; the stage that met it makes a rejection of it."""
+
+    reason: Reason
+    #: One line for a person.
+    detail: str
+    #: Line on which the parser gave up, from 1; 0 where there is none.
+    line: int = 0
+
+
+def parse(text: str) -> ast.Module | Problem:
+    """Parse source text; it comes as `str`, so a coding cookie in it has no effect."""
+    try:
+        with _FILTERS, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # an invalid escape sequence in a docstring is no fault of the network
+            return ast.parse(text)
+    except SyntaxError as error:
+        line = error.lineno or 0
+        shown = (error.text or "").strip()[:80]
+        return Problem(Reason.syntax, f"line {line}: {type(error).__name__}: {error.msg}: {shown!r}", line)
+    except (RecursionError, MemoryError):
+        return Problem(Reason.too_complex, "the parser ran out of stack: expressions are nested too deeply")
+    except ValueError as error:
+        return Problem(Reason.syntax, f"the text cannot be parsed: {error}")

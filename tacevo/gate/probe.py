@@ -1,0 +1,168 @@
+"""Tries one candidate out and measures it (child side).
+
+What it promises: a profile means that the class was built twice alike, ran in train and eval mode at several
+batch sizes, returned what the contract asks for, learned through one optimiser step, and stayed within the
+limits. What it does not: candidate code runs in this very process and could lie about all of it, which would
+only cost the candidate its own training.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import islice
+
+import torch
+from torch import Tensor, nn
+from torch.nn.attention import SDPBackend, sdpa_kernel
+from torch.nn.functional import cross_entropy, mse_loss
+from torch.utils.flop_counter import FlopCounterMode
+
+from tacevo.gate.trace import trace
+from tacevo.randomness import stream
+from tacevo.records import Contract, Graph, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
+from tacevo.sandbox.candidate import build, digest, fault, read_contract, reason_for
+from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.text import describe
+
+#: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
+BATCHES = (2, 5)
+
+_SEED = 0
+_LEARNING_RATE = 1e-3
+
+
+class _CandidateError(Exception):
+    """A verdict on its way up; the message is the detail."""
+
+    def __init__(self, reason: Reason, detail: str) -> None:
+        super().__init__(detail)
+        self.reason = reason
+
+
+def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
+    """Probe one candidate and send one frame, `{"profile": ...}` or `{"rejection": ...}`.
+
+    Args:
+        header: `source`; `contract` as JSON; `limits` with the keys `parameters`, `flops` and `modules`.
+        payload: not used.
+        arrays: not used.
+        send: takes the frame.
+
+    Returns:
+        The networks, to be kept alive: a finaliser must not run before the answer is out.
+    """
+    torch.use_deterministic_algorithms(True)  # also fills `torch.empty` with NaN, so that it cannot pass for weights
+    built: list[nn.Module] = []
+    try:
+        profile = _probe(header["source"], read_contract(header["contract"]), header["limits"], built)
+        send({"profile": to_json(profile)}, b"")
+    except _CandidateError as failure:
+        rejection = Rejection(stage=Stage.probe, reason=failure.reason, detail=str(failure))
+        send({"rejection": to_json(rejection)}, b"")
+    return built
+
+
+def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[nn.Module]) -> Profile:
+    """Run every trial in the order in which it gets dearer; each network made is added to `built`."""
+    images, targets = _examples(contract)
+    few, many = BATCHES
+    model = _built(source, contract, built)
+    modules, parameters = _sizes(model, limits)
+    first = _training_step(model, images[:few], targets[:few], contract)
+    flops, graph = _measured(model, images[:1], contract, limits)
+    _training_step(model, images[:many], targets[:many], contract)
+    again = _built(source, contract, built)
+    if _training_step(again, images[:few], targets[:few], contract) != first:
+        raise _CandidateError(Reason.nondeterministic, "two constructions and steps with one seed gave different bits")
+    return Profile(parameters=parameters, flops=flops, modules=modules, graph=graph)
+
+
+def _examples(contract: Contract) -> tuple[Tensor, Tensor]:
+    """Draw standard-normal images and random targets, always the same for a contract."""
+    draws = stream(_SEED, "probe")
+    count, size = max(BATCHES), contract.image_size
+    images = draws.standard_normal((count, contract.in_channels, size, size), dtype="float32")
+    if contract.kind is Kind.classification:
+        return torch.from_numpy(images), torch.from_numpy(draws.integers(contract.outputs, size=count))
+    targets = draws.standard_normal((count, contract.outputs), dtype="float32")
+    return torch.from_numpy(images), torch.from_numpy(targets)
+
+
+def _built(source: str, contract: Contract, built: list[nn.Module]) -> nn.Module:
+    """Construct the network once more."""
+    with _blaming(Reason.construction_failed):
+        built.append(build(source, contract, _SEED))
+    return built[-1]
+
+
+def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
+    """Count modules and parameters, stopping at the limits; walking a million modules takes minutes."""
+    with _blaming(Reason.construction_failed):
+        modules = sum(1 for _ in islice(model.modules(), limits["modules"] + 1))
+        if modules > limits["modules"]:
+            raise _CandidateError(Reason.too_many_modules, f"expected at most {limits['modules']} modules; got more")
+        parameters = sum(parameter.numel() for parameter in model.parameters())
+        if parameters > limits["parameters"]:
+            raise _CandidateError(
+                Reason.too_many_parameters, f"expected at most {limits['parameters']} parameters; got {parameters}"
+            )
+        if parameters == 0:
+            raise _CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
+    return modules, parameters
+
+
+def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict[str, int]) -> tuple[int, Graph]:
+    """Count the FLOPs of one image in eval mode and trace the graph, in one pass."""
+    counter = FlopCounterMode(display=False)
+    # The counter knows matrix products but not the fused attention kernel of the CPU, which it takes for free.
+    with _blaming(Reason.forward_failed), sdpa_kernel(SDPBackend.MATH), counter:
+        output, graph = trace(model, images)
+    _check_output(output, len(images), contract)
+    flops = counter.get_total_flops()
+    if flops > limits["flops"]:
+        raise _CandidateError(Reason.too_many_flops, f"expected at most {limits['flops']} FLOPs an image; got {flops}")
+    if len(graph.nodes) > limits["modules"]:
+        detail = f"expected at most {limits['modules']} operations a pass; got {len(graph.nodes)}"
+        raise _CandidateError(Reason.too_many_modules, detail)
+    return flops, graph
+
+
+def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:
+    """Take one optimiser step and check it; return the bits of the output and a hash of the weights it left."""
+    torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, whatever ran between
+    model.train()
+    with _blaming(Reason.forward_failed):
+        output = model(images)
+    _check_output(output, len(images), contract)
+    if not output.requires_grad:
+        raise _CandidateError(Reason.no_gradient, "the output depends on no trainable parameter")
+    with _blaming(Reason.backward_failed):
+        loss = mse_loss(output, targets) if contract.loss is Loss.mse else cross_entropy(output, targets)
+        optimiser = torch.optim.Adam(model.parameters(), lr=_LEARNING_RATE, fused=True)
+        torch.autograd.backward(loss)
+        if all(parameter.grad is None for parameter in model.parameters()):
+            raise _CandidateError(Reason.no_gradient, "after backward no parameter has a gradient")
+        optimiser.step()
+        optimiser.zero_grad()
+        if not all(torch.isfinite(parameter).all() for parameter in model.parameters()):
+            raise _CandidateError(Reason.not_finite, "weights are not finite after one training step")
+        return output.detach().numpy().tobytes(), digest(model)
+
+
+def _check_output(output: object, count: int, contract: Contract) -> None:
+    """Hold an output against the contract."""
+    problem = fault(output, (count, contract.outputs))
+    if problem is not None:
+        raise _CandidateError(Reason.bad_output, problem)
+    if isinstance(output, Tensor) and not torch.isfinite(output).all():
+        raise _CandidateError(Reason.not_finite, f"outputs for a batch of {count} are not finite")
+
+
+@contextmanager
+def _blaming(reason: Reason) -> Iterator[None]:
+    """Turn whatever the candidate raises into a failure with this reason."""
+    try:
+        yield
+    except _CandidateError:
+        raise
+    except Exception as error:
+        raise _CandidateError(reason_for(error, reason), describe(error)) from error

@@ -1,0 +1,210 @@
+"""The graph of a network, recorded while one forward pass runs (child side).
+
+What it promises: a layer and its function give the same node; control flow, loops, shared modules and plain Python
+containers are followed as they ran. What it does not: a branch that this input did not take is not seen, and an
+in-place write through a view reaches only the view. Symbolic tracing (torch.fx, torch.export) would refuse
+data-dependent control flow, which models write often enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn.modules import module as hooks
+from torch.overrides import TorchFunctionMode
+
+from tacevo.gate.operations import CONVOLUTIONS, WEIGHTED, is_factory, is_transparent, operation
+from tacevo.records import Graph, Node
+
+#: Modules of torch.nn that only call others; every other class of torch.nn is one layer.
+_CONTAINERS = (
+    nn.Sequential,
+    nn.Transformer,
+    nn.TransformerEncoder,
+    nn.TransformerEncoderLayer,
+    nn.TransformerDecoder,
+    nn.TransformerDecoderLayer,
+)
+
+
+def trace(model: nn.Module, images: Tensor) -> tuple[Any, Graph]:
+    """Run one forward pass in eval mode without gradients and record what it did.
+
+    Args:
+        model: the network; it is left in eval mode.
+        images: its input, shape (N, channels, height, width).
+
+    Returns:
+        What the network returned, and the graph of the pass.
+
+    Raises:
+        Exception: whatever the network raises.
+    """
+    model.eval()
+    recorder = _Recorder(model, images)
+    with torch.no_grad(), recorder.watching_layers(), recorder:
+        output = model(images)
+    return output, recorder.graph()
+
+
+class _Recorder(TorchFunctionMode):
+    """Turns calls into nodes, and tensors that travel between them into edges."""
+
+    def __init__(self, model: nn.Module, images: Tensor) -> None:
+        super().__init__()
+        self._nodes: list[Node] = []
+        self._edges: set[tuple[int, int]] = set()
+        # Keyed by id: a tensor defines == element by element. `_alive` keeps the ids from being used again.
+        self._alive: list[Tensor] = [images]
+        self._producers: dict[int, frozenset[int]] = {id(images): frozenset()}
+        self._parameters = {id(parameter): id(parameter) for parameter in model.parameters()}
+        self._convolutions: dict[int, tuple[int, float]] = {}
+        self._linears: dict[int, int] = {}
+        self._last_linear: int | None = None
+        self._layers_entered = 0
+
+    def graph(self) -> Graph:
+        """Give what was recorded so far."""
+        return Graph(
+            nodes=tuple(self._nodes),
+            edges=tuple(sorted(self._edges)),
+            channels=tuple(channels for channels, _ in self._convolutions.values()),
+            kernels=tuple(kernel for _, kernel in self._convolutions.values()),
+            hidden=tuple(width for key, width in self._linears.items() if key != self._last_linear),
+        )
+
+    @contextmanager
+    def watching_layers(self) -> Iterator[None]:
+        """Record the layers of torch.nn as one node each while the context lasts."""
+        before = hooks.register_module_forward_pre_hook(self._enter_layer)
+        after = hooks.register_module_forward_hook(self._leave_layer, with_kwargs=True)
+        try:
+            yield
+        finally:
+            before.remove()
+            after.remove()
+
+    def __torch_function__(
+        self, func: Callable[..., Any], types: Iterable[type], args: tuple[Any, ...] = (), kwargs: Any = None
+    ) -> Any:
+        kwargs = kwargs or {}
+        output = func(*args, **kwargs)
+        if self._layers_entered:
+            return output
+        name = getattr(func, "__name__", "")
+        op = operation(name)
+        inputs = list(_tensors((args, kwargs)))
+        if op == "setitem":
+            self._follow(op, inputs, args[0], key=None)
+            return output
+        if not name.endswith("_") and not is_transparent(op):
+            output = _distinct(output, inputs)
+        self._follow(op, inputs, output, key=self._root(inputs, dimensions=2))
+        return output
+
+    def _enter_layer(self, layer: nn.Module, args: tuple[Any, ...]) -> None:
+        if _layer_class(layer) is not None:
+            self._layers_entered += 1
+
+    def _leave_layer(self, layer: nn.Module, args: tuple[Any, ...], kwargs: dict[str, Any], output: Any) -> Any:
+        owner = _layer_class(layer)
+        if owner is None:
+            return output
+        if self._layers_entered == 1:
+            op = operation(owner.__name__)
+            inputs = list(_tensors((args, kwargs)))
+            if not is_transparent(op):
+                output = _distinct(output, inputs)
+            weight = getattr(layer, "weight", None)
+            self._follow(op, [*inputs, *_tensors(weight)], output, key=id(layer))
+        self._layers_entered -= 1
+        return output
+
+    def _follow(self, op: str, inputs: list[Tensor], output: Any, *, key: int | None) -> None:
+        """Pass data flow from inputs to outputs, through a new node where the call is an operation.
+
+        Args:
+            op: its spelling.
+            inputs: every tensor that the call was given, its weight included.
+            output: what it returned.
+            key: which weights it used; None where it used none of two or more dimensions.
+        """
+        results = list(_tensors(output))
+        sources = [self._producers[id(tensor)] for tensor in inputs if id(tensor) in self._producers]
+        if not results or (sources and is_factory(op)):
+            return
+        if not sources:
+            self._derive(inputs, results)
+            return
+        producers = frozenset[int]().union(*sources)
+        if not is_transparent(op):
+            producers = frozenset({self._add_node(op, producers, inputs, results[0], key)})
+        for result in results:
+            self._producers[id(result)] = producers
+        self._alive += results
+
+    def _add_node(
+        self, op: str, producers: frozenset[int], inputs: list[Tensor], result: Tensor, key: int | None
+    ) -> int:
+        """Append one node with its edges; give its index."""
+        index = len(self._nodes)
+        weighted = key is not None and op in WEIGHTED
+        width = 0 if key is None or not weighted else self._note_layer(op, inputs, result, key)
+        self._nodes.append(Node(op=op, weighted=weighted, width=width))
+        self._edges |= {(producer, index) for producer in producers}
+        return index
+
+    def _note_layer(self, op: str, inputs: list[Tensor], result: Tensor, key: int) -> int:
+        """Keep the properties of a weighted layer, once however often it is called; give its width."""
+        rank = CONVOLUTIONS.get(op)
+        if rank is None:
+            width = result.shape[-1]
+            if op == "linear":
+                self._linears[key] = width
+                self._last_linear = key
+            return width
+        width = result.shape[-1 - rank]
+        weight = next(tensor for tensor in reversed(inputs) if tensor.dim() == rank + 2)
+        self._convolutions[key] = (width, sum(weight.shape[2:]) / rank)
+        return width
+
+    def _derive(self, inputs: list[Tensor], results: list[Tensor]) -> None:
+        """Remember that tensors independent of the network's input were made from a parameter."""
+        root = self._root(inputs, dimensions=0)
+        if root is not None:
+            self._parameters |= {id(result): root for result in results}
+            self._alive += results
+
+    def _root(self, inputs: list[Tensor], *, dimensions: int) -> int | None:
+        """Find the parameter behind the first input of at least so many dimensions that is made from one."""
+        known = (self._parameters.get(id(tensor)) for tensor in inputs if tensor.dim() >= dimensions)
+        return next((root for root in known if root is not None), None)
+
+
+def _layer_class(module: nn.Module) -> type[nn.Module] | None:
+    """Find the class of torch.nn that defines a layer's forward pass; None for containers and for custom modules."""
+    owner = next(kind for kind in type(module).__mro__ if "forward" in vars(kind))
+    is_layer = owner.__module__.startswith("torch.nn.modules.") and owner not in _CONTAINERS
+    return owner if is_layer and issubclass(owner, nn.Module) else None
+
+
+def _distinct(output: Any, inputs: list[Tensor]) -> Any:
+    """Give an output that is the very input object (dropout in eval mode) an identity of its own."""
+    if isinstance(output, Tensor) and any(output is tensor for tensor in inputs):
+        return output.view_as(output)
+    return output
+
+
+def _tensors(value: Any) -> Iterator[Tensor]:
+    """Walk the tensors in nested tuples, lists and dictionaries."""
+    if isinstance(value, Tensor):
+        yield value
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _tensors(item)
+    elif isinstance(value, dict):
+        yield from _tensors(list(value.values()))

@@ -1,0 +1,164 @@
+"""Descriptors are the paper's formulas: every expected number here is computed by hand from a graph in graphs.py.
+
+Logarithms used below: log2 3 = 1.584962501, and -log2 of 0.2, 0.4, 0.6 is 2.321928095, 1.321928095, 0.736965594.
+"""
+
+from dataclasses import replace
+from random import Random
+
+import pytest
+from graphs import BRANCH, CHAIN, EINSUM, NO_HIDDEN_LAYER, ONE_LAYER, RESIDUAL, SHARED
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.descriptors import density, depth, describe, entropy, variation, width
+from tacevo.records import Graph, Node, Profile
+
+EMPTY = Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=())
+
+_sizes = st.lists(st.integers(1, 512), max_size=6).map(tuple)
+
+
+@st.composite
+def graphs(draw: st.DrawFn) -> Graph:
+    """Any graph that tracing can give, up to eight nodes."""
+    ops = draw(st.lists(st.sampled_from(["conv2d", "linear", "add", "max_pool2d"]), max_size=8))
+    nodes = tuple(Node(op=op, weighted=op in ("conv2d", "linear"), width=draw(st.integers(1, 64))) for op in ops)
+    pairs = [(a, b) for b in range(len(nodes)) for a in range(b)]
+    edges = tuple(pair for pair in pairs if draw(st.booleans()))
+    kernels = tuple(float(size) for size in draw(_sizes))
+    return Graph(nodes=nodes, edges=edges, channels=draw(_sizes), kernels=kernels, hidden=draw(_sizes))
+
+
+def test_chain() -> None:
+    """A chain of five: shares 2/5, 1/5, 2/5; 4 of 10 connections; deviations 2/6, 1/4 and 0/6."""
+    assert entropy(CHAIN) == pytest.approx((2 * 0.4 * 1.321928095 + 0.2 * 2.321928095) / 1.584962501)
+    assert density(CHAIN) == 0.4
+    assert variation(CHAIN) == pytest.approx((2 / 6 + 1 / 4 + 0) / 3)
+    assert (depth(CHAIN), width(CHAIN)) == (4, 8)
+
+
+def test_residual() -> None:
+    """The skip adds a fifth connection; shares 2/5, 1/5, 1/5, 1/5; equal layers vary by 0."""
+    assert entropy(RESIDUAL) == pytest.approx((0.4 * 1.321928095 + 3 * 0.2 * 2.321928095) / 2)
+    assert density(RESIDUAL) == 0.5
+    assert variation(RESIDUAL) == 0.0
+    assert (depth(RESIDUAL), width(RESIDUAL)) == (3, 4)
+
+
+def test_branch() -> None:
+    """Branches stand beside each other, so only one convolution counts for depth; deviations 2/6 and 1/2."""
+    assert entropy(BRANCH) == pytest.approx((0.4 * 1.321928095 + 3 * 0.2 * 2.321928095) / 2)
+    assert density(BRANCH) == 0.4
+    assert variation(BRANCH) == pytest.approx((1 / 3 + 1 / 2) / 2)
+    assert (depth(BRANCH), width(BRANCH)) == (2, 8)
+
+
+def test_shared_module() -> None:
+    """Two calls of one layer are two nodes and two steps of depth: shares 3/5, 1/5, 1/5."""
+    assert entropy(SHARED) == pytest.approx((0.6 * 0.736965594 + 2 * 0.2 * 2.321928095) / 1.584962501)
+    assert density(SHARED) == 0.4
+    assert variation(SHARED) == 0.0
+    assert (depth(SHARED), width(SHARED)) == (4, 4)
+
+
+def test_one_layer_only() -> None:
+    """One operation type makes log2 N = 0, one node makes no pair, and no property is left: all 0 by definition."""
+    assert entropy(ONE_LAYER) == 0.0
+    assert density(ONE_LAYER) == 0.0
+    assert variation(ONE_LAYER) == 0.0
+    assert (depth(ONE_LAYER), width(ONE_LAYER)) == (1, 3)
+
+
+def test_einsum() -> None:
+    """Three types used once each are as even as can be; einsum with a parameter is a layer of depth and width."""
+    assert entropy(EINSUM) == 1.0
+    assert density(EINSUM) == pytest.approx(2 / 3)
+    assert variation(EINSUM) == 0.0
+    assert (depth(EINSUM), width(EINSUM)) == (2, 5)
+
+
+def test_property_without_values_is_left_out() -> None:
+    """Without a hidden layer the mean is over two deviations, 4/8 and 0, and not over three."""
+    assert entropy(NO_HIDDEN_LAYER) == pytest.approx((0.5 * 1 + 2 * 0.25 * 2) / 1.584962501)
+    assert density(NO_HIDDEN_LAYER) == 0.5
+    assert variation(NO_HIDDEN_LAYER) == 0.25
+    assert (depth(NO_HIDDEN_LAYER), width(NO_HIDDEN_LAYER)) == (3, 12)
+
+
+def test_repeated_operation_has_no_entropy() -> None:
+    """Many nodes of one type are still one type."""
+    nodes = tuple(Node(op="linear", weighted=True, width=4) for _ in range(3))
+    assert entropy(replace(ONE_LAYER, nodes=nodes)) == 0.0
+
+
+def test_graph_without_nodes_has_smallest_values() -> None:
+    """A network that only reshapes its input has no operations, yet depth and width stay usable as divisors."""
+    assert (entropy(EMPTY), density(EMPTY), variation(EMPTY)) == (0.0, 0.0, 0.0)
+    assert (depth(EMPTY), width(EMPTY)) == (1, 1)
+
+
+def test_describe_joins_the_parts() -> None:
+    """For the chain, 1000 FLOPs and 50 parameters: efficiency is 1000 / (50 x 8 / 4) = 10."""
+    found = describe(Profile(parameters=50, flops=1000, modules=9, graph=CHAIN))
+    assert found.eff_ratio == 10.0
+    assert found.arch_div == pytest.approx((0.960230 + 0.4 + 7 / 36) / 3, abs=1e-6)
+    assert (found.entropy, found.density, found.variation) == (entropy(CHAIN), density(CHAIN), variation(CHAIN))
+
+
+def test_efficiency_of_one_layer() -> None:
+    """3 x 192 weights and 3 biases, 2 x 192 x 3 FLOPs, width 3 over depth 1."""
+    found = describe(Profile(parameters=579, flops=1152, modules=2, graph=ONE_LAYER))
+    assert found.eff_ratio == pytest.approx(1152 / (579 * 3 / 1))
+    assert found.arch_div == 0.0
+
+
+def test_network_without_parameters_has_no_efficiency() -> None:
+    """Division by zero is refused with the field's name."""
+    with pytest.raises(ValueError, match=r"profile.parameters must be >= 1; got 0"):
+        describe(Profile(parameters=0, flops=1, modules=1, graph=CHAIN))
+
+
+def test_values_have_twelve_digits() -> None:
+    """Two thirds show that a result is rounded, and where."""
+    assert density(EINSUM) == 0.666666666667
+
+
+@given(graphs())
+def test_parts_stay_in_their_ranges(graph: Graph) -> None:
+    """Entropy and density are shares, variation is not negative, and the path is no longer than the network."""
+    assert 0.0 <= entropy(graph) <= 1.0
+    assert 0.0 <= density(graph) <= 1.0
+    assert variation(graph) >= 0.0
+    assert 1 <= depth(graph) <= max(1, len(graph.nodes))
+    assert width(graph) >= 1
+
+
+@given(graphs(), st.randoms(use_true_random=False))
+def test_entropy_ignores_the_order_of_nodes(graph: Graph, random: Random) -> None:
+    """Only how often each type occurs matters."""
+    shuffled = random.sample(graph.nodes, len(graph.nodes))
+    assert entropy(replace(graph, nodes=tuple(shuffled))) == entropy(graph)
+
+
+@given(graphs())
+def test_entropy_ignores_what_types_are_called(graph: Graph) -> None:
+    """Renaming every type alike changes nothing."""
+    renamed = tuple(replace(node, op=f"my_{node.op}") for node in graph.nodes)
+    assert entropy(replace(graph, nodes=renamed)) == entropy(graph)
+
+
+@given(graphs())
+def test_variation_ignores_the_unit(graph: Graph) -> None:
+    """A coefficient of variation has no unit: twice as many channels everywhere vary as much."""
+    doubled = replace(graph, channels=tuple(2 * channels for channels in graph.channels))
+    assert variation(doubled) == variation(graph)
+
+
+@given(graphs())
+def test_added_connection_never_shortens(graph: Graph) -> None:
+    """Connecting every pair gives density 1 and a path through every weighted node."""
+    count = len(graph.nodes)
+    full = replace(graph, edges=tuple((a, b) for b in range(count) for a in range(b)))
+    assert density(full) == (1.0 if count > 1 else 0.0)
+    assert depth(full) == max(1, sum(node.weighted for node in graph.nodes)) >= depth(graph)

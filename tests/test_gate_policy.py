@@ -1,0 +1,304 @@
+"""The static policy lets networks through and names the line of what is none; each rule has its breach here."""
+
+import sys
+from types import ModuleType
+
+import pytest
+import torch  # noqa: F401 - loads the modules that the allow-list names
+from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.gate import allowed
+from tacevo.gate.extraction import extract
+from tacevo.gate.policy import DEEPEST, check
+from tacevo.records import Reason, Rejection, Stage
+
+CONTRACT = contract()
+
+
+def rejection_of(source: str) -> Rejection:
+    """Check and insist on a rejection at this stage."""
+    rejection = check(source, CONTRACT)
+    assert rejection is not None
+    assert rejection.stage is Stage.policy
+    return rejection
+
+
+@pytest.mark.parametrize(
+    "preamble",
+    [
+        "",
+        "# -*- coding: utf-8 -*-\nfrom __future__ import annotations",
+        "import torch\nimport torch.nn as nn\nimport torch.nn.functional as F\nfrom torch import Tensor, nn",
+        "import math, typing as t, itertools\nfrom collections import OrderedDict\nfrom collections.abc import Sized",
+        "from torch.nn.init import xavier_uniform_\nfrom torch.nn.utils import spectral_norm\nimport torch.nn",
+        "from torch.nn import functional as fn\n\n\ndef act(x):\n    return fn.gelu(x)",
+        "from functools import partial\nfrom dataclasses import dataclass\nNorm = partial(nn.GroupNorm, 4)",
+        "def pick(kind, input):\n    match kind:\n        case 'a' | 'b':\n            return getattr(input, 'shape')",
+        "class Block(nn.Module):\n    def __init__(self):\n        nn.Module.__init__(self)\n        self.__hidden = 1",
+        "class Net(nn.Module):\n    def __repr__(self):\n        return self.__class__.__name__",
+        "def init(m):\n    if isinstance(m, nn.Conv2d) and hasattr(m, 'bias'):\n        nn.init.zeros_(m.bias)",
+        "DEVICE = torch.device('cuda' if torch.cuda.is_available() else 'cpu')",
+        "def weigh(x):\n    return torch.fft.rfft2(x).abs() + torch.linalg.norm(x) + torch.special.expit(x)",
+    ],
+)
+def test_network_passes(preamble: str) -> None:
+    """What networks are made of is allowed."""
+    assert check(f"{preamble}\n\n\n{VALID}", CONTRACT) is None
+
+
+def test_usage_below_the_class_passes() -> None:
+    """Models like to show how the class is called; the sandbox does not run that part."""
+    usage = 'if __name__ == "__main__":\n    print(ImageRegressionCNN()(torch.randn(2, 3, 64, 64)).shape)\n'
+    assert check(f"{VALID}\n\n{usage}", CONTRACT) is None
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import os",
+        "import numpy as np",
+        "import torch.utils.cpp_extension",
+        "import torch.multiprocessing as mp",
+        "from os import environ",
+        "from torch import load",
+        "from torch import hub",
+        "from torch.nn import LazyLinear",
+        "from torch.nn.modules.module import register_module_full_backward_hook",
+        "from torch.nn import *",
+        "from . import secrets",
+        "from typing import contextlib",
+        "def f():\n    import subprocess",
+    ],
+)
+def test_import_off_the_list_is_refused(line: str) -> None:
+    """Anything not listed is refused, also inside a function, and the message says what is listed."""
+    rejection = rejection_of(f"{line}\n\n\n{VALID}")
+    assert rejection.reason is Reason.forbidden_import
+    assert "may not be imported; allowed is what a network needs of abc, collections" in rejection.detail
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "torch.load('x')",
+        "torch.save(self, 'x')",
+        "torch.hub.load('a', 'b')",
+        "torch.ops.load_library('x')",
+        "torch.compile(self)",
+        "torch.jit.script(self)",
+        "torch.multiprocessing",
+        "torch._C._set_num_threads(3)",
+        "torch.classes.load_library('x')",
+        "torch.utils.data",
+        "torch.futures.Future().wait()",
+        "torch.distributed.init_process_group()",
+        "torch.autograd.graph",
+        "torch.use_deterministic_algorithms(False)",
+        "torch.set_num_threads(3)",
+        "torch.manual_seed(0)",
+        "torch.backends.cudnn.benchmark",
+        "torch.storage.io",
+        "torch.os.system('x')",
+        "torch.from_file('x')",
+        "nn.parallel.distributed",
+        "nn.modules.module.register_module_forward_hook",
+        "nn.LazyLinear(3)",
+        "F.torch.load('x')",
+        "F.importlib",
+        "math.__loader__",
+        "nn.Module.__init__.__globals__",
+        "().__class__.__bases__",
+        "self.__dict__",
+        "x.numpy()",
+        "x.untyped_storage()",
+        "x.data_ptr()",
+        "(lambda: 0).f_globals",
+        "getattr(x, '__reduce__')",
+        "hasattr(x, 'numpy')",
+        "exec('1')",
+        "eval('1')",
+        "compile('1', 'f', 'exec')",
+        "open('x')",
+        "globals()",
+        "vars(self)",
+        "__import__('os')",
+        "__builtins__",
+        "input()",
+        "breakpoint()",
+        "[open][0]",
+        "map(getattr, [x], ['a'])",
+        "getattr(nn, 'ReLU')",
+        "[torch]",
+        "dict(m=torch.nn)",
+        "f'{torch.seed()}'",
+        "'{0.__init__.__globals__}'.format(x)",
+        "torch.linalg.sys",
+        "torch.fft.torch",
+        "torch.set_grad_enabled(False)",
+    ],
+)
+def test_name_off_the_list_is_refused(expression: str) -> None:
+    """Wherever a forbidden name is read, its line is named."""
+    rejection = rejection_of(candidate(f"{expression}\nreturn x"))
+    assert rejection.reason is Reason.forbidden_name
+    assert rejection.detail.startswith("line 10: ")
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "@torch.jit.script\ndef f(x):\n    return x",
+        "def f(x=torch.load):\n    return x",
+        "def f(x: torch.hub):\n    return x",
+        "class A(torch.utils.data.Dataset):\n    pass",
+        "A = [torch.load for _ in range(3)]",
+        "A = lambda: torch.load",
+        "match 1:\n    case torch.load:\n        pass",
+        "with torch.profiler.profile():\n    pass",
+        "assert torch.load",
+        "A: torch.load = 1",
+    ],
+)
+def test_forbidden_name_is_found_in_every_construct(code: str) -> None:
+    """Decorators, defaults, annotations, bases, comprehensions, patterns and statements are all searched."""
+    assert rejection_of(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_name
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "torch.Tensor.item = None",
+        "F.mse_loss: object = None",
+        "del torch.load",
+        "F.relu += 1",
+        "for F.mse_loss in [1]:\n    pass",
+        "[0 for F.mse_loss in [1]]",
+        "with a as nn.Module.forward:\n    pass",
+        "(nn.MSELoss.forward, b) = 1, 2",
+        "from torch import Tensor\nTensor.item = None",
+        "from collections import deque\ndeque.x = 1",
+        "setattr(nn.MSELoss, 'forward', None)",
+        "delattr(F.relu, 'x')",
+    ],
+)
+def test_change_to_what_was_imported_is_refused(code: str) -> None:
+    """Every form that stores or deletes is seen: assignment, loop, comprehension, with, unpacking, del."""
+    rejection = rejection_of(f"{code}\n\n\n{VALID}")
+    assert rejection.reason in (Reason.forbidden_construct, Reason.forbidden_name)
+    assert rejection.detail.startswith(("line 1: ", "line 2: "))
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("torch = nn.Module", "torch is the module torch; choose another name"),
+        ("def f(nn):\n    return nn", "nn is the module torch.nn"),
+        ("class F:\n    pass", "F is the module torch.nn.functional"),
+        ("match 1:\n    case math:\n        pass", "math is the module math"),
+        ("import math as torch", "torch means torch, not math"),
+        ("import torch.nn as torch", "torch means torch, not torch.nn"),
+        ("from math import pi as nn", "nn means torch.nn, not math.pi"),
+    ],
+)
+def test_module_keeps_its_name(code: str, message: str) -> None:
+    """A name that meant two things would make the allow-list meaningless."""
+    rejection = rejection_of(f"{code}\n\n\n{VALID}")
+    assert rejection.reason is Reason.forbidden_construct
+    assert message in rejection.detail
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "class A:\n    def __del__(self):\n        pass",
+        "class A:\n    def __set_name__(self, owner, name):\n        pass",
+        "class A(torch.Tensor):\n    def __torch_function__(self):\n        pass",
+        "class A(metaclass=type):\n    pass",
+        "match 1:\n    case object(real=x):\n        pass",
+        "async def f():\n    pass",
+    ],
+)
+def test_construct_that_runs_unseen_is_refused(code: str) -> None:
+    """Methods and patterns that Python calls or reads by itself have no place in a network."""
+    assert rejection_of(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_construct
+
+
+def test_identifier_must_be_ascii() -> None:
+    """Python folds an italic letter to a plain one, so the text would not say what it does."""
+    rejection = rejection_of(candidate("\N{MATHEMATICAL ITALIC SMALL P}rint(x)\nreturn x"))
+    assert rejection.reason is Reason.forbidden_construct
+    assert rejection.detail == "line 10: identifier '\N{MATHEMATICAL ITALIC SMALL P}rint' is not plain ASCII"
+
+
+def test_no_allowed_name_is_another_module() -> None:
+    """An allowed name that held a module would open everything that this module imports."""
+    for path in [path for path in sys.modules if allowed.is_module(path)]:
+        for name, value in vars(sys.modules[path]).items():
+            if allowed.is_allowed(path, name):
+                assert not isinstance(value, ModuleType), f"{path}.{name}"
+
+
+def test_words_in_strings_and_comments_are_free() -> None:
+    """Only code is judged."""
+    assert check(f'# torch.load, naïve\n"""import os; é"""\n{VALID}', CONTRACT) is None
+
+
+@pytest.mark.parametrize("line", ["# -*- coding: utf-7 -*-", "\n# vim: set fileencoding=latin-1 :"])
+def test_other_encoding_is_refused(line: str) -> None:
+    """Tools that read the file would see other code than the gate."""
+    assert rejection_of(f"{line}\n{VALID}").reason is Reason.forbidden_construct
+
+
+def test_deep_expression_is_too_complex() -> None:
+    """A long sum is refused before anything walks it by recursion; a short one passes."""
+    assert check(candidate("return " + " + ".join(["x"] * (DEEPEST - 10))), CONTRACT) is None
+    for terms in (DEEPEST, 2_500):
+        assert rejection_of(candidate("return " + " + ".join(["x"] * terms))).reason is Reason.too_complex
+
+
+def test_first_breach_is_named() -> None:
+    """Of several, the reader hears of the one that comes first in the text."""
+    assert rejection_of(candidate("torch.save(x)\nopen(x)", "eval(x)")).detail.startswith("line 8: eval ")
+
+
+def test_class_must_be_there() -> None:
+    """A task's own baseline with a wrong name is refused without a sandbox."""
+    rejection = rejection_of(VALID.replace("ImageRegressionCNN", "Net"))
+    assert rejection.reason is Reason.no_class
+    assert "ImageRegressionCNN" in rejection.detail
+
+
+@given(st.sampled_from(["exec", "eval", "open", "globals"]), st.integers(0, 20))
+def test_wrapping_does_not_hide_a_name(name: str, depth: int) -> None:
+    """However deep a forbidden name sits, it is found."""
+    assert rejection_of(candidate(f"return {'[' * depth}{name}{']' * depth}")).reason is Reason.forbidden_name
+
+
+@given(st.lists(st.sampled_from([*VALID.split("\n"), "\x0c", "x = '\\", "é = 1", '"""', "\tpass", "\\"]), max_size=30))
+def test_any_lines_get_an_answer(lines: list[str]) -> None:
+    """No shuffling of code makes the policy raise."""
+    check("\n".join(lines), CONTRACT)
+
+
+@needs_shared
+@pytest.mark.parametrize("example", examples("llm_answers"), ids=lambda example: example["file"])
+def test_real_answer_passes(example: dict[str, str]) -> None:
+    """No honest answer breaks the policy."""
+    task = contract(example["task"])
+    source = extract(completion(example["response"], example["stop_reason"]), task)
+    assert isinstance(source, Rejection) or check(source, task) is None
+
+
+@needs_shared
+@pytest.mark.parametrize("example", examples("hostile"), ids=lambda example: example["id"])
+def test_attack_is_refused_where_it_can_be_seen(example: dict[str, str]) -> None:
+    """What can be seen in the text is refused; what is harmless passes the static stages."""
+    source = extract(completion(example["source"]), CONTRACT)
+    verdict = source if isinstance(source, Rejection) else check(source, CONTRACT)
+    match example["expected"]:
+        case "reject_static":
+            assert verdict is not None
+        case "allowed_harmless":
+            assert verdict is None
