@@ -164,6 +164,11 @@ class Contract:
     #: What the baseline's constructor calls the number of outputs, e.g. `num_classes`.
     output_argument: str
 
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(**{**value, "kind": Kind(value["kind"]), "loss": Loss(value["loss"])})
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
@@ -246,6 +251,11 @@ class Recipe:
     #: `adam`, the only optimiser so far; its arithmetic form follows from the numerics.
     optimiser: str
     limits: Limits
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(**{**value, "limits": Limits(**value["limits"])})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

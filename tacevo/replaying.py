@@ -10,7 +10,7 @@ from tacevo.errors import DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Instruction, Task
-from tacevo.records import Contract, DataFacts, Kind, Loss, Mode
+from tacevo.records import Contract, DataFacts, Mode
 from tacevo.rundir import RunDirectory
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.wiring import build_plan, open_tools
@@ -58,10 +58,10 @@ def read_run(directory: RunDirectory) -> tuple[RunConfig, Task, DataFacts]:
     """
     run = directory.read_run()
     try:
-        task, contract = run["task"], run["task"]["contract"]
+        task = run["task"]
         rebuilt = Task(
             name=task["name"],
-            contract=Contract(**{**contract, "kind": Kind(contract["kind"]), "loss": Loss(contract["loss"])}),
+            contract=Contract.from_json(task["contract"]),
             baseline=task["baseline"],
             system=task["system"],
             instructions=tuple(Instruction(**entry) for entry in task["instructions"]),

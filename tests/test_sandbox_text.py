@@ -24,6 +24,11 @@ def test_addresses_are_scrubbed() -> None:
     assert one_line("<Net at 0x7f3a> lacks x") == "<Net at 0x...> lacks x"
 
 
+def test_shapes_are_kept() -> None:
+    """A matrix of 30400x64 is no address."""
+    assert one_line("mat1 of 1x30400 and mat2 of 30400x64") == "mat1 of 1x30400 and mat2 of 30400x64"
+
+
 def test_terminal_codes_are_replaced() -> None:
     """An escape sequence stays readable and does nothing."""
     assert one_line("\x1b[2Jgone") == "?[2Jgone"

@@ -19,7 +19,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from tacevo.gate.trace import trace
 from tacevo.randomness import stream
 from tacevo.records import Contract, Graph, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import build, digest, fault, read_contract, reason_for
+from tacevo.sandbox.candidate import build, digest, fault, reason_for
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.text import describe
 
@@ -53,7 +53,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Mod
     torch.use_deterministic_algorithms(True)  # also fills `torch.empty` with NaN, so that it cannot pass for weights
     built: list[nn.Module] = []
     try:
-        profile = _probe(header["source"], read_contract(header["contract"]), header["limits"], built)
+        profile = _probe(header["source"], Contract.from_json(header["contract"]), header["limits"], built)
         send({"profile": to_json(profile)}, b"")
     except _CandidateError as failure:
         rejection = Rejection(stage=Stage.probe, reason=failure.reason, detail=str(failure))

@@ -56,7 +56,7 @@ class AnthropicLLM:
         asking.join()
         if failed:
             raise TransportError(
-                f"{len(failed)} of {len(requests)} requests failed, each after up to {MAX_RETRIES} retries, the first with "
+                f"{len(failed)} of {len(requests)} requests failed after up to {MAX_RETRIES} retries, the first with "
                 f"{type(failed[0]).__name__}: {failed[0]}; give the same command again: what came is recorded"
             ) from failed[0]
 

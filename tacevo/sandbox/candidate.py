@@ -7,7 +7,6 @@ import hashlib
 import inspect
 import math
 import sys
-from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
@@ -16,14 +15,9 @@ import torch
 import torch._dynamo  # the first optimiser would import it: a second for each child, instead of one for the zygote
 from torch import nn
 
-from tacevo.records import Contract, Json, Kind, Loss, Reason
+from tacevo.records import Contract, Reason
 
 _NAME = "candidate"
-
-
-def read_contract(value: Mapping[str, Json]) -> Contract:
-    """Read a contract from its JSON."""
-    return Contract(**{**value, "kind": Kind(value["kind"]), "loss": Loss(value["loss"])})
 
 
 def build(source: str, contract: Contract, seed: int) -> nn.Module:

@@ -5,7 +5,7 @@ import re
 #: Longest detail that a rejection carries, in characters.
 LONGEST = 300
 
-_ADDRESS = re.compile(r"0x[0-9a-fA-F]+")
+_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # and not the middle of a shape such as 30400x64
 
 
 def one_line(text: str) -> str:

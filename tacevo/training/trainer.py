@@ -17,8 +17,8 @@ from torch import nn
 from torch.nn.functional import cross_entropy, mse_loss
 
 from tacevo.randomness import stream
-from tacevo.records import Contract, Json, Limits, Loss, Reason, Recipe
-from tacevo.sandbox.candidate import build, digest, fault, read_contract, reason_for, standardise
+from tacevo.records import Contract, Json, Loss, Reason, Recipe
+from tacevo.sandbox.candidate import build, digest, fault, reason_for, standardise
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.text import describe
 
@@ -71,7 +71,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
 
 def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
     """Read a job from its wire form."""
-    contract = read_contract(header["contract"])
+    contract = Contract.from_json(header["contract"])
     count, split = header["train"], header["train"] + header["validation"]
     rows = np.frombuffer(payload, np.int64, split)
     kind = np.float32 if contract.loss is Loss.mse else np.int64
@@ -79,7 +79,7 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
     return _Job(
         source=header["source"],
         contract=contract,
-        recipe=Recipe(**{**header["recipe"], "limits": Limits(**header["recipe"]["limits"])}),
+        recipe=Recipe.from_json(header["recipe"]),
         seed=header["seed"],
         images=arrays["images"],
         mean=torch.tensor(header["mean"])[:, None, None],
