@@ -1,0 +1,65 @@
+"""The mirror's process: `python -m tacevo.tracking RUN_DIR --uri URI --experiment NAME [--follow]`.
+
+With `--follow` it goes on until its standard input ends, which happens too when the search at the other end is
+killed. On failure it ends with status 1, and its last line of output says why.
+"""
+
+import argparse
+import contextlib
+import gc
+import os
+import select
+import sys
+import traceback
+from pathlib import Path
+
+_QUIET = {"MLFLOW_DISABLE_TELEMETRY": "true", "DO_NOT_TRACK": "true", "MLFLOW_LOGGING_LEVEL": "WARNING"}
+_LOW_PRIORITY = 10
+_PAUSE_SECONDS = 1.0
+
+
+def main() -> int:
+    """Mirror one run; return the exit status."""
+    options = _parser().parse_args()
+    _step_back()
+    gc.set_threshold(100_000)  # MLflow's import makes many lasting objects; looking through them was a sixth of it
+    os.environ.update(_QUIET)
+    from tacevo.tracking.mirror import mirror  # only now: MLflow reads its environment while it is imported
+
+    finished = _input_ended if options.follow else lambda: True
+    try:
+        mirror(options.run_dir, uri=options.uri, experiment=options.experiment, finished=finished)
+    except Exception as error:  # whatever it is: it is told in the log and ends the mirror alone
+        traceback.print_exc()
+        print(f"{type(error).__name__}: {_first_line(str(error))}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tacevo.tracking", description="Mirror a run in MLflow.")
+    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR")
+    parser.add_argument("--uri", required=True, help="the MLflow tracking URI")
+    parser.add_argument("--experiment", required=True, help="the name of the MLflow experiment")
+    parser.add_argument("--follow", action="store_true", help="go on until standard input ends")
+    return parser
+
+
+def _step_back() -> None:
+    """Leave the processors to the search."""
+    os.nice(_LOW_PRIORITY)
+    with contextlib.suppress(OSError):  # where Linux groups by session, nice counts only inside the own group
+        Path("/proc/self/autogroup").write_text(str(_LOW_PRIORITY))
+
+
+def _first_line(text: str) -> str:
+    return text.partition("\n")[0]
+
+
+def _input_ended() -> bool:
+    """Wait a moment for the end of standard input; say whether it came."""
+    return bool(select.select([sys.stdin], [], [], _PAUSE_SECONDS)[0])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

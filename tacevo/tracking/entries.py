@@ -1,0 +1,109 @@
+"""What MLflow shows of a run: pure functions from its configuration and ledger lines to params and metrics."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from tacevo.records import Json
+
+#: The longest param, in characters: older MLflow servers refuse more.
+LONGEST_PARAM = 500
+
+_GENERATION_METRICS = (
+    "best",
+    "generation_best",
+    "generation_median",
+    "coverage",
+    "qd_score",
+    "prompt_coverage",
+    "candidates",
+    "trained",
+    "temperature",
+)
+_CANDIDATE_METRICS = (
+    "fitness",
+    "arch_div",
+    "eff_ratio",
+    "entropy",
+    "density",
+    "variation",
+    "flops",
+    "parameters",
+    "niche",
+    "curiosity",
+)
+_EPOCH_METRICS = {"train_loss": "train_losses", "validation_loss": "validation_losses"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measure:
+    """One value of a metric."""
+
+    key: str
+    value: float
+    #: The generation of a search's metrics, the epoch of a loss, 0 of a candidate's other metrics.
+    step: int
+
+
+def config_params(config: Mapping[str, Json]) -> dict[str, str]:
+    """Flatten a nested configuration: `{"llm": {"model": "m"}}` becomes `{"llm.model": "m"}`.
+
+    Lists are written as JSON, and every value as `shorten` leaves it.
+    """
+    return {key: shorten(_text(value)) for key, value in _flatten("", config)}
+
+
+def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Say how a candidate was asked for and, where it was turned away, at which stage and why.
+
+    Args:
+        line: a ledger line of kind `candidate`.
+        instructions: the task's prompt library, as `{"id", "text"}`; the line's `prompt` is an index into it.
+
+    Returns:
+        Params by name; what does not apply to the candidate is left out.
+    """
+    shown = {key: line.get(key) for key in ("operator", "generation", "slot", "temperature", "stage", "reason")}
+    shown["parents"] = ",".join(line["parents"]) or None
+    if line["prompt"] is not None:
+        instruction = instructions[line["prompt"]]
+        shown |= {"instruction": instruction["id"], "instruction_text": instruction["text"]}
+    elif line["operator"] == "crossover":
+        shown["instruction"] = "crossover"
+    return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
+
+
+def candidate_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
+    """Give a candidate's metrics: the losses of every epoch, and each figure that its ledger line has."""
+    losses = [
+        Measure(key=key, value=float(value), step=epoch)
+        for key, field in _EPOCH_METRICS.items()
+        for epoch, value in enumerate(line.get(field, ()), 1)
+    ]
+    figures = {key: line[key] for key in _CANDIDATE_METRICS if key in line}
+    if "status" in line:
+        figures["inserted"] = line["status"] != "rejected"
+    return (*losses, *(Measure(key=key, value=float(value), step=0) for key, value in figures.items()))
+
+
+def generation_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
+    """Give a generation's metrics; a figure that it does not have (no candidate was trained) is left out."""
+    figures = {key: line[key] for key in _GENERATION_METRICS if line[key] is not None}
+    return tuple(Measure(key=key, value=float(value), step=line["generation"]) for key, value in figures.items())
+
+
+def shorten(text: str) -> str:
+    """Cut a text to `LONGEST_PARAM` characters, of which the last is then an ellipsis."""
+    return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
+
+
+def _flatten(prefix: str, value: Json) -> Iterator[tuple[str, Json]]:
+    if not isinstance(value, Mapping):
+        yield prefix, value
+        return
+    for key, inner in value.items():
+        yield from _flatten(f"{prefix}.{key}" if prefix else key, inner)
+
+
+def _text(value: Json) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,80 @@
+"""The search's handle on the mirror's process; MLflow is never imported here.
+
+What it promises: neither a slow, nor a failing, nor a missing mirror stops or changes a search; the worst that
+comes of it is a warning. A mirror outlives a killed search by the time it takes to write what was committed.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+
+class Mirror:
+    """A process that mirrors a run while it is written.
+
+    Args:
+        run_dir: the run directory, which holds `run.json` when the mirror starts; the process writes what it
+            has to say to `tracking.log` there.
+        uri: the MLflow tracking URI.
+        experiment: the name of the MLflow experiment.
+    """
+
+    def __init__(self, run_dir: Path, *, uri: str, experiment: str) -> None:
+        self._run_dir = run_dir
+        self._uri = uri
+        self._experiment = experiment
+        self._log = run_dir / "tracking.log"
+        self._process: subprocess.Popen[bytes] | None = None
+        self._failure = "it was not started"
+
+    def start(self) -> None:
+        """Start the process; a failure to start is kept for `finish`."""
+        command = [sys.executable, "-P", "-m", "tacevo.tracking", str(self._run_dir), "--follow"]
+        paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+        try:
+            with self._log.open("ab") as log:
+                self._process = subprocess.Popen(
+                    [*command, "--uri", self._uri, "--experiment", self._experiment],
+                    env={**os.environ, "PYTHONPATH": paths},
+                    stdin=subprocess.PIPE,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,  # Ctrl-C is the search's to handle
+                )
+        except OSError as error:
+            self._failure = str(error)
+
+    def finish(self, timeout: float | None) -> str | None:
+        """Tell the process that no more lines come, and wait for it.
+
+        Args:
+            timeout: how long to wait, in seconds; None waits as long as it takes.
+
+        Returns:
+            None, or one line that warns the user: the mirror failed, or still runs (and goes on doing so).
+        """
+        if self._process is None:
+            return self._warning(self._failure)
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            status = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            return f"the MLflow mirror is still writing to {self._uri}; it goes on by itself and logs to {self._log}"
+        if status == 0:
+            return None
+        return self._warning(self._last_words() if status == 1 else f"it ended with status {status}")
+
+    def _warning(self, reason: str) -> str:
+        return (
+            f"the MLflow mirror to {self._uri} failed: {reason}; the run itself is not affected; see {self._log}, "
+            f"then `tacevo track {self._run_dir}` writes what is missing"
+        )
+
+    def _last_words(self) -> str:
+        try:
+            lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        except OSError as error:
+            return str(error)
+        return lines[-1] if lines else "it said nothing"

@@ -1,0 +1,435 @@
+"""The mirror shows a run's ledger in MLflow, writes nothing twice, and never harms the search.
+
+The mirror works in this process where a test is about what it writes, and as a process of its own where the test
+is about the process. MLflow is imported only when a test runs, because its telemetry stays off then.
+"""
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.ledger import Ledger
+from tacevo.records import Json
+from tacevo.store import write_durably
+from tacevo.tracking.entries import (
+    LONGEST_PARAM,
+    Measure,
+    candidate_measures,
+    candidate_params,
+    config_params,
+    generation_measures,
+    shorten,
+)
+from tacevo.tracking.process import Mirror
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+    from mlflow.entities import Run
+
+# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
+pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
+
+#: Seconds after which a process is taken for stuck; the mirror has a low priority, and machines are busy.
+PATIENCE = 300
+
+INSTRUCTIONS = [{"id": "widen", "text": "Widen every convolution."}, {"id": "gelu", "text": "ReLU to GELU."}]
+HEADER: dict[str, Json] = {"kind": "run", "schema": 1, "task": "force"}
+BASELINE: dict[str, Json] = {
+    "kind": "candidate",
+    "generation": 0,
+    "slot": 0,
+    "id": "g00s00",
+    "operator": "baseline",
+    "parents": [],
+    "prompt": None,
+    "temperature": None,
+    "parameters": 1200,
+    "flops": 34000,
+    "arch_div": 0.5,
+    "eff_ratio": 1.5,
+    "entropy": 0.7,
+    "density": 0.3,
+    "variation": 0.5,
+    "fitness": 0.25,
+    "train_losses": [0.75, 0.5],
+    "validation_losses": [0.5, 0.25],
+    "niche": 4,
+    "status": "new",
+    "curiosity": 1.8,
+}
+MUTATION = {
+    **BASELINE,
+    "slot": 1,
+    "id": "g00s01",
+    "operator": "mutation",
+    "parents": ["g00s00"],
+    "prompt": 1,
+    "temperature": 0.625,
+    "status": "rejected",
+    "curiosity": 0.5,
+}
+REJECTED: dict[str, Json] = {
+    "kind": "candidate",
+    "generation": 0,
+    "slot": 2,
+    "id": "g00s02",
+    "operator": "crossover",
+    "parents": ["g00s00", "g00s01"],
+    "prompt": None,
+    "temperature": 0.6,
+    "stage": "policy",
+    "reason": "forbidden_import",
+}
+GENERATION: dict[str, Json] = {
+    "kind": "generation",
+    "generation": 0,
+    "temperature": 0.6,
+    "next_temperature": 0.65,
+    "candidates": 3,
+    "trained": 2,
+    "best": 0.25,
+    "generation_best": 0.25,
+    "generation_median": 0.25,
+    "coverage": 0.01,
+    "qd_score": 0.8,
+    "prompt_coverage": 0.0,
+}
+SECOND_GENERATION = {**GENERATION, "generation": 1, "candidates": 0, "trained": 0, "temperature": 0.65}
+SECOND_GENERATION |= {"generation_best": None, "generation_median": None}
+ENTRIES = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
+
+
+def build_run(run_dir: Path, entries: list[dict[str, Json]], *, whole: bool = True) -> str:
+    """Write a run directory, or take one further, as a search does; return the digest of its ledger."""
+    run_dir.mkdir(parents=True, exist_ok=True)
+    for entry in entries:
+        if "fitness" in entry:
+            write_durably(run_dir / "candidates" / f"{entry['id']}.py", f"# {entry['id']}\n")
+    with Ledger(run_dir / "ledger.jsonl") as ledger:
+        for entry in entries:
+            ledger.commit(entry)
+        digest = ledger.digest
+    write_facts(run_dir, digest if whole else None)
+    return digest
+
+
+def write_facts(run_dir: Path, digest: str | None) -> None:
+    """Write run.json."""
+    config = {"seed": 0, "llm": {"model": "m", "base_url": None}, "data": {"target_columns": ["fx", "fy"]}}
+    facts = {"schema": 1, "name": "force-0", "config": config, "digest": digest}
+    write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
+
+
+def mirror_once(run_dir: Path, uri: str) -> None:
+    """Mirror what stands in a run directory, in this process."""
+    from tacevo.tracking.mirror import mirror
+
+    mirror(run_dir, uri=uri, experiment="tacevo", finished=lambda: True)
+
+
+@pytest.fixture(scope="session")
+def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make an empty MLflow database once, because its many migrations take seconds."""
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
+    from mlflow import MlflowClient
+
+    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
+    MlflowClient(f"sqlite:///{path}")
+    return path
+
+
+@pytest.fixture
+def uri(empty_store: Path, tmp_path: Path) -> str:
+    """Give the URI of a store of the test's own."""
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
+    return f"sqlite:///{tmp_path}/mlflow.db"
+
+
+@pytest.fixture
+def run_dir(tmp_path: Path) -> Path:
+    """Give a finished run."""
+    build_run(tmp_path / "run", ENTRIES)
+    return tmp_path / "run"
+
+
+def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
+    """Read a store with one search back: the client, the parent run, the nested runs by candidate."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(uri)
+    experiment = client.get_experiment_by_name("tacevo")
+    assert experiment is not None
+    runs = client.search_runs([experiment.experiment_id])
+    parents = [run for run in runs if "tacevo.run" in run.data.tags]
+    assert len(parents) == 1
+    nested = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parents[0].info.run_id]
+    assert len(nested) == len(runs) - 1
+    by_candidate = {run.data.tags["tacevo.candidate"]: run for run in nested}
+    assert len(by_candidate) == len(nested)
+    return client, parents[0], by_candidate
+
+
+def contents(uri: str) -> dict[str, Any]:
+    """Give everything that a store says of a search, but for times and MLflow's own ids."""
+    client, parent, nested = open_store(uri)
+
+    def said(run: "Run") -> Any:
+        histories = {
+            key: [(point.step, point.value) for point in client.get_metric_history(run.info.run_id, key)]
+            for key in run.data.metrics
+        }
+        tags = {key: value for key, value in run.data.tags.items() if key.startswith("tacevo.")}
+        files = [file.path for file in client.list_artifacts(run.info.run_id)]
+        return run.info.run_name, run.info.status, run.data.params, tags, histories, files
+
+    return {"parent": said(parent), **{name: said(run) for name, run in nested.items()}}
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Wait until something holds, but not for ever."""
+    deadline = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < deadline, f"it did not come about within {PATIENCE} s"
+        time.sleep(0.2)
+
+
+def test_baseline_has_neither_parents_nor_instruction() -> None:
+    """What does not apply to a candidate is no param."""
+    assert candidate_params(BASELINE, INSTRUCTIONS) == {"operator": "baseline", "generation": "0", "slot": "0"}
+
+
+def test_mutation_names_its_instruction() -> None:
+    """A mutation's params hold the instruction's id and text, the parent and the request's temperature."""
+    assert candidate_params(MUTATION, INSTRUCTIONS) == {
+        "operator": "mutation",
+        "generation": "0",
+        "slot": "1",
+        "temperature": "0.625",
+        "parents": "g00s00",
+        "instruction": "gelu",
+        "instruction_text": "ReLU to GELU.",
+    }
+
+
+def test_rejected_crossover_says_where_and_why() -> None:
+    """A crossover has both parents and no instruction of the library; a rejection its stage and reason."""
+    params = candidate_params(REJECTED, INSTRUCTIONS)
+    assert (params["parents"], params["instruction"]) == ("g00s00,g00s01", "crossover")
+    assert (params["stage"], params["reason"]) == ("policy", "forbidden_import")
+    assert "instruction_text" not in params
+    assert candidate_measures(REJECTED) == ()
+
+
+def test_losses_are_steps_from_epoch_one() -> None:
+    """Each epoch's loss is a step of its metric."""
+    measures = candidate_measures(BASELINE)
+    assert [m for m in measures if m.key == "validation_loss"] == [
+        Measure(key="validation_loss", value=0.5, step=1),
+        Measure(key="validation_loss", value=0.25, step=2),
+    ]
+
+
+@pytest.mark.parametrize(("status", "inserted"), [("new", 1.0), ("improved", 1.0), ("rejected", 0.0)])
+def test_inserted_tells_whether_the_archive_took_it(status: str, inserted: float) -> None:
+    """A new niche and an improved one both count as an insertion."""
+    measures = candidate_measures({**BASELINE, "status": status})
+    assert Measure(key="inserted", value=inserted, step=0) in measures
+
+
+def test_generation_without_trained_candidates_leaves_their_figures_out() -> None:
+    """A generation's metrics are at its own step, and what is null is no metric."""
+    measures = generation_measures(SECOND_GENERATION)
+    assert {measure.step for measure in measures} == {1}
+    assert {measure.key for measure in measures} == {
+        "best",
+        "coverage",
+        "qd_score",
+        "prompt_coverage",
+        "candidates",
+        "trained",
+        "temperature",
+    }
+
+
+def test_config_is_flattened() -> None:
+    """A param's name is the key as the user writes it; lists and null are JSON."""
+    config = {"seed": 0, "llm": {"model": "m", "base_url": None}, "data": {"target_columns": ["fx", "fy"]}}
+    assert config_params(config) == {
+        "seed": "0",
+        "llm.model": "m",
+        "llm.base_url": "null",
+        "data.target_columns": '["fx", "fy"]',
+    }
+
+
+@given(st.text(max_size=3 * LONGEST_PARAM))
+def test_shortened_text_fits_and_shows_that_it_was_cut(text: str) -> None:
+    """A text that fits stays; a longer one is cut to fit and ends in an ellipsis."""
+    short = shorten(text)
+    assert len(short) <= LONGEST_PARAM
+    assert short == text or (short.endswith("…") and text.startswith(short[:-1]) and len(text) > LONGEST_PARAM)
+
+
+def test_search_is_one_run_with_one_nested_run_a_candidate(run_dir: Path, uri: str) -> None:
+    """The parent run carries the configuration and the generations, its children the candidates."""
+    mirror_once(run_dir, uri)
+    said = contents(uri)
+    assert set(said) == {"parent", "g00s00", "g00s01", "g00s02"}
+    name, status, params, _, histories, _ = said["parent"]
+    assert (name, status, params["llm.model"]) == ("force-0", "FINISHED", "m")
+    assert histories["temperature"] == [(0, 0.6), (1, 0.65)]
+    assert histories["generation_best"] == [(0, 0.25)]
+    assert histories["candidates"] == [(0, 3.0), (1, 0.0)]
+
+
+def test_trained_candidate_keeps_losses_figures_and_source(run_dir: Path, uri: str) -> None:
+    """A trained candidate's run is finished and holds its metrics and its source as an artifact."""
+    mirror_once(run_dir, uri)
+    name, status, _, _, histories, files = contents(uri)["g00s00"]
+    assert (name, status, files) == ("g00s00", "FINISHED", ["g00s00.py"])
+    assert histories["train_loss"] == [(1, 0.75), (2, 0.5)]
+    assert histories["fitness"] == [(0, 0.25)]
+    assert histories["niche"] == [(0, 4.0)]
+
+
+def test_artifacts_lie_beside_the_database(run_dir: Path, uri: str, tmp_path: Path) -> None:
+    """A SQLite store keeps the sources in mlartifacts, in the folder of its database."""
+    mirror_once(run_dir, uri)
+    files = sorted((tmp_path / "mlartifacts").rglob("*.py"))
+    assert sorted(file.read_text(encoding="utf-8") for file in files) == ["# g00s00\n", "# g00s01\n"]
+
+
+def test_rejected_candidate_is_a_failed_run(run_dir: Path, uri: str) -> None:
+    """A rejected candidate's run failed, and has neither metrics nor a source."""
+    mirror_once(run_dir, uri)
+    _, status, params, _, histories, files = contents(uri)["g00s02"]
+    assert (status, params["reason"], histories, files) == ("FAILED", "forbidden_import", {}, [])
+
+
+def test_finished_search_carries_its_digest(tmp_path: Path, uri: str) -> None:
+    """The digest is a tag of the parent run."""
+    digest = build_run(tmp_path / "run", ENTRIES)
+    mirror_once(tmp_path / "run", uri)
+    assert contents(uri)["parent"][3]["tacevo.digest"] == digest
+
+
+def test_mirroring_twice_changes_nothing(run_dir: Path, uri: str) -> None:
+    """A second mirror finds everything there."""
+    mirror_once(run_dir, uri)
+    first = contents(uri)
+    mirror_once(run_dir, uri)
+    assert contents(uri) == first
+
+
+@pytest.mark.parametrize("length", range(1, len(ENTRIES)))
+def test_interrupted_search_is_completed(
+    length: int, run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
+) -> None:
+    """Mirrored after any line, and again at the end, a search reads as if it had been mirrored once."""
+    mirror_once(run_dir, uri)
+    other = f"sqlite:///{shutil.copy(empty_store, tmp_path / 'other.db')}"
+    interrupted = tmp_path / "interrupted" / run_dir.name
+    build_run(interrupted, ENTRIES[:length], whole=False)
+    mirror_once(interrupted, other)
+    _, status, _, tags, _, _ = contents(other)["parent"]
+    assert (status, "tacevo.digest" in tags) == ("KILLED", False)
+    build_run(interrupted, ENTRIES)
+    mirror_once(interrupted, other)
+    assert contents(other) == contents(uri)
+
+
+def test_candidate_left_unfinished_is_replaced(run_dir: Path, uri: str) -> None:
+    """A mirror that was killed within a candidate leaves a running run; the next mirror writes it anew."""
+    mirror_once(run_dir, uri)
+    whole = contents(uri)
+    client, _, nested = open_store(uri)
+    client.update_run(nested["g00s00"].info.run_id, status="RUNNING")
+    mirror_once(run_dir, uri)
+    assert contents(uri) == whole
+    assert open_store(uri)[2]["g00s00"].info.run_id != nested["g00s00"].info.run_id
+
+
+def test_longer_run_loses_the_digest_of_the_shorter(tmp_path: Path, uri: str) -> None:
+    """A finished run that is taken further, and killed, has no digest."""
+    build_run(tmp_path / "run", ENTRIES[:-1])
+    mirror_once(tmp_path / "run", uri)
+    build_run(tmp_path / "run", ENTRIES, whole=False)
+    mirror_once(tmp_path / "run", uri)
+    _, status, _, tags, _, _ = contents(uri)["parent"]
+    assert (status, "tacevo.digest" in tags) == ("KILLED", False)
+
+
+def test_line_without_its_end_waits(tmp_path: Path) -> None:
+    """A line is read only when it is whole, and then once."""
+    from tacevo.tracking.mirror import follow
+
+    path = tmp_path / "ledger.jsonl"
+    path.write_text('{"slot": 0}\n{"slo', encoding="utf-8")
+    answers = iter([False, True])
+
+    def finished() -> bool:
+        last = next(answers)
+        if last:
+            path.write_text('{"slot": 0}\n{"slot": 1}\n', encoding="utf-8")
+        return last
+
+    assert list(follow(path, finished)) == [{"slot": 0}, {"slot": 1}]
+
+
+def test_search_that_ended_before_its_first_line_is_no_run(tmp_path: Path, uri: str) -> None:
+    """Nothing is written of a run without a ledger."""
+    from mlflow import MlflowClient
+
+    (tmp_path / "run").mkdir()
+    mirror_once(tmp_path / "run", uri)
+    assert MlflowClient(uri).get_experiment_by_name("tacevo") is None
+
+
+def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
+    """The process writes lines as they come, and ends when it is told that no more will."""
+    run_dir = tmp_path / "run"
+    build_run(run_dir, ENTRIES[:2], whole=False)
+    mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
+    mirror.start()
+    wait_until(lambda: any((tmp_path / "mlartifacts").rglob("g00s00.py")))
+    digest = build_run(run_dir, ENTRIES)
+    assert mirror.finish(PATIENCE) is None
+    said = contents(uri)
+    assert set(said) == {"parent", "g00s00", "g00s01", "g00s02"}
+    assert said["parent"][3]["tacevo.digest"] == digest
+    assert (run_dir / "tracking.log").read_text(encoding="utf-8") == ""
+
+
+def test_store_that_cannot_be_written_gives_a_warning(run_dir: Path) -> None:
+    """A broken tracking URI is one line for the user, and no exception."""
+    mirror = Mirror(run_dir, uri="nonsense://nowhere", experiment="tacevo")
+    mirror.start()
+    warning = mirror.finish(PATIENCE)
+    assert warning is not None
+    assert "nonsense://nowhere failed: " in warning
+    assert "the run itself is not affected" in warning
+    assert "\n" not in warning
+
+
+def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:
+    """A folder that is not there is one line for the user, and no exception."""
+    mirror = Mirror(tmp_path / "missing", uri="sqlite:///mlflow.db", experiment="tacevo")
+    mirror.start()
+    assert "No such file or directory" in str(mirror.finish(PATIENCE))
+
+
+def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
+    """A mirror that needs longer than it is given is told of, and goes on to its end."""
+    mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
+    mirror.start()
+    assert "goes on by itself" in str(mirror.finish(0))
+    assert mirror.finish(PATIENCE) is None
+    assert contents(uri)["parent"][1] == "FINISHED"
