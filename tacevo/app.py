@@ -108,6 +108,15 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("--json", action="store_true", help="one JSON object a line")
     check.set_defaults(command=_check)
 
+    track = commands.add_parser(
+        "track",
+        help="write a run's ledger into MLflow, or what is missing of it there",
+        description="Mirror a run directory into MLflow. Doing it twice writes nothing twice.",
+    )
+    track.add_argument("run", metavar="RUN", help="the folder of a run")
+    track.add_argument("--uri", help="MLflow tracking URI (default: the run's own)")
+    track.set_defaults(command=_track)
+
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
     return parser
@@ -162,6 +171,15 @@ def _check(options: argparse.Namespace) -> int:
 
     for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
         print(line, flush=True)
+    return DONE
+
+
+def _track(options: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from tacevo.session import track
+
+    print(track(Path(options.run), options.uri))
     return DONE
 
 

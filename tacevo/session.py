@@ -9,7 +9,7 @@ from tacevo.composition import load_task, to_plain
 from tacevo.config import RunConfig, Tracking
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
-from tacevo.errors import DivergenceError, RunError
+from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Task
@@ -60,6 +60,32 @@ def search(config: RunConfig, view: View) -> Result:
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
         return Result(directory=directory.path, digest=ledger.digest, summary=summary, resumed=ledger.recorded)
+
+
+def track(path: Path, uri: str | None) -> str:
+    """Mirror a run directory into MLflow; what stands there already is not written again.
+
+    Args:
+        path: the run directory.
+        uri: the tracking URI; None for the one in the run's configuration.
+
+    Returns:
+        One line that says where the run is now.
+
+    Raises:
+        RunError: this is no run directory, or the mirror failed.
+        ConfigError: neither the run nor the caller names a URI.
+    """
+    tracking = RunDirectory(path).read_run()["config"]["tracking"]
+    place = uri or tracking["uri"]
+    if not place:
+        raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
+    mirror = Mirror(path, uri=place, experiment=tracking["experiment"])
+    mirror.start()
+    warning = mirror.finish(None)
+    if warning is not None:
+        raise RunError(warning)
+    return f"{path} is in MLflow: mlflow ui --backend-store-uri {place}"
 
 
 def _run_path(config: RunConfig, header: dict[str, Json]) -> Path:

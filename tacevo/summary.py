@@ -50,9 +50,8 @@ def _found(candidates: Mapping[str, Mapping[str, Json]], elites: Sequence[str]) 
     rows = [
         [line["id"], _number(line["fitness"]), f"{line['parameters']:,}", f"{line['flops']:,}",
          _number(line["arch_div"]), _number(line["eff_ratio"]), line["operator"]]
-        for line in [*ranked[:TOP], baseline]
+        for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
-    rows[-1][0] += " (baseline)"
     best = ranked[0]["fitness"]
     return (
         f"## Found\n\nBest fitness {_number(best)} by {ranked[0]['id']}: {_improvement(best, first)} than the best of "
