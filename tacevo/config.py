@@ -6,6 +6,7 @@ docs/paper.md. Numbers without a unit in their name are counts, fractions or tem
 """
 
 import math
+import re
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -160,6 +161,7 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        _require(re.fullmatch(r"[\w-]+", self.name) is not None, "task.name", "letters, digits, _ and -", self.name)
         _require(self.class_name.isidentifier(), "task.class_name", "a Python class name", self.class_name)
         argument = self.output_argument
         _require(argument.isidentifier(), "task.output_argument", "a Python argument name", argument)

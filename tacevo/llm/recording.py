@@ -1,6 +1,7 @@
 """Recording and replaying: an LLM in front of a store, and behind it the real one."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from tacevo.errors import LLMError
 from tacevo.llm.client import LLM
@@ -44,7 +45,13 @@ class RecordingLLM:
         if self._inner is None:
             raise LLMError(f"{len(missing)} requests are not recorded, and there is no model to ask")
         asked = list(missing)
-        for index, completion in self._inner.complete(asked):
+        for index, answered in self._inner.complete(asked):
+            completion = _writable(answered)
             self._store.write(to_json(asked[index]), to_json(completion))
             for position in missing[asked[index]]:
                 yield position, completion
+
+
+def _writable(completion: Completion) -> Completion:
+    """Replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, by question marks."""
+    return replace(completion, text=completion.text.encode(errors="replace").decode())

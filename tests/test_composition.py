@@ -1,0 +1,303 @@
+"""Promise: every shipped config composes, and a wrong setting is refused with the key as the user wrote it."""
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tacevo.composition import compose, from_plain, load_task, to_plain
+from tacevo.confdir import conf_root, groups
+from tacevo.config import RunConfig
+from tacevo.errors import ConfigError
+from tacevo.records import DataFacts, Json
+
+CHOICES = [(group, choice) for group, choices in groups().items() for choice in choices]
+
+#: What a choice needs beside itself.
+NEEDED = {
+    ("data", "csv"): ["data.root=images", "data.target_columns=[fx,fy,fz]"],
+    ("data", "folder"): ["data.root=images"],
+}
+
+#: The groups that issue and README name; a group that goes missing takes its settings with it.
+GROUPS = {
+    "ablation",
+    "archive",
+    "data",
+    "executor",
+    "experiment",
+    "llm",
+    "numerics",
+    "prompts",
+    "proposals",
+    "task",
+    "temperature",
+    "tracking",
+    "training",
+}
+
+#: What both paper experiments share, setting by setting (docs/paper.md).
+PAPER: dict[str, Json] = {
+    "search": {"generations": 20, "candidates": 50, "initial": 10},
+    "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
+    "prompts": {"policy": "uniform"},
+    "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4},
+    "training": {"epochs": 10, "batch_size": 32, "learning_rate": 0.001, "seconds": 7200.0, "memory_mib": 4096},
+    "archive": {
+        "niches": 100,
+        "prompt_niches": 100,
+        "samples": 20_000,
+        "seed": 0,
+        "bounds": "adaptive",
+        "arch_div_bounds": [0.0, 1.0],
+        "eff_ratio_bounds": [0.0, 1000.0],
+        "eff_ratio_scale": "linear",
+    },
+}
+
+
+@functools.cache
+def composed(*overrides: str) -> RunConfig:
+    """Compose once what several tests look at."""
+    return compose(overrides)
+
+
+def facts_of(config: RunConfig) -> DataFacts:
+    """Describe a data set that fits a task."""
+    outputs = config.task.outputs
+    names = tuple(config.task.output_names) or tuple(f"class {number}" for number in range(outputs))
+    return DataFacts(fingerprint="f" * 64, counts=(8, 1, 1), in_channels=3, image_size=64, outputs=outputs, names=names)
+
+
+def flat(value: Json, prefix: str = "") -> dict[str, Json]:
+    """Name every setting of a plain configuration, e.g. `archive.niches`."""
+    if not isinstance(value, dict):
+        return {prefix: value}
+    return {
+        key: leaf for name, inner in value.items() for key, leaf in flat(inner, f"{prefix}.{name}".strip(".")).items()
+    }
+
+
+def differing(overrides: list[str]) -> dict[str, Json]:
+    """Compose, and give the settings that differ from the defaults."""
+    defaults = flat(to_plain(composed()))
+    return {key: value for key, value in flat(to_plain(compose(overrides))).items() if value != defaults[key]}
+
+
+def test_every_group_is_there() -> None:
+    """No group is lost, and none is added without its name here."""
+    assert set(groups()) == GROUPS
+
+
+@pytest.mark.parametrize(("group", "choice"), CHOICES)
+def test_every_shipped_config_composes(group: str, choice: str) -> None:
+    """Each choice of each group gives a whole, checked configuration, which run.json holds and gives back."""
+    config = composed(f"{group}={choice}", *NEEDED.get((group, choice), []))
+    assert from_plain(to_plain(config)) == config
+
+
+@pytest.mark.parametrize("ablation", groups()["ablation"])
+@pytest.mark.parametrize("experiment", groups()["experiment"])
+def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: str) -> None:
+    """An ablation on top of an experiment changes what the ablation is about, and nothing else."""
+    plain, ablated = (
+        flat(to_plain(composed(f"experiment={experiment}", f"ablation={choice}"))) for choice in ("none", ablation)
+    )
+    changed = {key for key in plain if plain[key] != ablated[key]}
+    assert changed <= {"temperature.rule", "prompts.policy"}
+    assert len(changed) == (ablation != "none")
+
+
+@pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])
+def test_paper_experiments_are_the_papers(task: str, images: int) -> None:
+    """G = 20, B = 50, 10 epochs, 256 px, the released number of images, p_m = 0.85, and our stated defaults."""
+    plain = to_plain(composed(f"experiment=paper_{task}"))
+    assert {group: plain[group] for group in PAPER} == PAPER
+    assert (plain["task"]["name"], plain["data"]["source"]) == (task, "simulated")
+    assert (plain["data"]["image_size"], plain["data"]["images"]) == (256, images)
+
+
+def test_paper_experiment_wins_over_nothing_the_user_says() -> None:
+    """What the user gives beside an experiment holds, whichever comes first."""
+    for overrides in (
+        ["experiment=paper_force", "search.generations=2"],
+        ["search.generations=2", "experiment=paper_force"],
+    ):
+        config = compose(overrides)
+        assert (config.search.generations, config.search.candidates) == (2, 50)
+
+
+def test_demo_is_small() -> None:
+    """The demo asks for few candidates, small images and a short training."""
+    config = composed("experiment=demo")
+    candidates = 1 + config.search.initial + config.search.generations * config.search.candidates
+    assert candidates <= 60
+    assert config.data.image_size <= 32
+    assert config.data.images <= 600
+    assert config.training.epochs <= 5
+    assert config.llm.provider == "grammar"
+
+
+def test_images_follow_the_task() -> None:
+    """Choosing a task chooses its number of images; naming a number holds against it."""
+    assert compose(["task=grating"]).data.images == 3507
+    assert compose(["task=grating", "data.images=100"]).data.images == 100
+
+
+@pytest.mark.parametrize(
+    ("override", "settings"),
+    [
+        ("seed=3", {"seed": 3}),
+        ("llm.mode=replay", {"llm.mode": "replay"}),
+        ("run.dir=runs/mine", {"run.dir": "runs/mine"}),
+        ("temperature=stall", {"temperature.rule": "stall"}),
+        ("archive.arch_div_bounds=[0.25,0.5]", {"archive.arch_div_bounds": [0.25, 0.5]}),
+    ],
+)
+def test_override_changes_what_it_names(override: str, settings: dict[str, Json]) -> None:
+    """An override has its effect and no other."""
+    assert differing([override]) == settings
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("search.generatons=3", r"no setting 'search.generatons'; did you mean 'search.generations'\?"),
+        ("serch.generations=3", r"no setting 'serch.generations'; did you mean 'search.generations'\?"),
+        ("archive.bin=3", r"no setting 'archive.bin'"),
+        ("quux=1", r"no setting 'quux'; `tacevo search --help` lists the groups"),
+        ("seed=abc", r"seed=abc: Value 'abc' of type 'str' could not be converted to Integer"),
+        ("search.generations=1.5", r"search.generations=1.5: .* could not be converted to Integer"),
+        ("temperature.start=hot", r"temperature.start=hot: .* could not be converted to Float"),
+        ("seed=[1]", r"seed=\[1\]: .*could not be converted to Integer"),
+        ("seed=null", r"seed=null: field 'seed' is not Optional"),
+        ("search=5", r"search=5"),
+        ("archive.eff_ratio_bounds=[a,b]", r"archive.eff_ratio_bounds=\[a,b\]: .*Float"),
+        ("llm.mode=replai", r"llm.mode=replai: .*'replai', expected one of \[live, record, replay\]"),
+        ("search.generations=-1", r"^search.generations needs a value >= 0; got -1$"),
+        ("llm.slip_rate=nan", r"^llm.slip_rate needs a value in \[0, 1\]; got nan$"),
+        ("training.learning_rate=inf", r"^training.learning_rate needs a finite value > 0; got inf$"),
+        ("task=forse", r"'task/forse'; choose one of force, grating, hardness$"),
+        ("experiment=dem", r"'experiment/dem'; choose one of demo, paper_force, paper_grating$"),
+        ("+search.extra=1", r"none can be added or removed; got '\+search.extra=1'"),
+        ("++seed=1", r"none can be added or removed; got '\+\+seed=1'"),
+        ("~seed", r"none can be added or removed; got '~seed'"),
+        ("seed", r"'seed'"),
+        ("seed=1,2", r"seed=1,2"),
+        ("a b", r"a b"),
+        ("seed=???", r"missing mandatory value: seed"),
+        ("hydra.job.name=x", r"'hydra.job.name=x'"),
+    ],
+)
+def test_wrong_override_is_refused_as_the_user_wrote_it(override: str, message: str) -> None:
+    """A misspelt key, a wrong type, an impossible value, an unknown choice: one line that names it."""
+    with pytest.raises(ConfigError, match=message) as caught:
+        compose([override])
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sed": 1}, r"'sed'"),
+        ({"seed": "abc"}, r"'abc'"),
+        ({"seed": -1}, r"^seed needs a value >= 0; got -1$"),
+        ({"llm": {"mode": "tape"}}, r"'tape'"),
+    ],
+)
+def test_plain_values_of_another_version_are_refused(change: dict[str, Json], message: str) -> None:
+    """A configuration that was edited, or written by another version, is checked like one that is typed."""
+    with pytest.raises(ConfigError, match=message):
+        from_plain({**to_plain(composed()), **change})
+
+
+@pytest.mark.parametrize(("name", "mutations"), [("force", 20), ("grating", 17), ("hardness", 20)])
+def test_task_is_read_whole(name: str, mutations: int) -> None:
+    """Each task has its baseline, a filled-in system prompt and as many instructions as the paper lists."""
+    config = composed(f"task={name}")
+    task = load_task(config, facts_of(config))
+    assert f"class {config.task.class_name}" in task.baseline
+    assert "$" not in task.system
+    assert len(task.instructions) == mutations
+    assert (task.contract.image_size, task.contract.outputs) == (64, config.task.outputs)
+
+
+def test_every_file_of_the_library_belongs_to_a_task() -> None:
+    """No text lies about that no task names."""
+    tasks = [composed(f"task={name}").task for name in groups()["task"]]
+    named = {name for task in tasks for name in (task.baseline, task.instructions, task.system)}
+    root = conf_root()
+    assert {str(path.relative_to(root)) for path in (root / "library").rglob("*.*") if path.suffix != ".pyc"} == named
+
+
+def test_data_of_another_shape_are_refused() -> None:
+    """The number of outputs is held against the data before anything is trained."""
+    config = composed("task=force")
+    facts = replace(facts_of(config), outputs=2, names=("left", "right"))
+    with pytest.raises(
+        ConfigError, match=r"task.outputs is 3, but the data set has 2 \(left, right\); set task.outputs=2"
+    ):
+        load_task(config, facts)
+
+
+def with_file(path: Path, key: str, content: bytes) -> RunConfig:
+    """Write a file, and give a force task that names it."""
+    path.write_bytes(content)
+    config = composed("task=force")
+    change: dict[str, Json] = {key: str(path)}
+    return replace(config, task=replace(config.task, **change))
+
+
+@pytest.mark.parametrize("key", ["baseline", "instructions", "system"])
+def test_missing_file_of_a_task_is_named(key: str, tmp_path: Path) -> None:
+    """The message names the key and the path."""
+    config = with_file(tmp_path / "file", key, b"")
+    (tmp_path / "file").unlink()
+    with pytest.raises(ConfigError, match=rf"^task.{key} names .*/file, which cannot be read"):
+        load_task(config, facts_of(config))
+
+
+@pytest.mark.parametrize("key", ["baseline", "instructions", "system"])
+def test_file_that_is_no_text_is_named(key: str, tmp_path: Path) -> None:
+    """Bytes that are not UTF-8 are refused alike."""
+    config = with_file(tmp_path / "file", key, b"\xff\x80")
+    with pytest.raises(ConfigError, match=rf"^task.{key} names .*/file, which cannot be read"):
+        load_task(config, facts_of(config))
+
+
+@pytest.mark.parametrize(
+    ("library", "message"),
+    [
+        ({}, r"needs `crossover: TEXT` and `mutations: \[...\]`"),
+        ([], r"needs `crossover: TEXT`"),
+        ({"crossover": "Combine.", "mutations": [], "mutation": []}, r"needs `crossover: TEXT`"),
+        ({"crossover": 5, "mutations": []}, r"needs `crossover: TEXT`"),
+        ({"crossover": "Combine.", "mutations": {}}, r"needs `crossover: TEXT`"),
+        ({"crossover": "Combine.", "mutations": []}, r"mutations need different ids, at least one; got \[\]"),
+        ({"crossover": "Combine.", "mutations": ["Widen."]}, r"mutation 1 needs an `id` and a `text`; got 'Widen.'"),
+        ({"crossover": "Combine.", "mutations": [{"id": "a", "text": " "}]}, r"mutation 1 needs an `id` and a `text`"),
+        ({"crossover": "Combine.", "mutations": [{"id": 1, "text": "b"}]}, r"mutation 1 needs an `id` and a `text`"),
+        ({"crossover": "Combine.", "mutations": [{"id": "a", "text": "b"}] * 2}, r"need different ids.*\['a', 'a'\]"),
+    ],
+)
+def test_malformed_library_is_refused(library: Json, message: str, tmp_path: Path) -> None:
+    """The message names the key, the file and the entry."""
+    config = with_file(tmp_path / "library.yaml", "instructions", yaml.safe_dump(library).encode())
+    with pytest.raises(ConfigError, match=rf"^task.instructions names .*library.yaml.* {message}"):
+        load_task(config, facts_of(config))
+
+
+def test_library_that_is_not_yaml_is_refused(tmp_path: Path) -> None:
+    """A file that cannot be parsed is named with the reason."""
+    config = with_file(tmp_path / "library.yaml", "instructions", b"crossover: [")
+    with pytest.raises(ConfigError, match=r"^task.instructions names .*library.yaml, which is not YAML"):
+        load_task(config, facts_of(config))
+
+
+def test_unknown_placeholder_is_refused(tmp_path: Path) -> None:
+    """A system prompt may name only what there is."""
+    config = with_file(tmp_path / "system.md", "system", b"Write $klass.")
+    with pytest.raises(ConfigError, match=r"^task.system: the system prompt names \$klass; it may name \$class_name"):
+        load_task(config, facts_of(config))

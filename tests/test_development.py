@@ -1,0 +1,201 @@
+"""Promise: work finishes in any order and outcomes come in slot order; equal sources are trained once."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from tacevo.development import Outcome, Tools, develop
+from tacevo.errors import LLMError, SandboxError, TransportError
+from tacevo.gate.admission import Admitted
+from tacevo.proposals import Proposal
+from tacevo.records import (
+    Completion,
+    Graph,
+    Message,
+    Operator,
+    Profile,
+    Reason,
+    Rejection,
+    Request,
+    Stage,
+    Training,
+)
+
+PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))
+REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")
+CRASH = Rejection(stage=Stage.train, reason=Reason.crashed, detail="signal 11")
+
+Evaluate = Callable[[str], Training | Rejection]
+
+
+class FakeLLM:
+    """Answers each request with its own text, the last one first; stops with an error after so many answers."""
+
+    def __init__(self, answers: int = 1000) -> None:
+        self._answers = answers
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer in reverse."""
+        for number, position in enumerate(reversed(range(len(requests)))):
+            if number == self._answers:
+                raise TransportError("no network")
+            text = requests[position].messages[0].content
+            yield position, Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
+
+
+def proposals(*texts: str) -> list[Proposal]:
+    """Make the baseline, and one mutation a text."""
+    baseline = Proposal(
+        generation=0,
+        slot=0,
+        operator=Operator.baseline,
+        parents=(),
+        prompt=None,
+        request=None,
+        source="baseline",
+    )
+    return [baseline, *(mutation(slot, text) for slot, text in enumerate(texts, 1))]
+
+
+def mutation(slot: int, text: str) -> Proposal:
+    """Make a proposal whose answer is a given text."""
+    messages = (Message(role="user", content=text),)
+    request = Request(model="m", system="", messages=messages, temperature=0.5, max_tokens=1, draw=slot)
+    return Proposal(generation=0, slot=slot, operator=Operator.mutation, parents=("g00s00",), prompt=0, request=request)
+
+
+def trained(source: str) -> Training:
+    """Give a training whose weights tell the source."""
+    return Training(train_losses=(1.0,), validation_losses=(0.5,), predictions_sha256="", weights_sha256=source)
+
+
+def run(
+    planned: list[Proposal], evaluate: Evaluate = trained, *, llm: FakeLLM | None = None, workers: int = 4
+) -> list[Outcome]:
+    """Develop proposals with a gate that admits all but what begins with `bad`."""
+
+    def inspect(source: str) -> Admitted | Rejection:
+        return REFUSAL if source.startswith("bad") else Admitted(source=source, profile=PROFILE)
+
+    with ThreadPoolExecutor(workers) as executor:
+        tools = Tools(
+            llm=llm or FakeLLM(),
+            admit=lambda completion: inspect(completion.text),
+            inspect=inspect,
+            evaluate=evaluate,
+            evaluation_key=lambda source: source,
+            executor=executor,
+        )
+        return list(develop(planned, tools))
+
+
+def weights(outcomes: list[Outcome]) -> list[str]:
+    """Tell which source each outcome was trained from."""
+    return [outcome.result.weights_sha256 for outcome in outcomes if isinstance(outcome.result, Training)]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 8])
+def test_outcomes_come_in_slot_order(workers: int) -> None:
+    """Answers arrive backwards, and outcomes come forwards, for any number of workers."""
+    outcomes = run(proposals("a", "b", "c"), workers=workers)
+    assert [outcome.proposal.slot for outcome in outcomes] == [0, 1, 2, 3]
+    assert weights(outcomes) == ["baseline", "a", "b", "c"]
+
+
+def test_slot_order_holds_whatever_finishes_first() -> None:
+    """Each training here waits for that of the slot after it, so that they finish in exactly the reverse order."""
+    order = ["baseline", "a", "b", "c"]
+    done = {source: threading.Event() for source in order}
+    finished = []
+
+    def evaluate(source: str) -> Training:
+        for later in order[order.index(source) + 1 :]:
+            assert done[later].wait(timeout=30)
+        finished.append(source)
+        done[source].set()
+        return trained(source)
+
+    assert weights(run(proposals("a", "b", "c"), evaluate)) == order
+    assert finished == order[::-1]
+
+
+def test_baseline_was_asked_of_nobody() -> None:
+    """The baseline's source is given, so it has no completion; every other outcome has its own."""
+    outcomes = run(proposals("a", "b"))
+    assert [outcome.completion and outcome.completion.text for outcome in outcomes] == [None, "a", "b"]
+
+
+def test_equal_sources_are_trained_once() -> None:
+    """Of four equal sources and the baseline's one more, each gets the one answer."""
+    calls = []
+
+    def evaluate(source: str) -> Training:
+        calls.append(source)
+        return trained(source)
+
+    outcomes = run(proposals("same", "same", "baseline", "same", "other"), evaluate)
+    assert weights(outcomes) == ["baseline", "same", "same", "baseline", "same", "other"]
+    assert sorted(calls) == ["baseline", "other", "same"]
+
+
+def test_equal_sources_meet_while_training() -> None:
+    """A later asker waits for the training that is under way, and does not start a second one."""
+    calls = []
+    held = threading.Event()
+
+    def evaluate(source: str) -> Training:
+        calls.append(source)
+        if source == "other":
+            held.set()
+        assert source != "same" or held.wait(timeout=30)
+        return trained(source)
+
+    assert weights(run(proposals("other", "same", "same"), evaluate)) == ["baseline", "other", "same", "same"]
+    assert calls.count("same") == 1
+
+
+def test_refused_answer_is_never_trained() -> None:
+    """What the gate turns away keeps its rejection and reaches no trainer."""
+    calls = []
+
+    def evaluate(source: str) -> Training:
+        calls.append(source)
+        return trained(source)
+
+    refused = run(proposals("bad text"), evaluate)[1]
+    assert (refused.admitted, refused.result) == (None, REFUSAL)
+    assert calls == ["baseline"]
+
+
+def test_failed_training_is_a_value() -> None:
+    """A candidate that fails to train was admitted, has its rejection, and stops nobody else."""
+    outcomes = run(proposals("a", "b"), lambda source: CRASH if source == "a" else trained(source))
+    assert outcomes[1].result == CRASH
+    assert outcomes[1].admitted == Admitted(source="a", profile=PROFILE)
+    assert weights(outcomes) == ["baseline", "b"]
+
+
+@pytest.mark.parametrize("text", ["a", "b"])
+def test_broken_sandbox_passes_through(text: str) -> None:
+    """An exception is no verdict: it reaches the search, and every slot that waited for the same training."""
+
+    def evaluate(source: str) -> Training:
+        if source == text:
+            raise SandboxError("the zygote is gone")
+        return trained(source)
+
+    with pytest.raises(SandboxError, match="the zygote is gone"):
+        run(proposals("a", "b", "a", "b"), evaluate)
+
+
+def test_unreachable_model_passes_through() -> None:
+    """A model that fails after some answers ends the generation with its own error."""
+    with pytest.raises(LLMError, match="no network"):
+        run(proposals("a", "b", "c"), llm=FakeLLM(answers=1))
+
+
+def test_empty_generation_has_no_outcomes() -> None:
+    """Nothing planned, nothing done."""
+    assert run([]) == []

@@ -1,0 +1,163 @@
+"""Promise: every answer is stored the moment it arrives; what is recorded is not asked for; replay asks nobody."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from tacevo.errors import CacheMissError, LLMError, StoreError, TransportError
+from tacevo.llm.recording import RecordingLLM
+from tacevo.records import Completion, Message, Mode, Request, to_json
+from tacevo.store import Store
+
+
+class FakeLLM:
+    """Numbers its answers, gives the last request's first, and fails after so many."""
+
+    def __init__(self, answers: int = 1000) -> None:
+        self.asked: list[str] = []
+        self._answers = answers
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer in reverse."""
+        for position in reversed(range(len(requests))):
+            if len(self.asked) == self._answers:
+                raise TransportError("no network")
+            self.asked.append(requests[position].messages[0].content)
+            yield position, answer(f"{self.asked[-1]} answered as number {len(self.asked)}")
+
+
+def request(text: str, draw: int = 0) -> Request:
+    """Make a request."""
+    messages = (Message(role="user", content=text),)
+    return Request(model="m", system="", messages=messages, temperature=0.5, max_tokens=9, draw=draw)
+
+
+def answer(text: str, stop_reason: str = "end_turn") -> Completion:
+    """Make a completion."""
+    return Completion(text=text, model="m-1", stop_reason=stop_reason, input_tokens=2, output_tokens=3)
+
+
+def texts(llm: RecordingLLM, requests: Sequence[Request]) -> list[str]:
+    """Ask, and give the answers in the order of the requests."""
+    answers = dict(llm.complete(requests))
+    assert sorted(answers) == list(range(len(requests)))
+    return [answers[position].text for position in range(len(requests))]
+
+
+def completions(root: Path, mode: Mode = Mode.record) -> Store:
+    """Open the store of completions."""
+    return Store(root, "completions", mode)
+
+
+REQUESTS = [request("a"), request("b"), request("c")]
+ANSWERS = ["a answered as number 3", "b answered as number 2", "c answered as number 1"]
+
+
+def test_record_asks_once(tmp_path: Path) -> None:
+    """The first time the model is asked, the second time the store."""
+    inner = FakeLLM()
+    llm = RecordingLLM(inner, completions(tmp_path))
+    assert texts(llm, REQUESTS) == ANSWERS
+    assert texts(llm, REQUESTS) == ANSWERS
+    assert inner.asked == ["c", "b", "a"]
+
+
+def test_record_asks_only_for_what_is_missing(tmp_path: Path) -> None:
+    """Recorded answers come first, each in its place, and the model sees the other requests alone."""
+    completions(tmp_path).write(to_json(REQUESTS[1]), to_json(answer("recorded")))
+    inner = FakeLLM()
+    arrivals = list(RecordingLLM(inner, completions(tmp_path)).complete(REQUESTS))
+    assert [position for position, _ in arrivals] == [1, 2, 0]
+    assert arrivals[0][1] == answer("recorded")
+    assert inner.asked == ["c", "a"]
+
+
+def test_live_always_asks_and_records(tmp_path: Path) -> None:
+    """A recorded answer is not read; the new one takes its place."""
+    completions(tmp_path).write(to_json(REQUESTS[0]), to_json(answer("old")))
+    inner = FakeLLM()
+    new = texts(RecordingLLM(inner, completions(tmp_path, Mode.live)), REQUESTS[:1])
+    assert inner.asked == ["a"]
+    assert texts(RecordingLLM(None, completions(tmp_path, Mode.replay)), REQUESTS[:1]) == new
+
+
+def test_replay_never_asks(tmp_path: Path) -> None:
+    """A replay gives what was recorded, and a missing answer is an error although somebody could be asked."""
+    texts(RecordingLLM(FakeLLM(), completions(tmp_path)), REQUESTS)
+    inner = FakeLLM()
+    llm = RecordingLLM(inner, completions(tmp_path, Mode.replay))
+    assert texts(llm, REQUESTS) == ANSWERS
+    with pytest.raises(CacheMissError, match="whose field 'draw' differs"):
+        texts(llm, [request("a", draw=1)])
+    assert inner.asked == []
+
+
+def test_answer_is_stored_before_it_is_seen(tmp_path: Path) -> None:
+    """Whoever sees an answer can be killed at once: it is recorded already."""
+    replay = completions(tmp_path, Mode.replay)
+    for position, completion in RecordingLLM(FakeLLM(), completions(tmp_path)).complete(REQUESTS):
+        assert replay.find(to_json(REQUESTS[position])) == to_json(completion)
+
+
+def test_failure_keeps_what_had_arrived(tmp_path: Path) -> None:
+    """After a failure the next run asks only for what had not come."""
+    with pytest.raises(TransportError, match="no network"):
+        texts(RecordingLLM(FakeLLM(answers=2), completions(tmp_path)), REQUESTS)
+    later = FakeLLM()
+    assert texts(RecordingLLM(later, completions(tmp_path)), REQUESTS)[1:] == ANSWERS[1:]
+    assert later.asked == ["a"]
+
+
+@pytest.mark.parametrize("mode", [Mode.live, Mode.record])
+def test_equal_requests_are_asked_once(mode: Mode, tmp_path: Path) -> None:
+    """Equal requests get one answer, because a replay could not tell two apart; another draw is another request."""
+    inner = FakeLLM()
+    requests = [request("a"), request("b"), request("a"), request("a", draw=1)]
+    first = texts(RecordingLLM(inner, completions(tmp_path, mode)), requests)
+    assert first[0] == first[2] != first[3]
+    assert sorted(inner.asked) == ["a", "a", "b"]
+    assert texts(RecordingLLM(None, completions(tmp_path, Mode.replay)), requests) == first
+
+
+def test_refusal_is_recorded_like_an_answer(tmp_path: Path) -> None:
+    """A refused or cut-off completion is an answer, so that a replay reproduces the failure."""
+    store = completions(tmp_path)
+    store.write(to_json(REQUESTS[0]), to_json(answer("", stop_reason="refusal")))
+    ((_, completion),) = RecordingLLM(None, store).complete(REQUESTS[:1])
+    assert completion.stop_reason == "refusal"
+
+
+def test_nobody_to_ask_is_an_error(tmp_path: Path) -> None:
+    """Without a model a missing answer is an error in every mode."""
+    with pytest.raises(LLMError, match="1 requests are not recorded, and there is no model to ask"):
+        texts(RecordingLLM(None, completions(tmp_path)), REQUESTS[:1])
+
+
+def test_damaged_recording_is_never_asked_for_anew(tmp_path: Path) -> None:
+    """Damage is an error, and costs no call."""
+    store = completions(tmp_path)
+    store.write(to_json(REQUESTS[0]), to_json(answer("recorded")))
+    next(tmp_path.rglob("*.json")).write_text("{", encoding="utf-8")
+    inner = FakeLLM()
+    with pytest.raises(StoreError, match="is not a store entry"):
+        texts(RecordingLLM(inner, store), REQUESTS)
+    assert inner.asked == []
+
+
+def test_nothing_asked_is_nothing_answered(tmp_path: Path) -> None:
+    """An empty batch needs no model."""
+    assert texts(RecordingLLM(None, completions(tmp_path)), []) == []
+
+
+def test_lone_surrogate_is_replaced_before_it_is_seen(tmp_path: Path) -> None:
+    """Half an emoji, which no UTF-8 file can hold, neither stops a search nor differs in its replay."""
+
+    class HalfEmoji:
+        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+            """Answer with a lone surrogate."""
+            yield from ((position, answer("fine \ud83d")) for position in range(len(requests)))
+
+    recorded = texts(RecordingLLM(HalfEmoji(), completions(tmp_path)), REQUESTS[:1])
+    assert recorded == ["fine ?"]
+    assert texts(RecordingLLM(None, completions(tmp_path, Mode.replay)), REQUESTS[:1]) == recorded

@@ -1,0 +1,156 @@
+"""Promise: records never change, compare by value, and come back from JSON as they were."""
+
+import dataclasses
+import json
+import pickle
+from enum import StrEnum
+from typing import Any
+
+import pytest
+
+from tacevo import config, records
+from tacevo.records import (
+    Completion,
+    Contract,
+    DataFacts,
+    Graph,
+    Kind,
+    Limits,
+    Loss,
+    Message,
+    Node,
+    Profile,
+    Reason,
+    Recipe,
+    Rejection,
+    Request,
+    Stage,
+    Training,
+    to_json,
+)
+
+GRAPH = Graph(
+    nodes=(Node(op="conv2d", weighted=True, width=16), Node(op="add", weighted=False, width=0)),
+    edges=((0, 1),),
+    channels=(16,),
+    kernels=(3.0,),
+    hidden=(),
+)
+
+RECIPE = Recipe(
+    epochs=3, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=5.0, memory_mib=64)
+)
+
+#: One record of every class that is read back from a store.
+READ_BACK = [
+    Rejection(stage=Stage.probe, reason=Reason.out_of_time, detail="a minute was not enough"),
+    Completion(text="class A: ...", model="m-1", stop_reason="end_turn", input_tokens=3, output_tokens=4),
+    GRAPH,
+    Profile(parameters=448, flops=9000, modules=2, graph=GRAPH),
+    Training(
+        train_losses=(0.75, 0.5), validation_losses=(0.5, 0.1 + 0.2), predictions_sha256="ab", weights_sha256="cd"
+    ),
+    Contract(
+        class_name="A",
+        kind=Kind.regression,
+        loss=Loss.mse,
+        in_channels=3,
+        image_size=32,
+        outputs=2,
+        output_argument="num_outputs",
+    ),
+    RECIPE,
+    DataFacts(fingerprint="ef", counts=(8, 1, 1), in_channels=3, image_size=32, outputs=2, names=("Fx", "Fy")),
+]
+ENUMS = [
+    value
+    for module in (records, config)
+    for value in vars(module).values()
+    if isinstance(value, type) and issubclass(value, StrEnum) and value is not StrEnum
+]
+
+
+@pytest.mark.parametrize("record", READ_BACK, ids=lambda record: type(record).__name__)
+def test_record_comes_back_from_json(record: Any) -> None:
+    """What went through a file equals what was written, bit for bit."""
+    assert type(record).from_json(json.loads(json.dumps(to_json(record)))) == record
+
+
+def test_every_class_with_from_json_is_tried_here() -> None:
+    """A class that learns to read itself back must be added to the list above."""
+    readers = {value for value in vars(records).values() if isinstance(value, type) and hasattr(value, "from_json")}
+    assert readers == {type(record) for record in READ_BACK}
+
+
+@pytest.mark.parametrize("record", READ_BACK, ids=lambda record: type(record).__name__)
+def test_record_never_changes(record: Any) -> None:
+    """A record can be neither written to nor widened, and it can be a key."""
+    name = dataclasses.fields(record)[0].name
+    with pytest.raises(dataclasses.FrozenInstanceError, match=name):
+        setattr(record, name, None)
+    assert not hasattr(record, "__dict__")
+    assert hash(record) == hash(dataclasses.replace(record))
+
+
+@pytest.mark.parametrize("record", READ_BACK, ids=lambda record: type(record).__name__)
+def test_record_survives_pickling(record: Any) -> None:
+    """A record can be handed to another process."""
+    assert pickle.loads(pickle.dumps(record)) == record
+
+
+@pytest.mark.parametrize("enum", ENUMS, ids=lambda enum: enum.__name__)
+def test_names_of_choices_are_what_is_written(enum: type[StrEnum]) -> None:
+    """Hydra reads members by their names and JSON holds their values, so the two are one."""
+    assert [member.name for member in enum] == [member.value for member in enum]
+
+
+def test_to_json_gives_plain_values() -> None:
+    """Nested records become mappings, tuples lists, enums their values; scalars stay what they are."""
+    assert to_json({Kind.regression: (RECIPE, None, True, Stage.train)}) == {
+        "regression": [
+            {
+                "epochs": 3,
+                "batch_size": 32,
+                "learning_rate": 0.001,
+                "optimiser": "adam",
+                "limits": {"seconds": 5.0, "memory_mib": 64},
+            },
+            None,
+            True,
+            "train",
+        ]
+    }
+    assert type(to_json([Stage.train])[0]) is str
+
+
+def test_request_holds_all_that_changes_an_answer() -> None:
+    """The key of a completion is the whole of its request, in this very form."""
+    request = Request(
+        model="m",
+        system="s",
+        messages=(Message(role="user", content="hello"),),
+        temperature=0.5,
+        max_tokens=10,
+        draw=1,
+        settings=(("slip_rate", 0.05),),
+    )
+    assert to_json(request) == {
+        "model": "m",
+        "system": "s",
+        "messages": [{"role": "user", "content": "hello"}],
+        "temperature": 0.5,
+        "max_tokens": 10,
+        "draw": 1,
+        "settings": [["slip_rate", 0.05]],
+    }
+
+
+def test_fitness_is_the_final_validation_loss() -> None:
+    """Not the best one: the paper takes the last."""
+    training = Training(
+        train_losses=(0.9, 0.8, 0.7),
+        validation_losses=(0.5, 0.25, 0.375),
+        predictions_sha256="",
+        weights_sha256="",
+    )
+    assert training.fitness == 0.375

@@ -1,0 +1,164 @@
+"""Promise: a run directory belongs to one process at a time, is written whole, and is refused where it is damaged."""
+
+import json
+import subprocess
+import sys
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from tacevo.errors import RunError
+from tacevo.ledger import Ledger
+from tacevo.records import Json, Reason, Rejection, Stage
+from tacevo.rundir import PACKAGES, RunDirectory, machine, versions
+
+#: Locks a run directory, says so, and waits until it is killed.
+HOLDER = """
+import sys
+from pathlib import Path
+from tacevo.rundir import RunDirectory
+with RunDirectory(Path(sys.argv[1])).locked():
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> RunDirectory:
+    """Give a run directory that is not made yet."""
+    return RunDirectory(tmp_path / "runs" / "one")
+
+
+def test_lock_makes_the_folder_and_excludes_others(directory: RunDirectory) -> None:
+    """While one holds the directory another is refused; afterwards it may come."""
+    with directory.locked():
+        assert directory.path.is_dir()
+        with (
+            pytest.raises(RunError, match=r"another process is running in .*; wait for it, or choose another run.dir"),
+            directory.locked(),
+        ):
+            pass
+    with directory.locked():
+        pass
+
+
+def test_killed_process_lets_go_of_the_lock(directory: RunDirectory) -> None:
+    """A lock dies with its process, so that a killed run can be taken up."""
+    command = [sys.executable, "-c", HOLDER, str(directory.path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "locked\n"
+        with pytest.raises(RunError, match="another process is running"), directory.locked():
+            pass
+        holder.kill()
+        holder.wait()
+    with directory.locked():
+        pass
+
+
+def test_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
+    """The message names the setting that chose it."""
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with (
+        pytest.raises(RunError, match=r"run.dir=.*/file/run cannot be used"),
+        RunDirectory(tmp_path / "file/run").locked(),
+    ):
+        pass
+
+
+def test_run_comes_back_as_written(directory: RunDirectory) -> None:
+    """run.json is readable text and holds what was written."""
+    directory.write_json("run.json", {"schema": 1, "name": "zwölf"})
+    assert directory.read_run() == {"schema": 1, "name": "zwölf"}
+    assert "zwölf" in (directory.path / "run.json").read_text(encoding="utf-8")
+
+
+def test_folder_without_a_run_is_an_error(directory: RunDirectory) -> None:
+    """A folder that holds no run is refused, and so is one that is not there."""
+    with pytest.raises(RunError, match=r"is not the folder of a run: it has no run.json"):
+        directory.read_run()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "null", "\x00"])
+def test_damaged_run_is_an_error(content: str, directory: RunDirectory) -> None:
+    """Whatever run.json holds instead, the message names the file."""
+    directory.write_text("run.json", content)
+    with pytest.raises(RunError, match=r"run.json is damaged"):
+        directory.read_run()
+
+
+def test_run_of_another_layout_is_an_error(directory: RunDirectory) -> None:
+    """A later version's run is refused by its schema."""
+    directory.write_json("run.json", {"schema": 2})
+    with pytest.raises(RunError, match="has schema 2; this version of tacevo reads 1"):
+        directory.read_run()
+
+
+def test_nan_is_refused(directory: RunDirectory) -> None:
+    """No JSON file of a run holds NaN, and the file before it stays."""
+    directory.write_json("archive.json", {"qd_score": 1.0})
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        directory.write_json("archive.json", {"qd_score": float("nan")})
+    assert json.loads((directory.path / "archive.json").read_text(encoding="utf-8")) == {"qd_score": 1.0}
+
+
+def test_elites_are_the_archives(directory: RunDirectory) -> None:
+    """Before the first generation is complete there are none."""
+    assert directory.read_elites() == []
+    directory.write_json("archive.json", {"elites": [{"id": "g00s00"}, {"id": "g01s02"}]})
+    assert directory.read_elites() == ["g00s00", "g01s02"]
+
+
+@pytest.mark.parametrize("content", [[], {}, {"elites": 1}, {"elites": [{}]}])
+def test_damaged_archive_is_an_error(content: Json, directory: RunDirectory) -> None:
+    """Whatever archive.json holds instead, the message names the file."""
+    directory.write_json("archive.json", content)
+    with pytest.raises(RunError, match=r"archive.json is damaged"):
+        directory.read_elites()
+
+
+def test_ledger_is_read_from_the_directory(directory: RunDirectory) -> None:
+    """The ledger lies in ledger.jsonl."""
+    directory.path.mkdir(parents=True)
+    with Ledger(directory.ledger) as ledger:
+        line = ledger.commit({"kind": "run"})
+    assert directory.ledger.name == "ledger.jsonl"
+    assert directory.read_ledger() == (line,)
+
+
+def test_candidate_is_kept_once(directory: RunDirectory) -> None:
+    """The first source of a candidate stays; a resumed run does not write it again."""
+    directory.keep_candidate("g00s01", "class A: ...\n")
+    directory.keep_candidate("g00s01", "class B: ...\n")
+    assert (directory.path / "candidates/g00s01.py").read_text(encoding="utf-8") == "class A: ...\n"
+
+
+def test_rejected_answer_is_kept_under_its_reason(directory: RunDirectory) -> None:
+    """A rejected candidate's file begins with stage, reason and detail, and holds the raw answer."""
+    rejection = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="prose only")
+    directory.keep_rejected("g00s01", rejection, "I would widen it.")
+    text = (directory.path / "candidates/g00s01.rejected.txt").read_text(encoding="utf-8")
+    assert text.splitlines()[0] == "extract: no_class: prose only"
+    assert text.endswith("\nI would widen it.\n")
+
+
+def test_timings_are_appended_with_their_moment(directory: RunDirectory) -> None:
+    """Each line holds what was given and a time with its zone."""
+    directory.path.mkdir(parents=True)
+    for number in range(2):
+        directory.add_timing({"id": number})
+    lines = [json.loads(line) for line in (directory.path / "timings.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert [line["id"] for line in lines] == [0, 1]
+    assert all(datetime.fromisoformat(line["at"]).tzinfo is not None for line in lines)
+
+
+def test_versions_name_every_package() -> None:
+    """Python and each package that matters is listed."""
+    assert set(versions()) == {"python", *PACKAGES}
+    assert versions()["numpy"] != "absent"
+
+
+def test_machine_is_described_without_its_name() -> None:
+    """Hardware and system are said, the host's name is not."""
+    assert set(machine()) == {"cpu", "cores", "architecture", "system", "libc"}

@@ -1,0 +1,327 @@
+"""Promise: an answer is kept under everything that determines it, and comes back whole or with an error, never wrong.
+
+Each damage that a file can take has its own test, because a store that answers wrongly is worse than none.
+"""
+
+import dataclasses
+import itertools
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.errors import CacheMissError, StoreError
+from tacevo.records import Json, Message, Mode, Request, to_json
+from tacevo.store import Store, canonical, content_hash, write_durably
+
+REQUEST = Request(
+    model="m",
+    system="Be brief.",
+    messages=(Message(role="user", content="Widen it."),),
+    temperature=0.5,
+    max_tokens=100,
+    draw=7,
+    settings=(("slip_rate", 0.05),),
+)
+
+#: For each field of a request, requests that differ in it alone.
+VARIED: dict[str, list[Json]] = {
+    "model": ["n", ""],
+    "system": ["Be brief. ", "be brief."],
+    "messages": [
+        (),
+        (Message(role="assistant", content="Widen it."),),
+        (Message(role="user", content="Widen it"),),
+        (*REQUEST.messages, *REQUEST.messages),
+    ],
+    "temperature": [0.5000000000000001, 0.0, 1.0],
+    "max_tokens": [101],
+    "draw": [8, 0],
+    "settings": [(), (("slip_rate", 0.06),), (("slips", 0.05),)],
+}
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=10,
+)
+
+#: Writes answers of 100,000 equal digits under one key, again and again.
+WRITER = """
+import sys
+from pathlib import Path
+from tacevo.store import Store
+store = Store(Path(sys.argv[1]), "shared")
+for _ in range(30):
+    store.write({"x": 1}, sys.argv[2] * 100_000)
+"""
+
+
+def forbidden() -> Json:
+    """Stand where an answer must not be computed."""
+    raise AssertionError("the answer was computed")
+
+
+def entry_path(root: Path) -> Path:
+    """Find the only entry of a store."""
+    (path,) = root.rglob("*.json")
+    return path
+
+
+def edited(path: Path, change: Callable[[dict[str, Json]], Json]) -> None:
+    """Change an entry as somebody with an editor would."""
+    entry = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(change(entry)), encoding="utf-8")
+
+
+def resealed(entry: dict[str, Json]) -> dict[str, Json]:
+    """Give an entry the checksum of its content."""
+    entry.pop("checksum")
+    return {**entry, "checksum": content_hash(entry)}
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    """Give a store with one recorded answer."""
+    made = Store(tmp_path, "things")
+    made.write({"x": 1}, {"y": "ünï\u2028 \x00"})
+    return made
+
+
+def test_canonical_form_is_golden() -> None:
+    """Keys in order, no spaces, text as it is: every key of every store rests on this form."""
+    assert canonical({"b": [1, 1.0, None, True], "a": 'ü"\n'}) == '{"a":"ü\\"\\n","b":[1,1.0,null,true]}'
+
+
+def test_request_key_is_golden(tmp_path: Path) -> None:
+    """A recorded answer is found again only as long as its key is made alike."""
+    golden = "7e420a3a685fcd6befbd10a275c033733400dcc518e05141bccc16c45a93ec03"
+    assert Store(tmp_path, "completions").key(to_json(REQUEST)) == golden
+
+
+def test_every_field_of_a_request_is_varied_here() -> None:
+    """A field that is added to a request must be added to the test below."""
+    assert set(VARIED) == {field.name for field in dataclasses.fields(Request)}
+
+
+@pytest.mark.parametrize("field", VARIED)
+def test_every_field_enters_the_key(field: str, tmp_path: Path) -> None:
+    """Requests that differ in any one field, by however little, have different keys."""
+    store = Store(tmp_path, "completions")
+    others = [dataclasses.replace(REQUEST, **{field: value}) for value in VARIED[field]]
+    assert len({store.key(to_json(request)) for request in [REQUEST, *others]}) == 1 + len(others)
+
+
+def test_kind_enters_the_key(tmp_path: Path) -> None:
+    """Equal requests to two kinds of store have different keys."""
+    assert Store(tmp_path, "a").key({"x": 1}) != Store(tmp_path, "b").key({"x": 1})
+
+
+@given(JSON, JSON)
+def test_equal_hashes_mean_equal_json(first: Json, second: Json) -> None:
+    """Two values share a hash only where they share their canonical form."""
+    assert (content_hash(first) == content_hash(second)) == (canonical(first) == canonical(second))
+
+
+@given(st.dictionaries(st.text(), JSON, max_size=5))
+def test_order_of_keys_does_not_matter(value: dict[str, Json]) -> None:
+    """A mapping is the same in whatever order it was filled."""
+    assert canonical(dict(reversed(value.items()))) == canonical(value)
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
+def test_nan_is_refused(number: float, store: Store) -> None:
+    """NaN and infinity are neither asked nor answered, and a refused answer leaves no file."""
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        store.key({"x": number})
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        store.write({"x": 2}, {"y": [number]})
+    assert store.read({"x": 2}) is None
+
+
+@given(answer=JSON.filter(lambda value: value is not None))
+def test_answer_comes_back_as_it_was_written(answer: Json, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Whatever JSON is written is read, number for number and character for character."""
+    store = Store(tmp_path_factory.mktemp("store"), "things")
+    store.write({"x": 1}, answer)
+    assert canonical(store.read({"x": 1})) == canonical(answer)
+
+
+def test_record_computes_once(tmp_path: Path) -> None:
+    """In `record` mode the first answer is computed and stored, the second read."""
+    store = Store(tmp_path, "things", Mode.record)
+    assert store.recall({"x": 1}, lambda: 5) == 5
+    assert store.recall({"x": 1}, forbidden) == 5
+
+
+def test_live_never_reads_but_writes(tmp_path: Path) -> None:
+    """In `live` mode every answer is computed anew, and the last one is recorded."""
+    store = Store(tmp_path, "things", Mode.live)
+    answers = itertools.count()
+    assert [store.recall({"x": 1}, lambda: next(answers)) for _ in range(2)] == [0, 1]
+    assert Store(tmp_path, "things", Mode.replay).recall({"x": 1}, forbidden) == 1
+
+
+def test_replay_never_computes(store: Store, tmp_path: Path) -> None:
+    """In `replay` mode a recorded answer is read, and a missing one is an error."""
+    replay = Store(tmp_path, "things", Mode.replay)
+    assert replay.recall({"x": 1}, forbidden) == store.read({"x": 1})
+    with pytest.raises(CacheMissError, match="no recorded answer for things request"):
+        replay.recall({"x": 2}, forbidden)
+
+
+def test_failed_computation_stores_nothing(tmp_path: Path) -> None:
+    """An exception passes through, and the next asker computes again."""
+    store = Store(tmp_path, "things")
+
+    def fail() -> Json:
+        raise OSError("no network")
+
+    with pytest.raises(OSError, match="no network"):
+        store.recall({"x": 1}, fail)
+    assert store.recall({"x": 1}, lambda: 5) == 5
+
+
+def test_miss_in_an_empty_store_says_so(tmp_path: Path) -> None:
+    """Where nothing was recorded, the message says how to record."""
+    with pytest.raises(CacheMissError, match=r"this store is empty. Record first: llm.mode=record"):
+        Store(tmp_path, "things", Mode.replay).find({"x": 1})
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"temperature": 0.6}, "temperature"),
+        ({"model": "n", "temperature": 0.6}, "model"),
+        ({"messages": (Message(role="user", content="Narrow it."),)}, "messages.0.content"),
+        ({"messages": ()}, "messages"),
+        ({"settings": (("slip_rate", 0.1),)}, "settings.0.1"),
+    ],
+)
+def test_miss_names_the_nearest_recording_and_the_first_field(
+    change: dict[str, Json], field: str, tmp_path: Path
+) -> None:
+    """Of several recordings the message names the one that differs least, and where."""
+    record = Store(tmp_path, "completions")
+    for request in (dataclasses.replace(REQUEST, model="x", system="y", draw=0, max_tokens=1), REQUEST):
+        record.write(to_json(request), "answer")
+    asked = to_json(dataclasses.replace(REQUEST, **change))
+    expected = f"nearest recording is {record.key(to_json(REQUEST))[:12]}, whose field '{field}' differs"
+    with pytest.raises(CacheMissError, match=expected):
+        Store(tmp_path, "completions", Mode.replay).find(asked)
+
+
+@pytest.mark.parametrize(("recorded", "asked"), [({}, {"x": None}), ({"x": None}, {}), ({"x": 1}, {"x": 1.0})])
+def test_miss_sees_every_difference_that_a_key_sees(recorded: Json, asked: Json, tmp_path: Path) -> None:
+    """A null is not a missing field, nor 1 a 1.0: their keys differ, and the message says where."""
+    Store(tmp_path, "things").write(recorded, 5)
+    with pytest.raises(CacheMissError, match="whose field 'x' differs"):
+        Store(tmp_path, "things", Mode.replay).find(asked)
+
+
+@pytest.mark.parametrize("length", [0, 1, 50, -2])
+def test_truncated_entry_is_an_error(length: int, store: Store, tmp_path: Path) -> None:
+    """A file that lost its end is refused, by its name and with the remedy."""
+    path = entry_path(tmp_path)
+    path.write_bytes(path.read_bytes()[:length])
+    with pytest.raises(StoreError, match=rf"{path.name} is not a store entry .*; restore the file .* or delete it"):
+        store.read({"x": 1})
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00garbage", b"null", b"[]", b'"text"', b"{}", b"\x80"])
+def test_foreign_content_is_an_error(content: bytes, store: Store, tmp_path: Path) -> None:
+    """A file that is something else altogether is refused alike, be it not even text."""
+    entry_path(tmp_path).write_bytes(content)
+    with pytest.raises(StoreError, match="is not a store entry"):
+        store.read({"x": 1})
+
+
+@pytest.mark.parametrize("field", ["answer", "request", "kind", "key", "checksum"])
+def test_edited_entry_is_an_error(field: str, store: Store, tmp_path: Path) -> None:
+    """A change of any field is noticed by the checksum."""
+    path = entry_path(tmp_path)
+    edited(path, lambda entry: {**entry, field: "edited"})
+    with pytest.raises(StoreError, match=rf"{path.name} does not match its checksum; restore"):
+        store.read({"x": 1})
+
+
+def test_answer_edited_to_nan_is_an_error(store: Store, tmp_path: Path) -> None:
+    """NaN, which Python's JSON reader lets pass, is damage like any other."""
+    edited(entry_path(tmp_path), lambda entry: {**entry, "answer": float("nan")})
+    with pytest.raises(StoreError, match="is not a store entry"):
+        store.read({"x": 1})
+
+
+def test_sound_entry_under_another_key_is_an_error(store: Store, tmp_path: Path) -> None:
+    """A file that was renamed to another request's key does not answer that request."""
+    path = entry_path(tmp_path)
+    target = tmp_path / "things" / store.key({"x": 2})[:2] / f"{store.key({'x': 2})}.json"
+    target.parent.mkdir(exist_ok=True)
+    path.rename(target)
+    with pytest.raises(StoreError, match="does not match its checksum"):
+        store.read({"x": 2})
+
+
+def test_unknown_schema_is_an_error(store: Store, tmp_path: Path) -> None:
+    """An entry of a later version is refused by its schema, although its checksum is right."""
+    edited(entry_path(tmp_path), lambda entry: resealed({**entry, "schema": 99}))
+    with pytest.raises(StoreError, match="has schema 99; this version reads 1"):
+        store.read({"x": 1})
+
+
+def test_damaged_entry_is_never_computed_again(store: Store, tmp_path: Path) -> None:
+    """Damage is an error in `record` mode, too, and not a silent call."""
+    entry_path(tmp_path).write_bytes(b"{")
+    with pytest.raises(StoreError, match="is not a store entry"):
+        store.recall({"x": 1}, forbidden)
+
+
+def test_entry_is_readable_and_holds_the_request(store: Store, tmp_path: Path) -> None:
+    """Somebody who looks into the folder sees what was asked and what was answered."""
+    assert entry_path(tmp_path).name == f"{store.key({'x': 1})}.json"
+    entry = json.loads(entry_path(tmp_path).read_text(encoding="utf-8"))
+    assert (entry["request"], entry["answer"]) == ({"x": 1}, store.read({"x": 1}))
+
+
+def test_entries_come_in_the_order_of_keys(tmp_path: Path) -> None:
+    """All entries are given, each checked, whatever order they were written in."""
+    store = Store(tmp_path, "things")
+    for number in range(20):
+        store.write({"x": number}, number)
+    keys = [entry["key"] for entry in store.entries()]
+    assert keys == sorted(store.key({"x": number}) for number in range(20))
+
+
+def test_file_left_by_a_killed_writer_is_not_an_entry(store: Store, tmp_path: Path) -> None:
+    """A half-written file has another name, and nobody reads it."""
+    path = entry_path(tmp_path)
+    path.with_name(f".{path.name}.123-456.part").write_text("{", encoding="utf-8")
+    assert len(list(store.entries())) == 1
+
+
+def test_failed_write_leaves_the_old_content_and_no_rest(tmp_path: Path) -> None:
+    """A text that cannot be written to its end (here: half a surrogate pair) changes nothing."""
+    path = tmp_path / "file"
+    write_durably(path, "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_durably(path, "new \ud800")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+    assert path.read_text(encoding="utf-8") == "old"
+
+
+def test_two_processes_write_at_once(tmp_path: Path) -> None:
+    """While two processes write one key, a reader sees the one answer or the other, and always a whole one."""
+    writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), digit]) for digit in "12"]
+    store = Store(tmp_path, "shared")
+    seen = set()
+    while any(writer.poll() is None for writer in writers):
+        seen.add(store.read({"x": 1}))
+    assert [writer.returncode for writer in writers] == [0, 0]
+    assert store.read({"x": 1}) in {"1" * 100_000, "2" * 100_000}
+    assert seen <= {None, "1" * 100_000, "2" * 100_000}
+    assert len(list(tmp_path.rglob("*.part"))) == 0

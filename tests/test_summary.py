@@ -1,0 +1,130 @@
+"""Promise: a summary says what the ledger says, and can be written at any moment of a run."""
+
+from pathlib import Path
+
+import pytest
+
+from tacevo.records import Json
+from tacevo.summary import summarise, table
+
+GOLDEN = Path(__file__).parent / "golden"
+RUN: dict[str, Json] = {
+    "name": "force-seed3-0123abcd",
+    "task": {"name": "force"},
+    "config": {"seed": 3, "llm": {"model": "grammar-1"}, "numerics": {"kind": "portable"}},
+    "data": {"fingerprint": "f" * 64, "counts": [384, 48, 48], "image_size": 32},
+}
+
+
+def trained(name: str, operator: str, fitness: float) -> dict[str, Json]:
+    """Make the line of a trained candidate."""
+    sizes = {"parameters": 1_234_567, "flops": 9_876_543, "arch_div": 0.51234, "eff_ratio": 12.3456}
+    return {**begun(name, operator), **sizes, "fitness": fitness}
+
+
+def begun(name: str, operator: str) -> dict[str, Json]:
+    """Make what the lines of all candidates have."""
+    return {"kind": "candidate", "id": name, "generation": int(name[1:3]), "slot": int(name[4:]), "operator": operator}
+
+
+def rejected(name: str, stage: str, reason: str) -> dict[str, Json]:
+    """Make the line of a rejected candidate."""
+    return {**begun(name, "mutation"), "stage": stage, "reason": reason}
+
+
+def ended(number: int, *, trained: int, candidates: int, best: float, median: float | None) -> dict[str, Json]:
+    """Make the line of a generation."""
+    return {
+        "kind": "generation",
+        "generation": number,
+        "trained": trained,
+        "candidates": candidates,
+        "best": best,
+        "generation_median": median,
+        "coverage": 0.02,
+        "prompt_coverage": 0.01,
+        "qd_score": 1.75,
+        "temperature": 0.6,
+    }
+
+
+LINES = [
+    {"kind": "run", "schema": 1},
+    trained("g00s00", "baseline", 0.5),
+    trained("g00s01", "mutation", 0.4),
+    ended(0, trained=2, candidates=2, best=0.4, median=0.45),
+    trained("g01s00", "crossover", 0.1),
+    rejected("g01s01", "extract", "truncated"),
+    rejected("g01s02", "extract", "no_class"),
+    rejected("g01s03", "extract", "truncated"),
+    rejected("g01s04", "train", "out_of_time"),
+    ended(1, trained=1, candidates=5, best=0.1, median=0.1),
+    rejected("g02s00", "probe", "bad_output"),
+    ended(2, trained=0, candidates=1, best=0.1, median=None),
+]
+
+
+def test_summary_is_golden() -> None:
+    """A whole summary, worked out by hand: 75.0% from 0.4 to 0.1, 80.0% from the baseline's 0.5."""
+    golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
+    assert summarise(RUN, LINES, ["g01s00", "g00s01"]) == golden
+
+
+def test_stage_counts_add_up() -> None:
+    """What a stage leaves is what came to it less what it rejected; the last line is the trainable rate."""
+    lines = summarise(RUN, LINES, ["g01s00"]).splitlines()
+    stages = {
+        line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:5]] for line in lines if "|" in line
+    }
+    assert stages["extract"] == ["3", "5", "62.5%"]
+    assert stages["policy"] == ["0", "5", "62.5%"]
+    assert stages["probe"] == ["1", "4", "50.0%"]
+    assert stages["train"] == ["1", "3", "37.5%"]
+
+
+def test_run_without_a_generation_has_a_headline_only() -> None:
+    """Before generation 0 is complete nothing was found, and the page says no more than what runs."""
+    page = summarise(RUN, LINES[:2], [])
+    assert page.startswith("# force-seed3-0123abcd\n\nTask force, seed 3")
+    assert "##" not in page
+
+
+def test_best_are_ranked_by_fitness_then_id() -> None:
+    """The list holds the five best elites in order and, last, the baseline."""
+    names = [f"g00s{number:02d}" for number in range(1, 8)]
+    fitnesses = [0.3, 0.2, 0.2, 0.9, 0.1, 0.8, 0.7]
+    elites = [trained(name, "mutation", fitness) for name, fitness in zip(names, fitnesses, strict=True)]
+    lines = [trained("g00s00", "baseline", 0.5), *elites, ended(0, trained=8, candidates=8, best=0.1, median=0.4)]
+    page = summarise(RUN, lines, names)
+    rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g")]
+    assert rows[:6] == ["g00s05", "g00s02", "g00s03", "g00s01", "g00s07", "g00s00"]
+
+
+def test_baseline_among_the_best_is_listed_once() -> None:
+    """A baseline that is still an elite stands in its place, and not a second time at the end."""
+    lines = [trained("g00s00", "baseline", 0.1), trained("g00s01", "mutation", 0.2)]
+    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=0.1, median=0.15)], ["g00s00", "g00s01"])
+    assert [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g0")] == ["g00s00", "g00s01"]
+
+
+@pytest.mark.parametrize(
+    ("best", "words"), [(0.25, "50.0% lower than the baseline"), (0.75, "50.0% higher than the baseline")]
+)
+def test_change_says_its_direction(best: float, words: str) -> None:
+    """A worse best is said to be higher, not a negative improvement."""
+    lines = [trained("g00s00", "baseline", 0.5), trained("g00s01", "mutation", best)]
+    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=best, median=0.5)], ["g00s01"])
+    assert words in page
+
+
+def test_perfect_reference_divides_by_nothing() -> None:
+    """Against a loss of 0 there is no per cent, and no error either."""
+    lines = [trained("g00s00", "baseline", 0.0), ended(0, trained=1, candidates=1, best=0.0, median=0.0)]
+    assert "0.0% lower" in summarise(RUN, lines, ["g00s00"])
+
+
+def test_table_lines_up() -> None:
+    """Every row of a table is as wide as the widest cell of each column asks for."""
+    assert table(["a", "long"], [["wider", "1"]]) == "\n".join(
+        ["| a     | long |", "| ----- | ---- |", "| wider | 1    |"]
+    )
