@@ -2,9 +2,12 @@
 
 import argparse
 import contextlib
+import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import FrameType
 
 from tacevo import __version__
@@ -134,16 +137,24 @@ def _search(options: argparse.Namespace) -> int:
     with make_view(Console(stderr=True), total=total, generations=config.search.generations) as view:
         result = search(config, view)
     print(result.summary)
-    print(f"run: {result.directory}   (`tacevo show {result.directory}`, `tacevo replay {result.directory}`)")
+    tacevo, mlflow = _as_typed("tacevo"), _as_typed("mlflow")
+    print(f"run: {result.directory}")
+    print(f"look:   {tacevo} show {result.directory} g00s00")
+    print(f"verify: {tacevo} replay {result.directory}")
     if config.tracking.kind.value == "mlflow":
-        print(f"candidates in MLflow: mlflow ui --backend-store-uri {config.tracking.uri}")
+        print(f"MLflow: {mlflow} ui --backend-store-uri {config.tracking.uri}")
     print(f"digest: {result.digest}")
     return DONE
 
 
-def _replay(options: argparse.Namespace) -> int:
-    from pathlib import Path
+def _as_typed(command: str) -> str:
+    """Spell a command of this environment so that the user's shell finds it, activated or not."""
+    if shutil.which(command):
+        return command
+    return os.path.relpath(Path(sys.executable).parent / command)
 
+
+def _replay(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from tacevo.progress import PlainView
@@ -157,8 +168,6 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
-    from pathlib import Path
-
     from tacevo.showing import show_candidate, show_run
 
     path = Path(options.run)
@@ -175,8 +184,6 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _track(options: argparse.Namespace) -> int:
-    from pathlib import Path
-
     from tacevo.session import track
 
     print(track(Path(options.run), options.uri))

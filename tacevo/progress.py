@@ -9,11 +9,14 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 from tacevo.archive import coverage
 from tacevo.development import Outcome
@@ -86,17 +89,17 @@ class LiveView:
 
     def __init__(self, console: Console, total: int, generations: int) -> None:
         self._generations = generations
-        self._total = total
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[note]}"),
+            _RateColumn(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,
         )
-        self._search: TaskID | None = None
+        self._search = self._progress.add_task(f"generation 0/{generations}", total=total, note="")
         self._data: TaskID | None = None
 
     def __enter__(self) -> Self:
@@ -120,8 +123,6 @@ class LiveView:
 
     def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
         """Move the bar of the candidates."""
-        if self._search is None:
-            self._search = self._progress.add_task("generation 0", total=self._total, note="")
         if line["kind"] == "candidate":
             self._progress.update(
                 self._search,
@@ -129,6 +130,15 @@ class LiveView:
                 description=f"generation {line['generation']}/{self._generations}",
                 note=f"best {best:.4g}  coverage {coverage:.0%}",
             )
+
+
+class _RateColumn(ProgressColumn):
+    """Units a second, over the last half minute or so."""
+
+    def render(self, task: Task) -> Text:
+        """Write the rate, once there is one."""
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:.2g}/s")
 
 
 def make_view(console: Console, *, total: int, generations: int) -> PlainView | LiveView:
