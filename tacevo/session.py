@@ -23,7 +23,7 @@ from tacevo.tracking.process import Mirror
 from tacevo.wiring import build_plan, load_data, open_tools
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
-MIRROR_SECONDS = 10.0
+MIRROR_SECONDS = 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
