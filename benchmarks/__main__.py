@@ -13,8 +13,8 @@ from rich.console import Console
 from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
+from tacevo.choices import Numerics
 from tacevo.composition import compose
-from tacevo.config import Numerics
 from tacevo.progress import PlainView
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tacevo.checking import task_without_data
+from tacevo.choices import Numerics
 from tacevo.confdir import conf_root
-from tacevo.config import Numerics
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Mode, Rejection
 from tacevo.rundir import machine, versions

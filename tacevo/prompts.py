@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tacevo.archive import AddStatus, Archive, Elite, Tessellation, insert
-from tacevo.config import PromptPolicy
+from tacevo.choices import PromptPolicy
 
 
 def curiosity(fitness: float | None, *, inserted: bool) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacevo.config import ParentPolicy, PromptPolicy
+from tacevo.choices import ParentPolicy, PromptPolicy
 from tacevo.prompts import PromptArchive, draw_prompt, draw_weighted
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Contract, Message, Operator, Request

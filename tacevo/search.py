@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Tessellation, coverage, qd_score
-from tacevo.config import PromptPolicy, Scale, TemperatureRule
+from tacevo.choices import PromptPolicy, Scale, TemperatureRule
 from tacevo.descriptors import Descriptor, describe
 from tacevo.development import Outcome, Tools, develop
 from tacevo.errors import ConfigError

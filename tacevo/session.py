@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.choices import Tracking
 from tacevo.composition import load_task, to_plain
-from tacevo.config import RunConfig, Tracking
+from tacevo.config import RunConfig
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
 from tacevo.errors import ConfigError, DivergenceError, RunError

@@ -1,6 +1,6 @@
 """How the sampling temperature moves (paper, Algorithm 1, lines 4 and 9)."""
 
-from tacevo.config import TemperatureRule
+from tacevo.choices import TemperatureRule
 
 
 def next_temperature(

@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.config import BoundsRule, LLMConfig, Provider, RunConfig, Source
+from tacevo.choices import BoundsRule, Provider, Source
+from tacevo.config import LLMConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.folder import Folder
 from tacevo.data.loading import Progress, load

@@ -6,7 +6,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from tacevo.archive import NetworkArchive, Tessellation, find_centroids
-from tacevo.config import ParentPolicy, PromptPolicy, Scale, TemperatureRule
+from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
 from tacevo.development import Outcome, Tools
 from tacevo.gate.admission import Admitted
 from tacevo.proposals import Instruction, Settings, Task

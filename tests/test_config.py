@@ -6,20 +6,19 @@ from typing import Any
 
 import pytest
 
-from tacevo.composition import compose
-from tacevo.config import (
+from tacevo.choices import (
     BoundsRule,
     Confinement,
     Numerics,
     ParentPolicy,
     PromptPolicy,
     Provider,
-    RunConfig,
     Scale,
     TemperatureRule,
     Tracking,
-    identity,
 )
+from tacevo.composition import compose
+from tacevo.config import RunConfig, identity
 from tacevo.errors import ConfigError
 from tacevo.records import Json, Mode
 from tacevo.store import canonical

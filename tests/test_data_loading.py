@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tacevo.config import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data.dataset import Dataset, fingerprint
 from tacevo.data.loading import FEW_PICTURES, assemble, load
 from tacevo.data.simulator import Simulated, SimulatedTask

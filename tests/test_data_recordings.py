@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacevo.config import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data.dataset import Dataset, fingerprint
 from tacevo.data.folder import Folder
 from tacevo.data.loading import load

@@ -9,7 +9,7 @@ import torch
 from scipy import ndimage
 from torch import nn
 
-from tacevo.config import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data.contact import Field
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tacevo.archive import AddStatus, Tessellation
-from tacevo.config import PromptPolicy
+from tacevo.choices import PromptPolicy
 from tacevo.prompts import PromptArchive, Trial, curiosity, draw_prompt, draw_weighted
 from tacevo.randomness import stream
 

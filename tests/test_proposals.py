@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tacevo.archive import Tessellation
-from tacevo.config import ParentPolicy, PromptPolicy
+from tacevo.choices import ParentPolicy, PromptPolicy
 from tacevo.prompts import PromptArchive, Trial
 from tacevo.proposals import (
     Instruction,

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tacevo.config import Numerics
+from tacevo.choices import Numerics
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.config import Confinement
+from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
 from tacevo.sandbox.confinement import available, confine, report, require

@@ -12,7 +12,7 @@ from pathlib import Path
 import fakes
 import pytest
 
-from tacevo.config import PromptPolicy, TemperatureRule
+from tacevo.choices import PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.ledger import Ledger
 from tacevo.records import Json, Reason, Rejection, Stage, Training

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.config import TemperatureRule
+from tacevo.choices import TemperatureRule
 from tacevo.temperature import clip, next_temperature
 
 LOSSES = st.floats(0, 1e6)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples
 
-from tacevo.config import Numerics
+from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, DataError, SandboxError
 from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.config import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.protocol import input_statistics, split, target_scale

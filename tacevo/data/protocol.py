@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.config import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.errors import DataError
 from tacevo.randomness import stream
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from tacevo.config import Confinement
+from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason, to_json
 from tacevo.sandbox.confinement import protect_memory, require

@@ -9,7 +9,7 @@ import ctypes
 import os
 import resource
 
-from tacevo.config import Confinement
+from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
 from tacevo.sandbox.processes import address_space_mib

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.config import Numerics
+from tacevo.choices import Numerics
 from tacevo.errors import DataError
 from tacevo.records import Contract, Json, Limits, Reason, Recipe, Rejection, Stage, Training, to_json
 from tacevo.sandbox.client import Died, Finished, Frame

@@ -1,6 +1,6 @@
 """How trained bits depend on the machine, as environment variables for the sandbox; see docs/determinism.md."""
 
-from tacevo.config import Numerics
+from tacevo.choices import Numerics
 
 #: One thread: sums would otherwise depend on how many there are, and a zygote with threads cannot fork safely.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}

@@ -1,0 +1,99 @@
+"""The named choices of a configuration; member names are what users write (Hydra reads enums by name)."""
+
+from enum import StrEnum
+
+
+class Source(StrEnum):
+    """Where images come from."""
+
+    simulated = "simulated"
+    csv = "csv"
+    folder = "folder"
+
+
+class Normalisation(StrEnum):
+    """How uint8 images become the network's input."""
+
+    standardise = "standardise"
+    unit = "unit"
+
+
+class TargetScaling(StrEnum):
+    """How regression labels are scaled, by the training split's statistics."""
+
+    minmax = "minmax"
+    zscore = "zscore"
+    none = "none"
+
+
+class Provider(StrEnum):
+    """Who answers requests."""
+
+    grammar = "grammar"
+    anthropic = "anthropic"
+
+
+class BoundsRule(StrEnum):
+    """Which range of a descriptor maps to [0, 1]."""
+
+    adaptive = "adaptive"
+    fixed = "fixed"
+
+
+class Scale(StrEnum):
+    """Whether the Efficiency Ratio is normalised as it is or by its logarithm."""
+
+    linear = "linear"
+    log = "log"
+
+
+class TemperatureRule(StrEnum):
+    """How the temperature moves from generation to generation."""
+
+    paper = "paper"
+    fixed = "fixed"
+    stall = "stall"
+
+
+class PromptPolicy(StrEnum):
+    """How instructions are drawn, and whether the prompt archive exists."""
+
+    uniform = "uniform"
+    curiosity = "curiosity"
+    none = "none"
+
+
+class ParentPolicy(StrEnum):
+    """How elite parents are drawn."""
+
+    uniform = "uniform"
+    best = "best"
+    curiosity = "curiosity"
+
+
+class Numerics(StrEnum):
+    """`portable`: equal training bits on any x86-64 CPU with AVX2; `fast`: on the recorded machine only."""
+
+    portable = "portable"
+    fast = "fast"
+
+
+class Executor(StrEnum):
+    """Where candidates are evaluated."""
+
+    local = "local"
+
+
+class Tracking(StrEnum):
+    """Who mirrors the ledger."""
+
+    mlflow = "mlflow"
+    none = "none"
+
+
+class Confinement(StrEnum):
+    """How strongly candidates are confined; each level includes the one before. A run names the least it accepts."""
+
+    none = "none"
+    process = "process"
+    kernel = "kernel"
