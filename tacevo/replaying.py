@@ -39,13 +39,15 @@ def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
     if store is not None:
         config.store.root = store
     recorded = directory.read_ledger()
+    if not recorded or directory.read_run()["digest"] != recorded[-1]["hash"]:
+        raise RunError(f"{path} is not finished, or its digest was edited; the command that began it continues it")
     plan = build_plan(config, task, Mode.replay)
     with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay) as tools:
         ledger.commit(run_header(config, task, facts, plan))
         state = run_search(plan, tools, ledger, Watcher(plan, view))
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
-        _compare_files(directory, plan, state, ledger.digest)
+        _compare_files(directory, plan, state)
         return ledger.digest, ledger.committed
 
 
@@ -72,15 +74,12 @@ def read_run(directory: RunDirectory) -> tuple[RunConfig, Task, DataFacts]:
         raise RunError(f"{directory.path}/run.json is damaged: {type(error).__name__}: {error}") from error
 
 
-def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState, digest: str) -> None:
+def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> None:
     """Hold what stands beside the ledger against the replayed search.
 
     Raises:
         DivergenceError: a file was edited, or is missing; the message names it.
     """
-    recorded = directory.read_run()["digest"]
-    if recorded != digest:
-        raise DivergenceError(f"run.json: the digest was recorded as {recorded} and is now {digest}")
     for name, content in archive_files(plan, state).items():
         path = directory.path / name
         if not path.exists() or json.loads(path.read_text(encoding="utf-8")) != content:

@@ -185,8 +185,8 @@ class _Recorder(Watcher):
             self._directory.add_timing({"id": name, "seconds": round(outcome.seconds, 3)})
 
     def committed(self, line: dict[str, Json], state: SearchState) -> None:
-        """Show a line, and write the archives at the end of each generation."""
+        """Show a line, and write the archives at the end of each generation that was not complete before."""
         super().committed(line, state)
-        if line["kind"] == "generation":
+        if line["kind"] == "generation" and self._ledger.committed >= self._ledger.recorded:
             for name, content in archive_files(self._plan, state).items():
                 self._directory.write_json(name, content)

@@ -20,9 +20,9 @@ def show_run(path: Path) -> str:
     """
     directory = RunDirectory(path)
     run, lines = directory.read_run(), directory.read_ledger()
-    state = "finished" if run["digest"] else "not finished: the command that began it continues it"
-    digest = f"\nState: {state}.\n" + (f"\ndigest: {run['digest']}\n" if run["digest"] else "")
-    return summarise(run, lines, directory.read_elites()) + digest
+    finished = bool(lines) and run["digest"] == lines[-1]["hash"]
+    state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
+    return f"{summarise(run, lines, directory.read_elites())}\n{state}\n"
 
 
 def show_candidate(path: Path, name: str) -> str:

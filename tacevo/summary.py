@@ -23,7 +23,7 @@ def summarise(run: Mapping[str, Json], lines: Sequence[Mapping[str, Json]], elit
     candidates = {line["id"]: line for line in lines if line["kind"] == "candidate"}
     generations = [line for line in lines if line["kind"] == "generation"]
     parts = [f"# {run['name']}", _headline(run, candidates, generations)]
-    if generations:
+    if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), _progress(generations)]
     return "\n\n".join(parts) + "\n"
 

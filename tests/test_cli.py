@@ -139,6 +139,8 @@ def test_interrupted_search_says_so_and_continues(searched: tuple[Path, str], tm
     assert "the same command continues" in errors
     assert "Traceback" not in errors
     assert not processes_in(tmp_path)
+    assert "Not finished" in tacevo("show", str(run_of(tmp_path)), cwd=tmp_path).stdout
+    assert "is not finished" in tacevo("replay", str(run_of(tmp_path)), cwd=tmp_path, status=2).stderr
     assert digest(tacevo("search", *TINY, cwd=tmp_path)) == searched[1]
 
 
