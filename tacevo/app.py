@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DivergenceError as error:
         print(f"different: {error}", file=sys.stderr)
         return DIFFERENT
-    except TacevoError as error:
+    except (TacevoError, OSError) as error:  # an OSError names the file: a full disk, a folder without permission
         print(f"error: {error}", file=sys.stderr)
         return MISTAKE
 
@@ -139,7 +139,7 @@ def _search(options: argparse.Namespace) -> int:
     print(result.summary)
     tacevo, mlflow = _as_typed("tacevo"), _as_typed("mlflow")
     print(f"run: {result.directory}")
-    print(f"look:   {tacevo} show {result.directory} g00s00")
+    print(f"look:   {tacevo} show {result.directory} {result.best}")
     print(f"verify: {tacevo} replay {result.directory}")
     if config.tracking.kind.value == "mlflow":
         print(f"MLflow: {mlflow} ui --backend-store-uri {config.tracking.uri}")
@@ -160,7 +160,7 @@ def _replay(options: argparse.Namespace) -> int:
     from tacevo.progress import PlainView
     from tacevo.replaying import replay
 
-    with PlainView(Console(stderr=True), total=0) as view:
+    with PlainView(Console(stderr=True)) as view:
         digest, lines = replay(Path(options.run), options.store, view)
     print(f"{lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"digest: {digest}")

@@ -1,6 +1,8 @@
 """`tacevo check`: the gate on raw answers, as they come from a model."""
 
+import contextlib
 import json
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -33,8 +35,10 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
-    with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
-        gate = build_gate(config, judged.contract, sandbox, Mode.record)
+    with contextlib.ExitStack() as stack:
+        config.store.root = stack.enter_context(tempfile.TemporaryDirectory())  # a check leaves nothing behind
+        sandbox = Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={})
+        gate = build_gate(config, judged.contract, stack.enter_context(sandbox), Mode.record)
         for file, completion in answers:
             verdict = _verdict(file, gate.admit(completion))
             yield json.dumps(verdict) if as_json else _words(verdict)
@@ -49,6 +53,7 @@ def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Tas
     config = compose([f"task={name}", *([] if image_size is None else [f"data.image_size={image_size}"])])
     facts = DataFacts(
         fingerprint="",
+        kind=config.task.kind,
         counts=(0, 0, 0),
         in_channels=3,
         image_size=config.data.image_size,

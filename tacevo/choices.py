@@ -3,7 +3,7 @@
 from enum import StrEnum
 
 
-class Source(StrEnum):
+class DataSource(StrEnum):
     """Where images come from."""
 
     simulated = "simulated"
@@ -78,7 +78,7 @@ class Numerics(StrEnum):
     fast = "fast"
 
 
-class Executor(StrEnum):
+class ExecutorKind(StrEnum):
     """Where candidates are evaluated."""
 
     local = "local"

@@ -73,6 +73,11 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         ConfigError: a file is missing or malformed, or the data set has another number of outputs than the task.
     """
     task = config.task
+    if facts.kind is not task.kind:
+        raise ConfigError(
+            f"task.kind is {task.kind}, but the data set's labels are for {facts.kind}; data=csv gives regression, "
+            "data=folder classification"
+        )
     if facts.outputs != task.outputs:
         raise ConfigError(
             f"task.outputs is {task.outputs}, but the data set has {facts.outputs} ({', '.join(facts.names)}); set "

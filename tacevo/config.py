@@ -13,14 +13,14 @@ from typing import Any
 from tacevo.choices import (
     BoundsRule,
     Confinement,
-    Executor,
+    DataSource,
+    ExecutorKind,
     Normalisation,
     Numerics,
     ParentPolicy,
     PromptPolicy,
     Provider,
     Scale,
-    Source,
     TargetScaling,
     TemperatureRule,
     Tracking,
@@ -94,7 +94,7 @@ class TaskConfig:
 class DataConfig:
     """Where the images come from, and how they are prepared."""
 
-    source: Source
+    source: DataSource
     #: Height and width, in pixels.
     image_size: int
     #: Simulated: how many images, and the seed of the sensor and its contacts.
@@ -115,9 +115,9 @@ class DataConfig:
         sized = 16 <= self.image_size <= 1024 and self.image_size % 16 == 0
         _require(sized, "data.image_size", "a multiple of 16 from 16 to 1024", self.image_size)
         _require(self.images >= 10, "data.images", "a value >= 10", self.images)
-        if self.source is not Source.simulated:
+        if self.source is not DataSource.simulated:
             _require(bool(self.root), "data.root", f"the folder of the data set for data={self.source}", self.root)
-        if self.source is Source.csv:
+        if self.source is DataSource.csv:
             columns = self.target_columns
             _require(bool(columns), "data.target_columns", "the columns of the labels, e.g. [fx,fy,fz]", columns)
         spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(_is_positive, self.spacings_mm))
@@ -270,7 +270,7 @@ class SandboxConfig:
 class ExecutorConfig:
     """Where candidates are evaluated, and how many at once."""
 
-    kind: Executor
+    kind: ExecutorKind
     workers: int
 
     def __post_init__(self) -> None:

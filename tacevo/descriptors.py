@@ -79,8 +79,8 @@ def variation(graph: Graph) -> float:
     """Average the coefficients of variation of channels, kernel sizes and hidden widths.
 
     Returns:
-        The mean over the properties that the network has; one without values is left out, and a network with
-        none gives 0.
+        The mean over the properties that the network has; one without values is left out, a network with none
+        gives 0, and so does a property whose values are all 0, where the mean is no divisor.
     """
     properties = [values for values in (graph.channels, graph.kernels, graph.hidden) if values]
     if not properties:
@@ -102,8 +102,10 @@ def width(graph: Graph) -> int:
 
 
 def _coefficient_of_variation(values: Sequence[float]) -> float:
-    """Divide the population standard deviation by the mean; `values` are positive and not empty."""
+    """Divide the population standard deviation by the mean; `values` are >= 0 and not empty."""
     mean = math.fsum(values) / len(values)
+    if mean == 0:
+        return 0.0
     return math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values)) / mean
 
 

@@ -1,6 +1,5 @@
 """`tacevo doctor`: whether this machine has what a run needs."""
 
-import importlib.util
 import os
 import shutil
 import tempfile
@@ -18,13 +17,6 @@ from tacevo.sandbox.confinement import report
 from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
 
-#: Packages of extras, and what they are for.
-_EXTRAS = {
-    "openai": "openai: OpenAI-compatible servers",
-    "ray": "ray: several machines",
-    "matplotlib": "report: figures",
-}
-
 
 def examine() -> tuple[str, bool]:
     """Look at machine, packages, sandbox and folders.
@@ -35,7 +27,6 @@ def examine() -> tuple[str, bool]:
     sections = [
         ("machine", [f"{key}: {value}" for key, value in machine().items()]),
         ("versions", [f"{key}: {value}" for key, value in versions().items()]),
-        ("extras", [f"{text}: {_presence(name)}" for name, text in _EXTRAS.items()]),
         ("confinement", [f"{key}: {value}" for key, value in report().items()]),
         ("keys", [f"ANTHROPIC_API_KEY: {'set' if os.environ.get('ANTHROPIC_API_KEY') else 'not set'}"]),
     ]
@@ -46,10 +37,6 @@ def examine() -> tuple[str, bool]:
     )
     text = "\n".join("\n".join([f"{title}:", *(f"  {line}" for line in lines)]) for title, lines in sections)
     return text, all(good for good, _ in results.values())
-
-
-def _presence(package: str) -> str:
-    return "installed" if importlib.util.find_spec(package) else "not installed"
 
 
 def _tried(check: Callable[[], str]) -> tuple[bool, str]:

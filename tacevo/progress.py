@@ -42,12 +42,12 @@ class PlainView:
 
     Args:
         console: where to write.
-        total: candidates of the whole run.
+        total: candidates of the whole run; None where it is not known.
     """
 
-    def __init__(self, console: Console, total: int) -> None:
+    def __init__(self, console: Console, total: int | None = None) -> None:
         self._console = console
-        self._total = total
+        self._of_total = "" if total is None else f" of {total}"
         self._done = 0
 
     def __enter__(self) -> Self:
@@ -74,7 +74,7 @@ class PlainView:
         elif line["kind"] == "generation":
             self.say(
                 f"generation {line['generation']}: {line['trained']} of {line['candidates']} candidates trained, best "
-                f"{best:.4g}, coverage {coverage:.0%} ({self._done}/{self._total} candidates done)"
+                f"{best:.4g}, coverage {coverage:.0%} ({self._done}{self._of_total} candidates done)"
             )
 
 

@@ -1,6 +1,7 @@
 """The prompt archive A_P: which instruction at which temperature was productive (paper, Algorithm 1, line 8)."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,7 +46,7 @@ class PromptArchive:
 
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
-    trials: dict[int, Trial] = field(default_factory=dict)
+    trials: Mapping[int, Trial] = field(default_factory=dict)
 
     def record(
         self, tessellation: Tessellation, trial: Trial, *, prompts: int, name: str
@@ -73,7 +74,9 @@ def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, prompts: int, r
     """Draw the instruction of one request.
 
     `uniform` and `none`: from all instructions alike (the paper's method section). `curiosity`: from the trials
-    in the archive, in proportion to their curiosity (its abstract), and uniformly while the archive is empty.
+    in the archive, in proportion to their curiosity (its abstract); an instruction without a trial there weighs as
+    much as an unproductive one, so that each stays within reach. While the archive is empty the draw is the
+    uniform one, so that arms of an ablation begin alike.
 
     Returns:
         An index in [0, prompts).
@@ -81,7 +84,10 @@ def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, prompts: int, r
     if policy is not PromptPolicy.curiosity or not archive.trials:
         return int(rng.integers(prompts))
     trials = [archive.trials[niche] for niche in sorted(archive.trials)]
-    return trials[draw_weighted([trial.curiosity for trial in trials], rng)].prompt
+    untried = sorted(set(range(prompts)) - {trial.prompt for trial in trials})
+    choices = [(trial.prompt, trial.curiosity) for trial in trials]
+    choices += [(prompt, curiosity(None, inserted=False)) for prompt in untried]
+    return choices[draw_weighted([weight for _, weight in choices], rng)][0]
 
 
 def draw_weighted(weights: list[float], rng: np.random.Generator) -> int:

@@ -1,6 +1,6 @@
 """What a generation asks for: operator, parents, instruction, temperature, and the text of each request.
 
-Pure: `plan` and `plan_initial` turn the state of a search into proposals, by named random streams.
+Pure: `plan_initial` and `plan_generation` turn the state of a search into proposals, by named random streams.
 """
 
 import string
@@ -102,7 +102,7 @@ def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature:
     return (baseline, *(_mutation(task, settings, slot, [founder], PromptArchive()) for slot in slots))
 
 
-def plan(
+def plan_generation(
     task: Task,
     settings: Settings,
     *,

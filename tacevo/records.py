@@ -248,9 +248,14 @@ class Recipe:
     epochs: int
     batch_size: int
     learning_rate: float
-    #: `adam`, the only optimiser so far; its arithmetic form follows from the numerics.
+    #: `adam`, the only optimiser so far.
     optimiser: str
     limits: Limits
+
+    def __post_init__(self) -> None:
+        """Refuse what no trainer knows."""
+        if self.optimiser != "adam":
+            raise ValueError(f"optimiser must be adam; got {self.optimiser!r}")
 
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
@@ -293,6 +298,8 @@ class DataFacts:
 
     #: SHA-256 over images, labels, split, label scaling and input statistics.
     fingerprint: str
+    #: What its labels are good for.
+    kind: Kind
     #: Images in the training, validation and test split.
     counts: tuple[int, int, int]
     in_channels: int
@@ -307,6 +314,7 @@ class DataFacts:
         """Read what `to_json` wrote."""
         return cls(
             fingerprint=value["fingerprint"],
+            kind=Kind(value["kind"]),
             counts=(value["counts"][0], value["counts"][1], value["counts"][2]),
             in_channels=value["in_channels"],
             image_size=value["image_size"],

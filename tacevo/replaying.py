@@ -5,13 +5,14 @@ from pathlib import Path
 
 from tacevo.composition import from_plain
 from tacevo.config import RunConfig
+from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
 from tacevo.errors import DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Instruction, Task
-from tacevo.records import Contract, DataFacts, Mode
-from tacevo.rundir import RunDirectory
+from tacevo.records import Contract, DataFacts, Mode, Rejection
+from tacevo.rundir import RunDirectory, rejected_text
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.wiring import build_plan, open_tools
 
@@ -44,7 +45,7 @@ def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
     plan = build_plan(config, task, Mode.replay)
     with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay) as tools:
         ledger.commit(run_header(config, task, facts, plan))
-        state = run_search(plan, tools, ledger, Watcher(plan, view))
+        state = run_search(plan, tools, ledger, _Verifier(directory, plan, view))
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)
@@ -84,7 +85,28 @@ def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> N
         path = directory.path / name
         if not path.exists() or json.loads(path.read_text(encoding="utf-8")) != content:
             raise DivergenceError(f"{path} is missing, or is not what the search gives")
-    for candidate in state.candidates.values():
-        path = directory.path / "candidates" / f"{candidate.id}.py"
-        if not path.exists() or path.read_text(encoding="utf-8") != candidate.source:
-            raise DivergenceError(f"{path} is missing, or is not the source that was evaluated")
+
+
+class _Verifier(Watcher):
+    """Holds every candidate's file against what the replay gives."""
+
+    def __init__(self, directory: RunDirectory, plan: Plan, view: View) -> None:
+        super().__init__(plan, view)
+        self._directory = directory
+
+    def developed(self, outcome: Outcome) -> None:
+        """Compare the source of an admitted candidate, or the answer of a rejected one.
+
+        Raises:
+            DivergenceError: the file was edited, or is missing.
+        """
+        name = outcome.proposal.id
+        if outcome.admitted is not None:
+            expected = outcome.admitted.source
+        elif isinstance(outcome.result, Rejection) and outcome.completion is not None:
+            expected = rejected_text(outcome.result, outcome.completion.text)
+        else:
+            return
+        if self._directory.read_kept(name) != expected:
+            folder = self._directory.path / "candidates"
+            raise DivergenceError(f"the file of {name} in {folder} is missing, or is not what was judged")

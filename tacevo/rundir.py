@@ -27,6 +27,9 @@ from tacevo.store import write_durably
 #: Layout of run.json.
 SCHEMA = 1
 
+#: A candidate's file holds its source, or the answer that was rejected.
+_ENDINGS = {".py", ".rejected.txt"}
+
 #: Packages whose version may change a result or a number's meaning.
 PACKAGES = (
     "tacevo",
@@ -125,22 +128,39 @@ class RunDirectory:
             raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
 
     def keep_candidate(self, name: str, source: str) -> None:
-        """Keep the source of an admitted candidate, unless it stands there already."""
-        path = self.path / "candidates" / f"{name}.py"
-        if not path.exists():
-            write_durably(path, source)
+        """Keep the source of an admitted candidate."""
+        self._keep(name, ".py", source)
 
     def keep_rejected(self, name: str, rejection: Rejection, answer: str) -> None:
         """Keep the answer behind a rejected candidate, under the reason."""
-        path = self.path / "candidates" / f"{name}.rejected.txt"
-        if not path.exists():
-            head = f"{rejection.stage}: {rejection.reason}: {rejection.detail}"
-            write_durably(path, f"{head}\n{'-' * 72}\n{answer}\n")
+        self._keep(name, ".rejected.txt", rejected_text(rejection, answer))
+
+    def read_kept(self, name: str) -> str | None:
+        """Read a candidate's file, of either kind; None where there is none."""
+        for ending in _ENDINGS:
+            path = self.path / "candidates" / f"{name}{ending}"
+            if path.exists():
+                return path.read_text(encoding="utf-8")
+        return None
+
+    def _keep(self, name: str, ending: str, text: str) -> None:
+        """Write a candidate's file unless it stands there; one of another kind was left by a killed run."""
+        folder = self.path / "candidates"
+        for other in _ENDINGS - {ending}:
+            (folder / f"{name}{other}").unlink(missing_ok=True)
+        path = folder / f"{name}{ending}"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            write_durably(path, text)
 
     def add_timing(self, entry: dict[str, Json]) -> None:
         """Append a line to timings.jsonl, with the present time."""
         with (self.path / "timings.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps({**entry, "at": datetime.now(UTC).isoformat(timespec="milliseconds")}) + "\n")
+
+
+def rejected_text(rejection: Rejection, answer: str) -> str:
+    """Write the answer behind a rejected candidate, under the reason."""
+    return f"{rejection.stage}: {rejection.reason}: {rejection.detail}\n{'-' * 72}\n{answer}\n"
 
 
 def versions() -> dict[str, str]:

@@ -24,7 +24,7 @@ from tacevo.development import Outcome, Tools, develop
 from tacevo.errors import ConfigError
 from tacevo.ledger import Ledger
 from tacevo.prompts import PromptArchive, Trial, curiosity
-from tacevo.proposals import Parent, Proposal, Settings, Task, plan, plan_initial
+from tacevo.proposals import Parent, Proposal, Settings, Task, plan_generation, plan_initial
 from tacevo.records import Json, Operator, Profile, Rejection, to_json
 from tacevo.store import content_hash
 from tacevo.temperature import next_temperature
@@ -85,43 +85,43 @@ class Observer(Protocol):
         """Take a line of the ledger after it was committed, and the state that results."""
 
 
-def run_search(plan_: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
+def run_search(plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run a search from its beginning to generation G, through the stores and onto the ledger.
 
     Raises:
         DivergenceError: the ledger holds a line that the search does not reproduce.
         CacheMissError: a store in replay mode lacks an answer.
     """
-    state = SearchState(generation=0, temperature=plan_.temperature_start, networks=plan_.archive)
-    for _ in range(plan_.generations + 1):
-        state = step(state, plan_, tools, ledger, observer)
+    state = SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
+    for _ in range(plan.generations + 1):
+        state = step(state, plan, tools, ledger, observer)
     return state
 
 
-def step(state: SearchState, plan_: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
+def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run one generation: plan, complete, admit, evaluate, commit."""
-    proposals = propose(state, plan_)
+    proposals = propose(state, plan)
     lines: list[dict[str, Json]] = []
     before = state
     for outcome in develop(proposals, tools):
-        _insist_on_baseline(outcome, plan_.task)
+        _insist_on_baseline(outcome, plan.task)
         observer.developed(outcome)
-        state, entry = commit(state, plan_, outcome, tools.evaluation_key)
+        state, entry = commit(state, plan, outcome, tools.evaluation_key)
         lines.append(ledger.commit(entry))
         observer.committed(lines[-1], state)
-    state, entry = close(before, state, plan_, lines)
+    state, entry = close(before, state, plan, lines)
     observer.committed(ledger.commit(entry), state)
     return state
 
 
-def propose(state: SearchState, plan_: Plan) -> tuple[Proposal, ...]:
+def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
     """Plan the next generation from the state."""
     if state.generation == 0:
-        return plan_initial(plan_.task, plan_.settings, mutations=plan_.initial, temperature=state.temperature)
+        return plan_initial(plan.task, plan.settings, mutations=plan.initial, temperature=state.temperature)
     elites = state.networks.archive.elites
-    return plan(
-        plan_.task,
-        plan_.settings,
+    return plan_generation(
+        plan.task,
+        plan.settings,
         generation=state.generation,
         elites=[_parent(state.candidates[elites[niche].name]) for niche in sorted(elites)],
         prompts=state.prompts,
@@ -130,7 +130,7 @@ def propose(state: SearchState, plan_: Plan) -> tuple[Proposal, ...]:
 
 
 def commit(
-    state: SearchState, plan_: Plan, outcome: Outcome, evaluation_key: Callable[[str], str]
+    state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str], str]
 ) -> tuple[SearchState, dict[str, Json]]:
     """Fold one outcome into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger entry.
 
@@ -146,9 +146,9 @@ def commit(
     fitness = outcome.result.fitness
     placed = Placed(
         elite=Elite(name=outcome.proposal.id, objective=-fitness),
-        point=(descriptor.arch_div, scaled(descriptor.eff_ratio, plan_.eff_ratio_scale)),
+        point=(descriptor.arch_div, scaled(descriptor.eff_ratio, plan.eff_ratio_scale)),
     )
-    networks, niche, status = state.networks.offer(plan_.networks, placed)
+    networks, niche, status = state.networks.offer(plan.networks, placed)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
     state = replace(state, networks=networks, candidates=_with_child(state.candidates, outcome, score))
     entry |= {
@@ -161,12 +161,12 @@ def commit(
         "status": status.value,
         "curiosity": score,
     }
-    state, prompt_entry = _record_prompt(state, plan_, outcome.proposal, status, score)
+    state, prompt_entry = _record_prompt(state, plan, outcome.proposal, status, score)
     return state, entry | prompt_entry
 
 
 def close(
-    before: SearchState, state: SearchState, plan_: Plan, lines: Sequence[Mapping[str, Json]]
+    before: SearchState, state: SearchState, plan: Plan, lines: Sequence[Mapping[str, Json]]
 ) -> tuple[SearchState, dict[str, Json]]:
     """End a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
 
@@ -177,7 +177,7 @@ def close(
     temperature = state.temperature
     if state.generation > 0:
         temperature = next_temperature(
-            plan_.temperature_rule, temperature, best=best, best_before=before.best, step=plan_.temperature_step
+            plan.temperature_rule, temperature, best=best, best_before=before.best, step=plan.temperature_step
         )
     bounds = state.networks.bounds
     fitnesses = [line["fitness"] for line in lines if "fitness" in line]
@@ -191,9 +191,9 @@ def close(
         "best": best if math.isfinite(best) else None,
         "generation_best": min(fitnesses, default=None),
         "generation_median": round(statistics.median(fitnesses), 12) if fitnesses else None,
-        "coverage": coverage(state.networks.archive, plan_.networks.niches),
+        "coverage": coverage(state.networks.archive, plan.networks.niches),
         "qd_score": round(qd_score(state.networks.archive, quality), 12),
-        "prompt_coverage": coverage(state.prompts.archive, plan_.prompts.niches),
+        "prompt_coverage": coverage(state.prompts.archive, plan.prompts.niches),
         "bounds": None if bounds is None else to_json(bounds),
         "archive": content_hash({str(niche): to_json(elites[niche]) for niche in elites}),
         "prompt_archive": content_hash({str(niche): to_json(trial) for niche, trial in state.prompts.trials.items()}),
@@ -254,10 +254,10 @@ def _measured(profile: Profile, descriptor: Descriptor) -> dict[str, Json]:
 
 
 def _record_prompt(
-    state: SearchState, plan_: Plan, proposal: Proposal, status: AddStatus, score: float
+    state: SearchState, plan: Plan, proposal: Proposal, status: AddStatus, score: float
 ) -> tuple[SearchState, dict[str, Json]]:
     """Let a mutation's prompt configuration compete in A_P; the mutations of generation 0 come before it begins."""
-    without = plan_.settings.prompts is PromptPolicy.none
+    without = plan.settings.prompts is PromptPolicy.none
     if without or proposal.prompt is None or proposal.generation == 0:
         return state, {}
     trial = Trial(
@@ -267,7 +267,7 @@ def _record_prompt(
         curiosity=score,
     )
     prompts, niche, prompt_status = state.prompts.record(
-        plan_.prompts, trial, prompts=len(plan_.task.instructions), name=proposal.id
+        plan.prompts, trial, prompts=len(plan.task.instructions), name=proposal.id
     )
     return replace(state, prompts=prompts), {"prompt_niche": niche, "prompt_status": prompt_status.value}
 

@@ -34,8 +34,8 @@ class Result:
     directory: Path
     digest: str
     summary: str
-    #: Lines that stood in the ledger before this command.
-    resumed: int
+    #: Id of the network archive's fittest elite.
+    best: str
 
 
 def search(config: RunConfig, view: View) -> Result:
@@ -52,15 +52,16 @@ def search(config: RunConfig, view: View) -> Result:
     header = run_header(config, task, data.facts, plan)
     directory = RunDirectory(_run_path(config, header))
     with directory.locked(), Ledger(directory.ledger) as ledger:
-        _begin(directory, config, task, data.facts)
         _commit_header(ledger, header, directory)
+        _begin(directory, config, task, data.facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view), open_tools(config, task, data.facts, data, Mode.record) as tools:
             observer = _Recorder(directory, ledger, plan, view)
             state = run_search(plan, tools, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
-        return Result(directory=directory.path, digest=ledger.digest, summary=summary, resumed=ledger.recorded)
+        best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=best)
 
 
 def track(path: Path, uri: str | None) -> str:
@@ -98,18 +99,19 @@ def _run_path(config: RunConfig, header: dict[str, Json]) -> Path:
 
 
 def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFacts) -> None:
-    """Write run.json, unless a begun run has it already."""
+    """Write run.json, unless the begun run has it already; the ledger's header has just been found to be ours."""
+    described = {"task": to_json(task), "data": to_json(facts)}
     if (directory.path / "run.json").exists():
-        directory.read_run()  # a damaged one is refused
-        return
+        run = directory.read_run()
+        if {key: run.get(key) for key in described} == described:
+            return
     directory.write_json(
         "run.json",
         {
             "schema": SCHEMA,
             "name": directory.path.name,
             "config": to_plain(config),
-            "task": to_json(task),
-            "data": to_json(facts),
+            **described,
             "versions": versions(),
             "machine": machine(),
             "confinement": report(),

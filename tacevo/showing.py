@@ -41,7 +41,7 @@ def show_candidate(path: Path, name: str) -> str:
     parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
     if "validation_losses" in line:
         parts.append(_losses(line))
-    return "\n\n".join([*parts, _text(directory.path / "candidates", name)]) + "\n"
+    return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]) + "\n"
 
 
 def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:
@@ -69,11 +69,3 @@ def _losses(line: Mapping[str, Json]) -> str:
     pairs = zip(line["train_losses"], line["validation_losses"], strict=True)
     rows = [[str(epoch), f"{train:.6g}", f"{validation:.6g}"] for epoch, (train, validation) in enumerate(pairs, 1)]
     return table(["epoch", "training loss", "validation loss"], rows)
-
-
-def _text(folder: Path, name: str) -> str:
-    """Give the candidate's source, or the answer behind its rejection."""
-    for path in (folder / f"{name}.py", folder / f"{name}.rejected.txt"):
-        if path.exists():
-            return f"{path}:\n\n{path.read_text(encoding='utf-8').rstrip()}"
-    return f"{folder} has no file for it"

@@ -5,7 +5,9 @@ processes may share a store; nothing expires. What it does not: it holds no lock
 the same moment both compute, and the answer that lands last (for a pure function: an equal one) stays.
 """
 
+import contextlib
 import hashlib
+import itertools
 import json
 import os
 import threading
@@ -17,6 +19,9 @@ from tacevo.records import Json, Mode
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
+
+#: How many entries a miss is compared with, at most, to name the nearest.
+_COMPARED = 1_000
 
 
 def canonical(value: Json) -> str:
@@ -112,13 +117,19 @@ class Store:
         for path in sorted(self._folder.glob("*/*.json")):
             yield _checked(path, path.read_bytes(), path.stem)
 
+    def _sound(self) -> Iterator[Json]:
+        """Give entries to compare with; a damaged one is not what a miss is about."""
+        for path in itertools.islice(sorted(self._folder.glob("*/*.json")), _COMPARED):
+            with contextlib.suppress(StoreError, OSError):
+                yield _checked(path, path.read_bytes(), path.stem)
+
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}.json"
 
     def _explain_miss(self, request: Json) -> str:
         """Say which recording comes nearest and in which field it differs first."""
         missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]} in {self._folder}"
-        nearest = min(self.entries(), key=lambda entry: len(_differences(entry["request"], request)), default=None)
+        nearest = min(self._sound(), key=lambda entry: len(_differences(entry["request"], request)), default=None)
         if nearest is None:
             return f"{missed}; this store is empty. Record first: llm.mode=record."
         field = _differences(nearest["request"], request)[0]
@@ -132,24 +143,32 @@ def write_durably(path: Path, text: str) -> None:
     """Write a whole text file in one step: a reader sees the old content or the new, even after a crash.
 
     Raises:
-        OSError: the disk is full or the folder cannot be written; the old content stays.
+        StoreError: the disk is full or the folder cannot be written; the old content stays.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.part")  # nobody else's
     try:
+        made = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
+        path.parent.mkdir(parents=True, exist_ok=True)
         with part.open("w", encoding="utf-8") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)  # atomic: a reader never sees half an entry
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the name, too, must survive a crash
+        for folder in (path.parent, *(folder.parent for folder in made)):
+            _sync_folder(folder)  # the names, too, must survive a crash
+    except OSError as error:
+        raise StoreError(f"{path} cannot be written: {error.strerror}; what stood there is unchanged") from error
     finally:
-        os.close(folder)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _checked(path: Path, data: bytes, key: str) -> dict[str, Json]:

@@ -38,7 +38,7 @@ def _headline(
         f"Task {run['task']['name']}, seed {config['seed']}, requests answered by {config['llm']['model']}, "
         f"{config['numerics']['kind']} numerics. {len(candidates)} candidates in {len(generations)} generations "
         f"(the first is generation 0). Data {data['fingerprint'][:12]}: {train} training, {validation} validation and "
-        f"{test} test images of {size} x {size} pixels; the test images were not read."
+        f"{test} test images of {size} x {size} pixels; the test images play no part in a search."
     )
 
 

@@ -2,17 +2,17 @@
 
 import contextlib
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.choices import BoundsRule, Provider, Source
-from tacevo.config import LLMConfig, RunConfig
+from tacevo.choices import BoundsRule, DataSource, ExecutorKind, Provider
+from tacevo.config import ExecutorConfig, LLMConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.folder import Folder
 from tacevo.data.loading import Progress, load
 from tacevo.data.simulator import Simulated, SimulatedTask
-from tacevo.data.source import Source as DataSource
+from tacevo.data.source import Source
 from tacevo.data.table import Table
 from tacevo.development import Tools
 from tacevo.errors import ConfigError
@@ -50,10 +50,10 @@ def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
     )
 
 
-def _source(config: RunConfig) -> DataSource:
+def _source(config: RunConfig) -> Source:
     data = config.data
     match data.source:
-        case Source.simulated:
+        case DataSource.simulated:
             try:
                 task = SimulatedTask(config.task.name)
             except ValueError as error:
@@ -68,7 +68,7 @@ def _source(config: RunConfig) -> DataSource:
                 seed=data.seed,
                 spacings_mm=tuple(data.spacings_mm),
             )
-        case Source.csv:
+        case DataSource.csv:
             return Table(
                 root=Path(data.root or ""),
                 table=data.table,
@@ -76,7 +76,7 @@ def _source(config: RunConfig) -> DataSource:
                 target_columns=tuple(data.target_columns),
                 image_size=data.image_size,
             )
-        case Source.folder:
+        case DataSource.folder:
             return Folder(root=Path(data.root or ""), image_size=data.image_size)
 
 
@@ -132,7 +132,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
     """
     arrays = {} if data is None else {"images": data.images}
     with contextlib.ExitStack() as stack:
-        executor = stack.enter_context(ThreadPoolExecutor(config.executor.workers, "worker"))
+        executor = stack.enter_context(_executor(config.executor))
         stack.callback(executor.shutdown, wait=False, cancel_futures=True)
         # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
         sandbox = stack.enter_context(
@@ -159,11 +159,18 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         )
 
 
+def _executor(executor: ExecutorConfig) -> Executor:
+    match executor.kind:
+        case ExecutorKind.local:
+            return ThreadPoolExecutor(executor.workers, "worker")
+
+
 def build_gate(config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mode) -> Gate:
     """Build the gate of a task."""
     gate = config.gate
     return Gate(
         run=sandbox.run,
+        answers=_store(config, "answers", mode),
         store=_store(config, "probes", mode),
         contract=contract,
         limits=GateLimits(

@@ -14,7 +14,7 @@ from typing import Any
 import anthropic
 import pytest
 
-from tacevo.errors import TransportError
+from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.anthropic import AnthropicLLM
 from tacevo.records import Completion, Message, Request
 
@@ -186,7 +186,7 @@ def test_batches_follow_each_other(claude: Claude) -> None:
         assert len(list(asked.complete([request(str(n)) for n in range(4)]))) == 4
 
 
-@pytest.mark.parametrize("status", [400, 401, 404, 429, 500, 529])
+@pytest.mark.parametrize("status", [400, 429, 500, 529])
 def test_failure_comes_after_the_other_answers(status: int, claude: Claude) -> None:
     """The answers to the other requests are yielded first, and the error says what failed and what to do."""
     answers = llm(claude).complete([request("a"), request(f"status {status}"), request("b")])
@@ -194,6 +194,14 @@ def test_failure_comes_after_the_other_answers(status: int, claude: Claude) -> N
     expected = r"1 of 3 requests failed.*give the same command again: what came is recorded"
     with pytest.raises(TransportError, match=expected) as caught:
         next(answers)
+    assert KEY not in f"{caught.value}{caught.value.__cause__!r}"
+
+
+@pytest.mark.parametrize("status", [401, 403, 404])
+def test_refused_key_or_model_is_the_users_to_mend(status: int, claude: Claude) -> None:
+    """What no retry can mend is said at once, without the key."""
+    with pytest.raises(ConfigError, match="the server refuses the key or the model") as caught:
+        list(llm(claude).complete([request(f"status {status}")]))
     assert KEY not in f"{caught.value}{caught.value.__cause__!r}"
 
 

@@ -11,7 +11,7 @@ from tacevo.composition import compose, from_plain, load_task, to_plain
 from tacevo.confdir import conf_root, groups
 from tacevo.config import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.records import DataFacts, Json
+from tacevo.records import DataFacts, Json, Kind
 
 CHOICES = [(group, choice) for group, choices in groups().items() for choice in choices]
 
@@ -44,7 +44,7 @@ PAPER: dict[str, Json] = {
     "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
     "prompts": {"policy": "uniform"},
     "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4},
-    "training": {"epochs": 10, "batch_size": 32, "learning_rate": 0.001, "seconds": 7200.0, "memory_mib": 4096},
+    "training": {"epochs": 10, "batch_size": 32, "learning_rate": 0.001, "seconds": 86_400.0, "memory_mib": 4096},
     "archive": {
         "niches": 100,
         "prompt_niches": 100,
@@ -68,7 +68,15 @@ def facts_of(config: RunConfig) -> DataFacts:
     """Describe a data set that fits a task."""
     outputs = config.task.outputs
     names = tuple(config.task.output_names) or tuple(f"class {number}" for number in range(outputs))
-    return DataFacts(fingerprint="f" * 64, counts=(8, 1, 1), in_channels=3, image_size=64, outputs=outputs, names=names)
+    return DataFacts(
+        fingerprint="f" * 64,
+        kind=config.task.kind,
+        counts=(8, 1, 1),
+        in_channels=3,
+        image_size=64,
+        outputs=outputs,
+        names=names,
+    )
 
 
 def flat(value: Json, prefix: str = "") -> dict[str, Json]:
@@ -301,3 +309,11 @@ def test_unknown_placeholder_is_refused(tmp_path: Path) -> None:
     config = with_file(tmp_path / "system.md", "system", b"Write $klass.")
     with pytest.raises(ConfigError, match=r"^task.system: the system prompt names \$klass; it may name \$class_name"):
         load_task(config, facts_of(config))
+
+
+@pytest.mark.parametrize(("task", "kind"), [("force", Kind.classification), ("grating", Kind.regression)])
+def test_data_of_the_wrong_kind_are_refused(task: str, kind: Kind) -> None:
+    """Class numbers are no forces, and forces no classes, even where their number fits."""
+    config = compose([f"task={task}"])
+    with pytest.raises(ConfigError, match=f"the data set's labels are for {kind}; data=csv gives regression"):
+        load_task(config, replace(facts_of(config), kind=kind))

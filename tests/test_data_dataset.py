@@ -9,7 +9,7 @@ import pytest
 
 from tacevo.data.dataset import ARRAYS, Dataset, fingerprint, read, with_fingerprint, write
 from tacevo.errors import DataError
-from tacevo.records import DataFacts
+from tacevo.records import DataFacts, Kind
 
 
 def make(folder: Path) -> Dataset:
@@ -17,7 +17,15 @@ def make(folder: Path) -> Dataset:
     folder.mkdir(exist_ok=True)
     images = np.arange(10 * 3 * 4, dtype=np.uint8).reshape(10, 3, 2, 2)
     np.save(folder / "images.npy", images)
-    facts = DataFacts(fingerprint="", counts=(8, 1, 1), in_channels=3, image_size=2, outputs=2, names=("depth", "roll"))
+    facts = DataFacts(
+        fingerprint="",
+        kind=Kind.regression,
+        counts=(8, 1, 1),
+        in_channels=3,
+        image_size=2,
+        outputs=2,
+        names=("depth", "roll"),
+    )
     rows = np.arange(10)
     unsigned = Dataset(
         facts=facts,

@@ -60,7 +60,15 @@ READ_BACK = [
         output_argument="num_outputs",
     ),
     RECIPE,
-    DataFacts(fingerprint="ef", counts=(8, 1, 1), in_channels=3, image_size=32, outputs=2, names=("Fx", "Fy")),
+    DataFacts(
+        fingerprint="ef",
+        kind=Kind.regression,
+        counts=(8, 1, 1),
+        in_channels=3,
+        image_size=32,
+        outputs=2,
+        names=("Fx", "Fy"),
+    ),
 ]
 ENUMS = [
     value

@@ -127,11 +127,22 @@ def test_ledger_is_read_from_the_directory(directory: RunDirectory) -> None:
     assert directory.read_ledger() == (line,)
 
 
-def test_candidate_is_kept_once(directory: RunDirectory) -> None:
-    """The first source of a candidate stays; a resumed run does not write it again."""
+def test_candidate_is_written_once(directory: RunDirectory) -> None:
+    """A resumed run does not write again what stands there."""
+    directory.keep_candidate("g00s01", "class A: ...\n")
+    before = (directory.path / "candidates/g00s01.py").stat().st_mtime_ns
+    directory.keep_candidate("g00s01", "class A: ...\n")
+    assert (directory.path / "candidates/g00s01.py").stat().st_mtime_ns == before
+
+
+def test_file_that_a_killed_run_left_is_replaced(directory: RunDirectory) -> None:
+    """Another answer may come into a slot that was developed but never committed; one file of it remains."""
+    directory.keep_rejected("g00s01", Rejection(stage=Stage.extract, reason=Reason.empty, detail="blank"), "")
     directory.keep_candidate("g00s01", "class A: ...\n")
     directory.keep_candidate("g00s01", "class B: ...\n")
-    assert (directory.path / "candidates/g00s01.py").read_text(encoding="utf-8") == "class A: ...\n"
+    assert [path.name for path in (directory.path / "candidates").iterdir()] == ["g00s01.py"]
+    assert directory.read_kept("g00s01") == "class B: ...\n"
+    assert directory.read_kept("g00s02") is None
 
 
 def test_rejected_answer_is_kept_under_its_reason(directory: RunDirectory) -> None:

@@ -325,3 +325,21 @@ def test_two_processes_write_at_once(tmp_path: Path) -> None:
     assert store.read({"x": 1}) in {"1" * 100_000, "2" * 100_000}
     assert seen <= {None, "1" * 100_000, "2" * 100_000}
     assert len(list(tmp_path.rglob("*.part"))) == 0
+
+
+def test_damaged_neighbour_does_not_hide_a_miss(tmp_path: Path) -> None:
+    """What is missing is what the message is about, not another file of the store."""
+    store = Store(tmp_path, "completions")
+    store.write({"a": 1}, "one")
+    (tmp_path / "completions" / "00").mkdir()
+    (tmp_path / "completions" / "00" / "00.json").write_text("{")
+    with pytest.raises(CacheMissError, match="whose field 'a' differs"):
+        Store(tmp_path, "completions", Mode.replay).find({"a": 2})
+
+
+def test_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    """A file in the place of the store's folder is the user's to mend, and is left alone."""
+    (tmp_path / "completions").write_text("mine")
+    with pytest.raises(StoreError, match="cannot be written: Not a directory; what stood there is unchanged"):
+        Store(tmp_path, "completions").write({"a": 1}, "one")
+    assert (tmp_path / "completions").read_text() == "mine"

@@ -98,6 +98,7 @@ def assemble(
     targets, offset, scale = _targets(catalogue, parts.train, target_scaling)
     facts = DataFacts(
         fingerprint="",
+        kind=catalogue.kind,
         counts=(len(parts.train), len(parts.validation), len(parts.test)),
         in_channels=pixels.shape[1],
         image_size=catalogue.image_size,

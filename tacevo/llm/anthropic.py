@@ -13,11 +13,14 @@ from typing import cast
 import anthropic
 from anthropic.types import MessageParam
 
-from tacevo.errors import TransportError
+from tacevo.errors import ConfigError, TransportError
 from tacevo.records import Completion, Request
 
 #: Tries of one request before the run gives up; a run continues later from what was recorded.
 MAX_RETRIES = 8
+
+#: What no retry and no later run can mend.
+_REFUSED = (anthropic.AuthenticationError, anthropic.PermissionDeniedError, anthropic.NotFoundError)
 
 #: Positions and what came of them, from the asking thread to the search.
 _Answers = queue.SimpleQueue[tuple[int, Completion | Exception]]
@@ -40,6 +43,7 @@ class AnthropicLLM:
         """Answer every request, in the order of arrival (see `tacevo.llm.client.LLM`).
 
         Raises:
+            ConfigError: the key or the model is refused; asking again cannot help.
             TransportError: a request failed after all retries; the answers to the others were yielded before.
         """
         answers: _Answers = queue.SimpleQueue()
@@ -54,6 +58,8 @@ class AnthropicLLM:
             else:
                 yield position, answer
         asking.join()
+        if any(isinstance(error, _REFUSED) for error in failed):
+            raise ConfigError(f"llm=anthropic: the server refuses the key or the model: {failed[0]}") from failed[0]
         if failed:
             raise TransportError(
                 f"{len(failed)} of {len(requests)} requests failed after up to {MAX_RETRIES} retries, the first with "

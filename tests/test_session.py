@@ -1,0 +1,65 @@
+"""A run directory tells of one run, its own, and a replay finds whatever was changed in it."""
+
+from pathlib import Path
+
+import pytest
+
+from tacevo.app import main
+
+#: A real search, as small as one can be; with slips, so that answers are rejected, too.
+TINY = [
+    "experiment=demo",
+    "tracking=none",
+    "search.generations=1",
+    "search.candidates=4",
+    "search.initial=2",
+    "data.images=40",
+    "training.epochs=1",
+    "archive.niches=5",
+    "archive.prompt_niches=5",
+    "archive.samples=100",
+    "llm.slip_rate=0.7",
+    "run.dir=run",
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_description_left_by_a_run_that_decided_nothing_is_replaced(folder: Path) -> None:
+    """Killed before its first ledger line, another run leaves no part of its description behind."""
+    assert main(["search", *TINY, "task=hardness", "search.generations=0"]) == 0
+    (folder / "run" / "ledger.jsonl").write_text("")
+    assert main(["search", *TINY]) == 0
+    assert main(["replay", "run"]) == 0
+
+
+def test_every_kept_file_is_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An edited source and an edited rejected answer are both found, by the candidate's id."""
+    assert main(["search", *TINY]) == 0
+    rejected = sorted((folder / "run" / "candidates").glob("*.rejected.txt"))
+    admitted = sorted((folder / "run" / "candidates").glob("*.py"))
+    assert rejected
+    for path in (rejected[0], admitted[-1]):
+        text = path.read_text()
+        path.write_text(text + "# edited\n")
+        assert main(["replay", "run"]) == 1
+        assert path.name.partition(".")[0] in capsys.readouterr().err
+        path.write_text(text)
+    assert main(["replay", "run"]) == 0
+
+
+@pytest.mark.parametrize("override", ["store.root=file/store", "run.dir=file/run"])
+def test_place_that_cannot_be_written_is_one_line(
+    override: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file where a folder should be is the user's mistake, and is named."""
+    (folder / "file").write_text("mine")
+    assert main(["search", *TINY, override]) == 2
+    errors = capsys.readouterr().err
+    assert "file" in errors
+    assert "Traceback" not in errors
