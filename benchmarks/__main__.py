@@ -1,6 +1,8 @@
-"""`make bench`: every figure that the documentation gives."""
+"""`make bench`: speed and memory beside a peer, measured in the same run; README.md says how to read a figure."""
 
 import io
+import itertools
+import resource
 import subprocess
 import sys
 import tempfile
@@ -20,7 +22,7 @@ from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
 from tacevo.replaying import replay
 from tacevo.sandbox.client import Sandbox
-from tacevo.session import search
+from tacevo.session import search, track
 from tacevo.training.numerics import environment
 
 INSERTIONS = 5_000
@@ -95,6 +97,36 @@ def workers() -> str:
     return report("a search of 13 candidates", found, unit="s")
 
 
+def tracking() -> str:
+    """Search with MLflow as its mirror, in a database that exists already; the peer is tracking=none."""
+    small = ["experiment=demo", "search.generations=2", "data.images=240", "training.epochs=2"]
+    with tempfile.TemporaryDirectory() as folder:
+        uri = f"sqlite:///{folder}/mlflow.db"
+        places = (Path(folder) / f"run{number}" for number in itertools.count())
+
+        def with_tracking(*choice: str) -> Path:
+            place = next(places)
+            search(compose([*small, *choice, f"run.dir={place}", f"store.root={place}-cache"]), _silent())
+            return place
+
+        untracked = with_tracking("tracking=none")
+        track(untracked, uri)  # makes the database
+        rivals = {
+            "with MLflow": lambda: with_tracking("tracking=mlflow", f"tracking.uri={uri}"),
+            "without": lambda: with_tracking("tracking=none"),
+        }
+        figures = report("tracking of 21 candidates", medians(rivals, rounds=3), unit="s")
+        return f"{figures}; the mirror alone takes {_mirror_cpu_seconds(with_tracking('tracking=none'), uri):.1f} CPU s"
+
+
+def _mirror_cpu_seconds(run: Path, uri: str) -> float:
+    """Mirror a finished run; give the processor seconds of the mirror's process, which is the only one to end."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    track(run, uri)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return (after.ru_utime + after.ru_stime) - (before.ru_utime + before.ru_stime)
+
+
 def memory() -> str:
     """Give the peak resident memory of a process that replays, and whether it imported torch."""
     script = (
@@ -115,7 +147,7 @@ def _silent() -> PlainView:
 
 def main() -> None:
     """Print one line a figure."""
-    for measure in (archive_insertions, candidate_processes, workers, replaying, memory):
+    for measure in (archive_insertions, candidate_processes, workers, replaying, tracking, memory):
         print(measure(), flush=True)
 
 

@@ -131,6 +131,7 @@ def _search(options: argparse.Namespace) -> int:
     from tacevo.composition import compose
     from tacevo.progress import make_view
     from tacevo.session import search
+    from tacevo.tracking.entries import without_password
 
     config = compose(options.overrides)
     total = 1 + config.search.initial + config.search.generations * config.search.candidates
@@ -142,7 +143,7 @@ def _search(options: argparse.Namespace) -> int:
     print(f"look:   {tacevo} show {result.directory} {result.best}")
     print(f"verify: {tacevo} replay {result.directory}")
     if config.tracking.kind.value == "mlflow":
-        print(f"MLflow: {mlflow} ui --backend-store-uri {config.tracking.uri}")
+        print(f"MLflow: {mlflow} ui --backend-store-uri {without_password(config.tracking.uri)}")
     print(f"digest: {result.digest}")
     return DONE
 

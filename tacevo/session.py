@@ -20,7 +20,9 @@ from tacevo.sandbox.confinement import report, require
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.store import content_hash
 from tacevo.summary import summarise
+from tacevo.tracking.entries import without_password
 from tacevo.tracking.process import Mirror
+from tacevo.training.numerics import check_machine
 from tacevo.wiring import build_plan, load_data, open_tools
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
@@ -46,6 +48,7 @@ def search(config: RunConfig, view: View) -> Result:
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     require(config.sandbox.require)
+    check_machine(config.numerics.kind)
     data = load_data(config, view.data)
     task = load_task(config, data.facts)
     plan = build_plan(config, task, Mode.record)
@@ -82,12 +85,14 @@ def track(path: Path, uri: str | None) -> str:
     place = uri or tracking["uri"]
     if not place:
         raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
+    if "***" in place:
+        raise ConfigError(f"{path} keeps no password of {place}; give the whole address with --uri")
     mirror = Mirror(path, uri=place, experiment=tracking["experiment"])
     mirror.start()
     warning = mirror.finish(None)
     if warning is not None:
         raise RunError(warning)
-    return f"{path} is in MLflow: mlflow ui --backend-store-uri {place}"
+    return f"{path} is in MLflow: mlflow ui --backend-store-uri {without_password(place)}"
 
 
 def _run_path(config: RunConfig, header: dict[str, Json]) -> Path:
@@ -110,7 +115,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
         {
             "schema": SCHEMA,
             "name": directory.path.name,
-            "config": to_plain(config),
+            "config": _publishable(config),
             **described,
             "versions": versions(),
             "machine": machine(),
@@ -118,6 +123,15 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             "digest": None,
         },
     )
+
+
+def _publishable(config: RunConfig) -> dict[str, Json]:
+    """Write the configuration without the passwords that an address may hold: a run directory is there to be shared."""
+    plain = to_plain(config)
+    plain["tracking"]["uri"] = without_password(config.tracking.uri)
+    if config.llm.base_url is not None:
+        plain["llm"]["base_url"] = without_password(config.llm.base_url)
+    return plain
 
 
 def _commit_header(ledger: Ledger, header: dict[str, Json], directory: RunDirectory) -> None:
@@ -142,7 +156,7 @@ def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
 def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
     """Write what is known only at the end; return the summary."""
     run = directory.read_run()
-    run |= {"config": to_plain(config), "digest": digest}
+    run |= {"config": _publishable(config), "digest": digest}
     directory.write_json("run.json", run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
     summary = summarise(run, directory.read_ledger(), names)

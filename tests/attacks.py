@@ -103,6 +103,18 @@ def spin_at_exit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> No
     send("answered", b"")
 
 
+def doze(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Make it seen from outside that the job runs, by a lower priority, then answer after half a second."""
+    os.nice(1)
+    time.sleep(0.5)
+    send("answered", b"")
+
+
+def kill_itself(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Die as if the kernel had run out of memory."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def exit_quietly(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
     """End the process as if all were well, before answering."""
     os._exit(0)

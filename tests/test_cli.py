@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tacevo.app import main
+from tacevo.records import Json
 
 COMMAND = [sys.executable, "-m", "tacevo.app"]
 
@@ -31,6 +32,38 @@ TINY = [
     "proposals.mutation_probability=0.5",
     "seed=2",
 ]
+
+#: What may stand in a line of the ledger, by kind of line.
+SEALED = {"kind", "previous", "hash"}
+ASKED = SEALED | {"generation", "slot", "id", "operator", "parents", "prompt", "request", "temperature", "answer"}
+TRAINED = ASKED | {
+    "source", "evaluation", "weights", "predictions", "train_losses", "validation_losses", "fitness", "parameters",
+    "flops", "arch_div", "eff_ratio", "entropy", "density", "variation", "niche", "status", "curiosity"
+}  # fmt: skip
+KEYS = {
+    "run": SEALED | {"schema", "config", "task", "data", "centroids"},
+    "trained": TRAINED,
+    "trained with a recorded prompt": TRAINED | {"prompt_niche", "prompt_status"},
+    "rejected": ASKED | {"stage", "reason"},
+    "generation": SEALED
+    | {
+        "generation", "candidates", "trained", "best", "generation_best", "generation_median", "coverage", "qd_score",
+        "prompt_coverage", "temperature", "next_temperature", "bounds", "archive", "prompt_archive"
+    },
+}  # fmt: skip
+CONFIG_KEYS = {
+    "seed", "archive", "temperature", "prompts", "proposals", "training", "gate", "search", "llm", "numerics"
+}  # fmt: skip
+
+
+def kind_of(line: dict[str, Json]) -> str:
+    """Name the kind of a ledger line; a mutation's prompt is recorded from generation 1 on."""
+    if line["kind"] != "candidate":
+        return str(line["kind"])
+    if "stage" in line:
+        return "rejected"
+    prompted = line["operator"] == "mutation" and line["generation"] > 0
+    return "trained with a recorded prompt" if prompted else "trained"
 
 
 def tacevo(*arguments: str, cwd: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
@@ -88,11 +121,15 @@ def test_run_directory_can_be_read_with_ls_and_cat(searched: tuple[Path, str]) -
 
 
 def test_ledger_holds_no_time_path_or_host(searched: tuple[Path, str]) -> None:
-    """What differs between machines stays out of what is hashed."""
+    """What differs between machines stays out of what is hashed: every line has the keys of its kind and no others."""
     text = (run_of(searched[0]) / "ledger.jsonl").read_text()
     assert str(searched[0]) not in text
     assert os.uname().nodename not in text
-    assert "seconds" not in {key for line in text.splitlines()[1:] for key in json.loads(line)}
+    lines = [json.loads(line) for line in text.splitlines()]
+    assert {kind_of(line) for line in lines} == set(KEYS)
+    for line in lines:
+        assert set(line) == KEYS[kind_of(line)]
+    assert set(lines[0]["config"]) == CONFIG_KEYS
 
 
 def test_same_command_again_trains_nothing_and_gives_the_same_digest(searched: tuple[Path, str]) -> None:
@@ -117,14 +154,29 @@ def test_one_worker_with_stores_of_its_own_gives_the_digest_of_two(searched: tup
 def test_killed_search_continues_to_the_same_digest_and_leaves_no_process(
     searched: tuple[Path, str], tmp_path: Path
 ) -> None:
-    """Kill -9 at several moments, the same command after it, always the digest of the uninterrupted run."""
-    for seconds in (1.5, 4.0, 7.0):
+    """Kill -9 after the header, the first generation's candidates and a generation; always the uninterrupted digest."""
+    for lines in (1, 3, 6):
         search = subprocess.Popen([*COMMAND, "search", *TINY], cwd=tmp_path, stderr=subprocess.DEVNULL)
-        time.sleep(seconds)
+        wait_for_lines(tmp_path, max(lines, ledger_lines(tmp_path) + 1))
+        assert search.poll() is None
         search.kill()
-        search.wait()
+        assert search.wait() == -signal.SIGKILL
+        assert ledger_lines(tmp_path) < ledger_lines(searched[0])
     assert digest(tacevo("search", *TINY, cwd=tmp_path)) == searched[1]
     assert not processes_in(tmp_path)
+
+
+def ledger_lines(folder: Path) -> int:
+    """Count the whole lines of the ledger below a folder; 0 where there is none yet."""
+    return sum(path.read_bytes().count(b"\n") for path in folder.glob("runs/*/ledger.jsonl"))
+
+
+def wait_for_lines(folder: Path, lines: int) -> None:
+    """Wait until the ledger below a folder has so many lines."""
+    deadline = time.monotonic() + 120
+    while ledger_lines(folder) < lines:
+        assert time.monotonic() < deadline, f"the ledger has {ledger_lines(folder)} lines after 120 s, not {lines}"
+        time.sleep(0.02)
 
 
 def test_interrupted_search_says_so_and_continues(searched: tuple[Path, str], tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tacevo.records import Graph, Node, Profile
 
 EMPTY = Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=())
 
-_sizes = st.lists(st.integers(1, 512), max_size=6).map(tuple)
+_sizes = st.lists(st.integers(0, 512), max_size=6).map(tuple)
 
 
 @st.composite
@@ -84,6 +84,19 @@ def test_property_without_values_is_left_out() -> None:
     assert density(NO_HIDDEN_LAYER) == 0.5
     assert variation(NO_HIDDEN_LAYER) == 0.25
     assert (depth(NO_HIDDEN_LAYER), width(NO_HIDDEN_LAYER)) == (3, 12)
+
+
+def test_property_of_zeros_varies_by_nothing() -> None:
+    """A hidden layer of width 0 has no mean to divide by; it counts as a property without variation."""
+    assert variation(replace(EMPTY, hidden=(0,))) == 0.0
+    assert variation(replace(EMPTY, channels=(2, 6), hidden=(0, 0))) == 0.25
+
+
+def test_network_with_a_layer_of_width_zero_is_described() -> None:
+    """`nn.Linear(8, 8 // 16)` is honest code, so its place in the archive must be a number."""
+    found = describe(Profile(parameters=3, flops=0, modules=2, graph=replace(CHAIN, hidden=(0,))))
+    assert found.variation == pytest.approx((2 / 6 + 1 / 4 + 0) / 3)
+    assert found.eff_ratio == 0.0
 
 
 def test_repeated_operation_has_no_entropy() -> None:

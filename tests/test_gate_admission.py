@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
 
+from tacevo.descriptors import describe
 from tacevo.errors import CacheMissError, SandboxError
 from tacevo.gate.admission import Admitted, Gate, GateLimits
+from tacevo.gate.answers import STATIC_VERSION
 from tacevo.records import (
     Contract,
     Graph,
@@ -79,9 +81,15 @@ def gate(
     numerics: str = "portable",
 ) -> Gate:
     """Make a gate, by default that of the force task."""
-    store = Store(root, "probes", mode)
-    task = task or contract()
-    return Gate(run=run, store=store, contract=task, limits=limits, probe_limits=probe_limits, numerics=numerics)
+    return Gate(
+        run=run,
+        store=Store(root, "probes", mode),
+        answers=Store(root, "answers", mode),
+        contract=task or contract(),
+        limits=limits,
+        probe_limits=probe_limits,
+        numerics=numerics,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +191,74 @@ def _with_profile(**changes: Json) -> Json:
     return {"profile": {**ANSWER["profile"], **changes}}
 
 
+def _with_graph(**changes: Json) -> Json:
+    return _with_profile(graph={**ANSWER["profile"]["graph"], **changes})
+
+
+def _with_node(**changes: Json) -> Json:
+    first, second = ANSWER["profile"]["graph"]["nodes"]
+    return _with_graph(nodes=[{**first, **changes}, second])
+
+
+def test_answer_is_read_once(tmp_path: Path) -> None:
+    """The second gate recalls the verdict of extraction and policy, for a source and for a rejection."""
+    for text in (VALID, "import os\n" + VALID, "no class"):
+        fake = FakeSandbox(sent(ANSWER))
+        found = gate(fake.run, tmp_path).admit(completion(text))
+        assert gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text)) == found
+    assert len(list(Store(tmp_path, "answers").entries())) == 3
+
+
+def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
+    """Python 3.12 parses what 3.11 refuses, so a replay believes the recording and not its own parser."""
+    text = "an answer that another version of Python found to hold the source"
+    request = {
+        "version": STATIC_VERSION,
+        "text": text,
+        "stop_reason": "end_turn",
+        "contract": to_json(contract()),
+        "limit": LIMITS.source_bytes,
+    }
+    fake = FakeSandbox(sent(ANSWER))
+    assert isinstance(gate(fake.run, tmp_path).inspect(VALID), Admitted)
+    Store(tmp_path, "answers").write(request, {"source": VALID})
+    found = gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text))
+    assert found == Admitted(source=VALID, profile=PROFILE)
+
+
+def test_everything_that_can_change_the_reading_enters_its_key(tmp_path: Path) -> None:
+    """Another text, stop reason, contract or limit is another question."""
+    fake = FakeSandbox(sent(ANSWER))
+    gate(fake.run, tmp_path).admit(completion(VALID))
+    gate(fake.run, tmp_path).admit(completion(VALID + "\n"))
+    gate(fake.run, tmp_path).admit(completion(VALID, "max_tokens"))
+    gate(fake.run, tmp_path, task=contract(image_size=64)).admit(completion(VALID))
+    gate(fake.run, tmp_path, limits=replace(LIMITS, source_bytes=5_000)).admit(completion(VALID))
+    assert len(list(Store(tmp_path, "answers").entries())) == 5
+
+
+def test_replay_never_reads_an_unknown_answer(tmp_path: Path) -> None:
+    """An answer without a recorded verdict is an error in replay, even where its source was probed."""
+    fake = FakeSandbox(sent(ANSWER))
+    gate(fake.run, tmp_path).inspect(VALID)
+    with pytest.raises(CacheMissError, match="no recorded answer for answers request"):
+        gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(VALID))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [("x" * 101_000, Reason.too_long), ("\ud800", Reason.syntax), (" ", Reason.empty)],
+    ids=["too long", "lone surrogate", "blank"],
+)
+def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, reason: Reason) -> None:
+    """A huge answer would fill the disk and a lone surrogate cannot be written; a replay judges them again."""
+    for mode in (Mode.record, Mode.replay):
+        found = gate(FakeSandbox(sent(ANSWER)).run, tmp_path, mode=mode).admit(completion(text))
+        assert isinstance(found, Rejection)
+        assert (found.stage, found.reason) == (Stage.extract, reason)
+    assert list(Store(tmp_path, "answers").entries()) == []
+
+
 @pytest.mark.parametrize(
     "headers",
     [
@@ -193,9 +269,33 @@ def _with_profile(**changes: Json) -> Json:
         pytest.param([{"rejection": {"stage": "probe", "reason": "bored", "detail": ""}}], id="unknown reason"),
         pytest.param([{"rejection": {"stage": "train", "reason": "crashed", "detail": ""}}], id="other stage"),
         pytest.param([_with_profile(parameters="many")], id="text for a number"),
+        pytest.param([{"rejection": {"stage": "probe", "reason": "crashed", "detail": [[]]}}], id="detail no text"),
+        pytest.param([_with_profile(parameters=0)], id="no parameters"),
+        pytest.param([_with_profile(parameters=True)], id="truth value for a number"),
+        pytest.param([_with_profile(parameters=20_000_001)], id="parameters over the limit"),
         pytest.param([_with_profile(flops=-1)], id="negative"),
-        pytest.param([_with_profile(graph={**ANSWER["profile"]["graph"], "edges": [[1, 0]]})], id="edge backwards"),
-        pytest.param([_with_profile(graph={**ANSWER["profile"]["graph"], "edges": [[0, 9]]})], id="edge to nowhere"),
+        pytest.param([_with_profile(flops=10**400)], id="FLOPs beyond every float"),
+        pytest.param([_with_profile(modules=1_001)], id="modules over the limit"),
+        pytest.param([_with_graph(nodes=ANSWER["profile"]["graph"]["nodes"] * 501)], id="nodes over the limit"),
+        pytest.param([_with_graph(edges=[[1, 0]])], id="edge backwards"),
+        pytest.param([_with_graph(edges=[[0, 9]])], id="edge to nowhere"),
+        pytest.param([_with_graph(edges=[[0, 1], [0, 1]])], id="edge twice"),
+        pytest.param([_with_graph(edges=[[0.5, 1]])], id="edge from between the nodes"),
+        pytest.param([_with_graph(channels=["4"])], id="channels as text"),
+        pytest.param([_with_graph(channels=[-4])], id="negative channels"),
+        pytest.param([_with_graph(channels=[10**400])], id="channels beyond every float"),
+        pytest.param([_with_graph(channels=[4, 4], hidden=[4])], id="more layers than nodes"),
+        pytest.param([_with_graph(hidden=[None])], id="hidden without a value"),
+        pytest.param([_with_graph(hidden=[4.5])], id="hidden with a fraction"),
+        pytest.param([_with_graph(kernels=[float("nan")])], id="kernel not a number"),
+        pytest.param([_with_graph(kernels=[float("inf")])], id="kernel infinite"),
+        pytest.param([_with_graph(kernels=[1e308, 1e308])], id="kernels of infinite spread"),
+        pytest.param([_with_graph(kernels=3)], id="kernels no list"),
+        pytest.param([_with_node(op=["conv2d"])], id="operation no text"),
+        pytest.param([_with_node(op="x" * 101)], id="operation with a long name"),
+        pytest.param([_with_node(weighted=10**400)], id="number for a truth value"),
+        pytest.param([_with_node(width=10**400)], id="width beyond every float"),
+        pytest.param([_with_node(width="4")], id="width as text"),
     ],
 )
 def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Json]) -> None:
@@ -203,6 +303,23 @@ def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Json]) -> None:
     found = gate(FakeSandbox(sent(*headers)).run, tmp_path).inspect(VALID)
     assert isinstance(found, Rejection)
     assert (found.stage, found.reason) == (Stage.probe, Reason.crashed)
+
+
+def test_forged_detail_is_cut_to_one_line(tmp_path: Path) -> None:
+    """A rejection's text is shown to a person; control characters and further lines would speak to the terminal."""
+    forged = {"stage": "probe", "reason": "crashed", "detail": "\x1b[2Jgone\n" + "x" * 1_000}
+    found = gate(FakeSandbox(sent({"rejection": forged})).run, tmp_path).inspect(VALID)
+    assert found == Rejection(stage=Stage.probe, reason=Reason.crashed, detail="?[2Jgone")
+
+
+def test_layer_of_width_zero_is_admitted_and_described(tmp_path: Path, sandbox: Sandbox) -> None:
+    """What honest code such as `nn.Linear(4, 4 // 8)` gives passes the gate and has a place in the archive."""
+    layers = "self.down = nn.Linear(4, 4 // 8)\nself.up = nn.Linear(4 // 8, 4)"
+    source = candidate("h = self.conv(x).mean((2, 3))\nreturn self.head(h + self.up(self.down(h)))", layers)
+    found = gate(sandbox.run, tmp_path).inspect(source)
+    assert isinstance(found, Admitted), found
+    assert found.profile.graph.hidden == (0, 4)
+    assert describe(found.profile).variation == pytest.approx((0 + 1.0) / 3)
 
 
 @pytest.mark.timeout(60)

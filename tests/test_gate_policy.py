@@ -225,6 +225,51 @@ def test_construct_that_runs_unseen_is_refused(code: str) -> None:
     assert rejection_of(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_construct
 
 
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "[kind() for kind in {nn.ReLU, nn.GELU}]",
+        "list({layer for layer in self.children()})",
+        "tuple(set(self.children()))",
+        "[*frozenset([nn.ReLU, nn.GELU])]",
+        "list(map(set, [[nn.ReLU, nn.GELU]]))",
+        "'{}'.format({nn.ReLU, *[nn.GELU]})",
+        "(make := set)([nn.ReLU])",
+        "x if x in {1, 2} else x",
+    ],
+)
+def test_set_is_refused(expression: str) -> None:
+    """The order of a set of classes follows memory addresses, so an equal source would build another network."""
+    rejection = rejection_of(candidate(f"{expression}\nreturn x"))
+    assert rejection.reason is Reason.forbidden_construct
+    assert rejection.detail.startswith("line 10: ")
+    assert "the order of sets differs between processes; use a list, a tuple or a dict" in rejection.detail
+
+
+@pytest.mark.parametrize("expression", ["id(x) % 2", "sorted([nn.ReLU, nn.GELU], key=id)"])
+def test_memory_address_is_refused(expression: str) -> None:
+    """No two processes agree on it."""
+    rejection = rejection_of(candidate(f"{expression}\nreturn x"))
+    assert rejection.reason is Reason.forbidden_construct
+    assert rejection.detail == "line 10: id may not be used: memory addresses differ between processes"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "def f(id):\n    return id",
+        "set = [1]\nx = set[0]",
+        "A = {'a': nn.ReLU}",
+        "A = {i: i for i in range(3)}",
+        "A = hash('name') % 2",
+        "class A(nn.Module):\n    def id(self):\n        return self.set",
+    ],
+)
+def test_ordered_container_and_own_name_pass(code: str) -> None:
+    """Dictionaries keep their order, the hash of a text is fixed, and a text may call its own things as it likes."""
+    assert check(f"{code}\n\n\n{VALID}", CONTRACT) is None
+
+
 def test_identifier_must_be_ascii() -> None:
     """Python folds an italic letter to a plain one, so the text would not say what it does."""
     rejection = rejection_of(candidate("\N{MATHEMATICAL ITALIC SMALL P}rint(x)\nreturn x"))

@@ -2,6 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 import torch
@@ -347,6 +348,45 @@ def test_tracing_leaves_no_hook_behind() -> None:
     with pytest.raises(RuntimeError, match="shapes cannot be multiplied"):
         graph_of(nn.Linear(5, 3))
     assert graph_of(nn.Sequential(nn.Flatten(), nn.Linear(192, 3))) == ONE_LAYER
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        pytest.param(nn.Linear(5, 3), id="layer"),
+        pytest.param(nn.Sequential(nn.ReLU(), nn.Linear(5, 3)), id="layer in a container"),
+        pytest.param(nn.MultiheadAttention(5, 1), id="layer that checks its arguments"),
+        pytest.param(nn.LSTM(5, 3), id="recurrent layer"),
+    ],
+)
+def test_caught_error_does_not_blind_the_tracer(bad: nn.Module) -> None:
+    """A network that tries a layer, catches its error and goes on is seen from there on; the failed call is no node."""
+
+    def steps(x: Tensor, layer: nn.Module) -> object:
+        assert isinstance(layer, nn.ModuleList)
+        for _ in range(2):
+            with suppress(RuntimeError, TypeError):
+                layer[0](x.flatten(1))
+        return layer[1](x.flatten(1))
+
+    assert graph_of(Custom(steps, nn.ModuleList([bad, nn.Linear(192, 3)]))) == ONE_LAYER
+
+
+def test_error_of_a_hook_does_not_blind_the_tracer() -> None:
+    """A layer whose own hook raises before its forward pass is left all the same."""
+
+    def refuse(layer: nn.Module, args: object) -> None:
+        raise RuntimeError("not today")
+
+    def steps(x: Tensor, layer: nn.Module) -> object:
+        assert isinstance(layer, nn.ModuleList)
+        with suppress(RuntimeError):
+            layer[0](x.flatten(1))
+        return layer[1](x.flatten(1))
+
+    bad = nn.Linear(192, 3)
+    bad.register_forward_pre_hook(refuse)
+    assert graph_of(Custom(steps, nn.ModuleList([bad, nn.Linear(192, 3)]))) == ONE_LAYER
 
 
 def test_operation_knows_class_names() -> None:

@@ -175,12 +175,44 @@ def test_greedy_candidate_is_out_of_memory(sandbox: Sandbox, entry: str) -> None
         ("divide_by_zero", "ZeroDivisionError: division by zero"),
         ("read_address_zero", "killed by signal 11"),
         ("kill_supervisor", "its supervisor was killed"),
+        ("kill_itself", "killed by signal 9"),
         ("close_pipe", "it closed its result pipe"),
     ],
 )
 def test_death_without_an_answer_is_a_crash(sandbox: Sandbox, entry: str, detail: str) -> None:
     """Every way to end without a full answer is a verdict, not a hang and not an exception."""
     assert death(sandbox, entry) == Died(Reason.crashed, detail)
+
+
+def wait_for_doze() -> list[int]:
+    """Wait until a dozing job runs below this process; give its zygote, its supervisor and its candidate."""
+    family: list[int] = []
+
+    def dozes() -> bool:
+        family[:] = descendants(os.getpid())
+        return len(family) == 3 and os.getpriority(os.PRIO_PROCESS, family[-1]) > os.getpriority(os.PRIO_PROCESS, 0)
+
+    assert eventually(dozes)
+    return family
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_signal_that_cancels_a_run_is_no_verdict(sandbox: Sandbox, number: signal.Signals) -> None:
+    """A batch system that signals every process does not make a running candidate look broken."""
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(answer, sandbox, "doze")
+        for pid in wait_for_doze():
+            os.kill(pid, number)
+        assert waiting.result() == "answered"
+
+
+@pytest.mark.parametrize("member", [1, 2], ids=["supervisor", "candidate"])
+def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, member: int) -> None:
+    """The kernel's way out of full memory is no verdict on a candidate."""
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(answer, sandbox, "doze")
+        os.kill(wait_for_doze()[member], signal.SIGKILL)
+        assert waiting.result() == "answered"
 
 
 def test_endless_answer_is_a_crash(sandbox: Sandbox) -> None:
@@ -322,5 +354,16 @@ def test_zygote_that_cannot_be_prepared_says_why(
     with (
         Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as broken,
         pytest.raises(SandboxError, match=problem),
+    ):
+        broken.run("a", None, b"", LIMITS)
+
+
+def test_zygote_that_dies_at_its_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last line that the process wrote is in the error."""
+    (tmp_path / "fatal.py").write_text("import os\nos.write(2, b'at first\\nlast words\\n\\n')\nos._exit(3)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with (
+        Sandbox(entries={"a": "fatal:run"}, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as broken,
+        pytest.raises(SandboxError, match="the zygote did not start: last words"),
     ):
         broken.run("a", None, b"", LIMITS)

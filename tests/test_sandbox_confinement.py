@@ -10,7 +10,7 @@ import pytest
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
-from tacevo.sandbox.confinement import available, confine, report, require
+from tacevo.sandbox.confinement import available, can_fix_addresses, confine, report, require
 
 
 def test_kernel_level_is_refused_for_now() -> None:
@@ -49,3 +49,11 @@ def test_measures_are_in_force_and_reported() -> None:
     assert "NoNewPrivs:\t1" in status
     assert "CapEff:\t0000000000000000" in status
     assert limits == [(0, 0), (0, 0), (0, 0), (17, 17)]
+
+
+def test_asking_for_fixed_addresses_changes_nothing() -> None:
+    """The report tries what the kernel grants, and leaves the search as it was."""
+    before = Path("/proc/thread-self/personality").read_text()
+    granted = can_fix_addresses()
+    assert Path("/proc/thread-self/personality").read_text() == before
+    assert ("equal addresses" in report()["fixed_addresses"]) is granted

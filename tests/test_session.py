@@ -38,6 +38,16 @@ def test_description_left_by_a_run_that_decided_nothing_is_replaced(folder: Path
     assert main(["replay", "run"]) == 0
 
 
+def test_no_password_reaches_a_run_directory(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run directory is there to be shared: addresses in it hold no user info."""
+    secret = ["tracking.uri='postgresql://me:hunter2@localhost/db'", "llm.base_url='http://me:hunter2@localhost'"]
+    assert main(["search", *TINY, "search.generations=0", *secret]) == 0
+    texts = [path.read_text() for path in (folder / "run").rglob("*") if path.is_file()]
+    assert not [text for text in texts if "hunter2" in text]
+    assert main(["track", "run"]) == 2
+    assert "give the whole address with --uri" in capsys.readouterr().err
+
+
 def test_every_kept_file_is_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """An edited source and an edited rejected answer are both found, by the candidate's id."""
     assert main(["search", *TINY]) == 0

@@ -4,9 +4,13 @@ The mirror works in this process where a test is about what it writes, and as a 
 is about the process. MLflow is imported only when a test runs, because its telemetry stays off then.
 """
 
+import contextlib
+import io
 import json
 import os
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,8 +31,10 @@ from tacevo.tracking.entries import (
     config_params,
     generation_measures,
     shorten,
+    without_password,
 )
-from tacevo.tracking.process import Mirror
+from tacevo.tracking.process import URI_VARIABLE, Mirror
+from tacevo.tracking.veil import Veil
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -270,6 +276,71 @@ def test_config_is_flattened() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("uri", "shown"),
+    [
+        ("postgresql://user:pw@host/db", "postgresql://***@host/db"),
+        ("postgresql://user:p@w/o?rd@host:5432/db", "postgresql://***@host:5432/db"),
+        ("https://token@host/mlflow", "https://***@host/mlflow"),
+        ("postgresql://host/db?user=u&password=pw", "postgresql://host/db?***"),
+        ("postgresql:///db?user=u&password=pw", "postgresql:///db?***"),
+        ("sqlite+pysqlcipher://:pw@/file.db", "sqlite+pysqlcipher://***@/file.db"),
+        ("http://localhost:5000", "http://localhost:5000"),
+        ("sqlite:///mlflow.db", "sqlite:///mlflow.db"),
+        ("sqlite:////home/me@work/mlflow.db?timeout=9", "sqlite:////home/me@work/mlflow.db?timeout=9"),
+        ("file:///home/me@work/mlruns", "file:///home/me@work/mlruns"),
+        ("/home/me@work/mlruns", "/home/me@work/mlruns"),
+        ("", ""),
+    ],
+)
+def test_password_of_a_uri_is_hidden(uri: str, shown: str) -> None:
+    """User info and query are replaced, however carelessly they were written; a plain path is left alone."""
+    assert without_password(uri) == shown
+    assert without_password(shown) == shown
+
+
+@given(st.text(), st.text())
+def test_no_part_of_the_user_info_is_shown(user_info: str, place: str) -> None:
+    """Whatever stands before the last @ of a URI makes no difference to what is shown of it."""
+    assert without_password(f"postgresql://{user_info}@{place}") == without_password(f"postgresql://u@{place}")
+
+
+def test_params_hold_no_password() -> None:
+    """Every setting that is a URI is shown without its secrets."""
+    config = {"tracking": {"uri": "postgresql://user:pw@host/db"}, "llm": {"base_url": "https://key@proxy/v1"}}
+    assert config_params(config) == {
+        "tracking.uri": "postgresql://***@host/db",
+        "llm.base_url": "https://***@proxy/v1",
+    }
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "no connection to postgresql://user:s%40crt@host/db?key=s3cret",
+        "no connection to postgresql://user:s@crt@host/db?key=s3cret",
+        "user:s%40crt was refused",
+        "password s@crt was refused",
+        "options key=s3cret",
+    ],
+)
+def test_veil_hides_the_secrets_of_its_uri(message: str) -> None:
+    """A library that writes the URI, or one secret of it, escaped or not, writes asterisks."""
+    stream = io.StringIO()
+    veil = Veil(stream, "postgresql://user:s%40crt@host/db?key=s3cret")
+    assert veil.write(message) == len(message)
+    assert "***" in stream.getvalue()
+    assert "crt" not in stream.getvalue()
+    assert "s3cret" not in stream.getvalue()
+
+
+def test_veil_of_a_uri_without_secrets_changes_nothing() -> None:
+    """A plain path stays readable in the log."""
+    stream = io.StringIO()
+    Veil(stream, "sqlite:////home/me@work/mlflow.db").write("no sqlite:////home/me@work/mlflow.db")
+    assert stream.getvalue() == "no sqlite:////home/me@work/mlflow.db"
+
+
 @given(st.text(max_size=3 * LONGEST_PARAM))
 def test_shortened_text_fits_and_shows_that_it_was_cut(text: str) -> None:
     """A text that fits stays; a longer one is cut to fit and ends in an ellipsis."""
@@ -417,6 +488,47 @@ def test_store_that_cannot_be_written_gives_a_warning(run_dir: Path) -> None:
     assert "nonsense://nowhere failed: " in warning
     assert "the run itself is not affected" in warning
     assert "\n" not in warning
+
+
+@pytest.mark.parametrize("uri", ["nonsense://user:s3cret@nowhere", "postgresql://user:s3cret@nowhere/db?key=s3cret"])
+def test_password_reaches_neither_log_nor_warning_nor_command_line(run_dir: Path, uri: str) -> None:
+    """MLflow repeats a URI in its messages, and a command line is read by every user: the password is in neither."""
+    mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
+    mirror.start()
+    (command,) = wait_for_commands(run_dir)
+    assert "s3cret" not in command
+    warnings = [mirror.finish(0), mirror.finish(PATIENCE)]
+    assert "goes on by itself" in str(warnings[0])
+    assert " failed: " in str(warnings[1])
+    assert "s3cret" not in str(warnings)
+    log = (run_dir / "tracking.log").read_text(encoding="utf-8")
+    assert "Traceback" in log
+    assert "s3cret" not in log
+
+
+def wait_for_commands(run_dir: Path) -> list[str]:
+    """Wait until a mirror of a directory is at work; give the command lines of all of them."""
+    found: list[str] = []
+
+    def any_found() -> bool:
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                command = path.read_text(encoding="utf-8").split("\0")
+                if "tacevo.tracking" in command and str(run_dir) in command:
+                    found.append(" ".join(command))
+        return bool(found)
+
+    wait_until(any_found)
+    return found
+
+
+def test_process_without_a_uri_says_what_to_set(run_dir: Path) -> None:
+    """The URI comes by the environment; without it the process says so and does nothing."""
+    environment = {key: value for key, value in os.environ.items() if key != URI_VARIABLE}
+    command = [sys.executable, "-m", "tacevo.tracking", str(run_dir), "--experiment", "tacevo"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=PATIENCE)
+    assert done.returncode == 2
+    assert "TACEVO_TRACKING_URI is not set" in done.stderr
 
 
 def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:

@@ -12,12 +12,13 @@ import pytest
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples
 
 from tacevo.choices import Numerics
-from tacevo.errors import CacheMissError, DataError, SandboxError
+from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
 from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.sandbox.confinement import can_fix_addresses
 from tacevo.store import Store
 from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Run, judge
-from tacevo.training.numerics import environment
+from tacevo.training.numerics import check_machine, environment, refuse_unfit
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -45,7 +46,8 @@ def open_sandbox(folder: Path) -> Sandbox:
     """Open a sandbox with the images of the tiny task."""
     images = folder / "images.npy"
     np.save(images, DATA.images)
-    return Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images})
+    entries = {**ENTRIES, "look": "training_jobs:look_at_torch"}
+    return Sandbox(entries=entries, environment=environment(Numerics.portable), arrays={"images": images})
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +102,27 @@ def test_threads_give_what_one_by_one_gives(sandbox: Sandbox, tmp_path: Path) ->
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(lambda seed: together.evaluate(SOURCE, seed), range(4))) == serial
     assert len({verdict.weights_sha256 for verdict in serial if isinstance(verdict, Training)}) == 4
+
+
+def look(sandbox: Sandbox) -> Json:
+    """Give what a candidate sees of torch."""
+    finished = sandbox.run("look", None, b"", RECIPE.limits)
+    assert isinstance(finished, Finished), finished
+    return finished.frames[0].header
+
+
+def test_addresses_of_what_is_imported_are_fixed(sandbox: Sandbox, tmp_path: Path) -> None:
+    """Two sandboxes agree on where classes lie, so that on one machine no candidate's bits hang on it."""
+    if not can_fix_addresses():
+        pytest.skip("the kernel refuses personality(ADDR_NO_RANDOMIZE)")
+    with open_sandbox(tmp_path) as other:
+        assert look(other)["addresses"] == look(sandbox)["addresses"]
+
+
+def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> None:
+    """The variables reach torch before it chooses its kernels, however much more the CPU can do."""
+    seen = look(sandbox)
+    assert (seen["capability"], seen["threads"]) == ("AVX2", 1)
 
 
 def test_candidate_whose_finaliser_never_ends_is_evaluated(sandbox: Sandbox, tmp_path: Path) -> None:
@@ -260,3 +283,25 @@ def test_portable_numerics_close_every_door() -> None:
     assert portable["MKL_CBWR"] == "COMPATIBLE"
     assert portable["OMP_NUM_THREADS"] == fast["OMP_NUM_THREADS"] == "1"
     assert json.dumps(fast).count("ISA") == 0
+
+
+@pytest.mark.parametrize(
+    ("machine", "cpuinfo"),
+    [
+        ("aarch64", "Features\t: asimd"),
+        ("x86_64", "flags\t\t: fpu avx avx512f"),
+        ("x86_64", "bugs: avx2"),
+        ("x86_64", ""),
+    ],
+)
+def test_portable_numerics_are_refused_where_they_cannot_hold(machine: str, cpuinfo: str) -> None:
+    """A machine that computes otherwise is told before the search starts, with the way out."""
+    with pytest.raises(ConfigError, match=f"needs an x86_64 CPU with avx2; this is {machine}.*Set numerics=fast"):
+        refuse_unfit(Numerics.portable, machine, cpuinfo)
+    refuse_unfit(Numerics.fast, machine, cpuinfo)
+
+
+def test_portable_numerics_are_granted_with_avx2() -> None:
+    """Any x86-64 CPU that lists the flag will do."""
+    refuse_unfit(Numerics.portable, "x86_64", "processor: 0\nflags\t\t: fpu avx avx2 bmi1\n")
+    check_machine(Numerics.fast)

@@ -1,5 +1,9 @@
 """Promise: a training follows from its job alone, learns, and names what the candidate did wrong."""
 
+import os
+import shutil
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -9,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, header_of, payload_of
 
+from tacevo.choices import Numerics
 from tacevo.records import Contract, Json, Kind, Limits, Loss, Reason, Recipe, to_json
-from tacevo.sandbox.candidate import build, fault, standardise
+from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
+from tacevo.training.numerics import environment
 from tacevo.training.trainer import batches, run
 
 
@@ -83,6 +89,22 @@ class _Sly(torch.Tensor):
 def test_output_must_be_a_plain_float32_tensor_of_the_shape(output: object, problem: str | None) -> None:
     """Nothing broadcasts, nothing is converted, no subclass answers for itself."""
     assert fault(output, (4, 2)) == problem
+
+
+@pytest.mark.parametrize(
+    ("error", "reason", "detail"),
+    [
+        (ValueError("bad\nmore"), Reason.forward_failed, "ValueError: bad"),
+        (MemoryError(), Reason.out_of_memory, "MemoryError"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), Reason.out_of_memory, "RuntimeError: Default"),
+        (CandidateError(Reason.not_finite, "weights"), Reason.not_finite, "weights"),
+    ],
+)
+def test_whatever_a_candidate_raises_becomes_a_failure(error: Exception, reason: Reason, detail: str) -> None:
+    """The block names the reason, except where memory ran out or the failure has a reason already."""
+    with pytest.raises(CandidateError, match=detail) as caught, blaming(Reason.forward_failed):
+        raise error
+    assert caught.value.reason is reason
 
 
 def sent_by(source: str, **changes: Any) -> list[tuple[Json, bytes]]:
@@ -185,3 +207,22 @@ def test_single_small_batch_is_kept() -> None:
         epochs=1, batch_size=1000, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=9, memory_mib=300)
     )
     assert len(sent_by(SOURCE, recipe=to_json(recipe))) == 2
+
+
+def printed_by_training(*emulator: str) -> str:
+    """Train in a process of its own under portable numerics; give what it prints."""
+    command = [*emulator, sys.executable, "-c", "import training_jobs; training_jobs.print_training()"]
+    variables = {**environment(Numerics.portable), "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "0"}
+    return subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.slow
+def test_portable_bits_are_those_of_another_cpu() -> None:
+    """This machine's CPU and an emulated Haswell train to equal bits."""
+    emulator = shutil.which("qemu-x86_64")
+    if emulator is None:
+        pytest.skip("qemu-x86_64 is not installed")
+    native = printed_by_training()
+    assert native.startswith("AVX2")
+    assert "weights_sha256" in native
+    assert printed_by_training(emulator, "-cpu", "Haswell") == native

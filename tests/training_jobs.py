@@ -1,12 +1,16 @@
 """A tiny learnable task for the tests of training: 3 x 4 x 4 images whose first two pixels are the targets."""
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from tacevo.records import Contract, Json, Kind, Limits, Loss, Recipe, to_json
+from tacevo.sandbox.child import Arrays, Send
+from tacevo.training.trainer import run
 
 CONTRACT = Contract(
     class_name="Net",
@@ -30,6 +34,20 @@ class Net(nn.Module):
     def forward(self, x):
         return self.head(self.body(x))
 """
+CONVOLUTIONAL = """
+class Net(nn.Module):
+    def __init__(self, in_channels=3, num_outputs=2):
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.Conv2d(in_channels, 16, 3, padding=1), nn.BatchNorm2d(16), nn.ReLU(), nn.MaxPool2d(2),
+            nn.Conv2d(16, 32, 3, padding=1), nn.GroupNorm(4, 32), nn.GELU(), nn.AdaptiveAvgPool2d(2),
+            nn.Flatten(), nn.Dropout(0.2), nn.Linear(128, 64), nn.Sigmoid(),
+        )
+        self.head = nn.Linear(64, num_outputs)
+
+    def forward(self, x):
+        return torch.softmax(self.head(self.body(x)), 1)
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +59,10 @@ class Data:
     validation: NDArray[np.int64]
     #: For all images; float32 (136, 2), or int64 (136,).
     targets: NDArray[Any]
+
+    def enlarged(self, factor: int) -> "Data":
+        """Give the same task with every pixel repeated."""
+        return replace(self, images=self.images.repeat(factor, axis=2).repeat(factor, axis=3))
 
 
 def examples(*, classes: bool = False) -> Data:
@@ -70,3 +92,24 @@ def header_of(source: str, data: Data) -> Json:
 def payload_of(data: Data) -> bytes:
     """Write the payload that a trainer gets."""
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
+
+
+def print_training() -> None:
+    """Train a convolutional network at 32 pixels in this process and print what torch chose and each frame's hash."""
+    data = examples().enlarged(8)
+    print(torch.backends.cpu.get_cpu_capability())
+
+    def show(header: Json, payload: bytes) -> None:
+        print(header, hashlib.sha256(payload).hexdigest())
+
+    run(header_of(CONVOLUTIONAL, data), payload_of(data), {"images": data.images}, show)
+
+
+def look_at_torch(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Report how torch computes in a candidate's process, and where three classes lie (a set iterates in that order).
+
+    An entry of a sandbox.
+    """
+    kinds = (torch.nn.ReLU, torch.nn.Conv2d, np.ndarray)
+    seen = {"capability": torch.backends.cpu.get_cpu_capability(), "threads": torch.get_num_threads()}
+    send({**seen, "addresses": [id(kind) for kind in kinds]}, b"")

@@ -1,20 +1,42 @@
 """The gate: from a model's raw answer to an admitted candidate or a typed rejection (parent side, no torch).
 
 What it promises: no code of a candidate runs in this process, not even to be imported; the text that was checked
-is the text that is run; equal texts are probed once. The static policy is courtesy, the sandbox is the wall.
+is the text that is run; equal texts are probed once; nothing that a candidate forges makes a profile that cannot be
+described. The static policy is courtesy, the sandbox is the wall.
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
-from tacevo.gate.extraction import extract
+from tacevo.descriptors import describe
+from tacevo.gate.answers import read
 from tacevo.gate.policy import check
-from tacevo.records import Completion, Contract, Graph, Json, Limits, Profile, Reason, Rejection, Stage, to_json
+from tacevo.records import (
+    Completion,
+    Contract,
+    Graph,
+    Json,
+    Limits,
+    Node,
+    Profile,
+    Reason,
+    Rejection,
+    Stage,
+    to_json,
+)
 from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.text import one_line
 from tacevo.store import Store
 
 #: Raised when the probe or the tracer changes what it answers; part of every probe's key.
-PROBE_VERSION = 1
+PROBE_VERSION = 2
+
+#: Widths, channels and kernel sides are below this, so that their squares and sums stay exact or at least finite.
+_TOO_LARGE = 2**53
+
+#: Longest spelling of an operation; those of torch stay below 50 characters.
+_LONGEST_NAME = 100
 
 #: Runs a sandbox entry: name, header, payload, limits.
 RunEntry = Callable[[str, Json, bytes, Limits], Finished | Died]
@@ -47,6 +69,7 @@ class Gate:
     Args:
         run: the sandbox; it needs an entry `probe`, `tacevo.gate.probe:run`.
         store: where probes are kept, of kind `probes`.
+        answers: where the verdicts of extraction and policy on whole answers are kept, of kind `answers`.
         contract: what a candidate must be.
         limits: how large it may be.
         probe_limits: time and memory of one probe.
@@ -58,6 +81,7 @@ class Gate:
         *,
         run: RunEntry,
         store: Store,
+        answers: Store,
         contract: Contract,
         limits: GateLimits,
         probe_limits: Limits,
@@ -65,6 +89,7 @@ class Gate:
     ) -> None:
         self._run = run
         self._store = store
+        self._answers = answers
         self._contract = contract
         self._limits = limits
         self._probe_limits = probe_limits
@@ -75,16 +100,21 @@ class Gate:
 
         Raises:
             SandboxError: the sandbox is broken; nothing was stored.
-            CacheMissError: the store only replays and does not know this source.
+            CacheMissError: a store only replays and does not know this answer or its source.
         """
-        source = extract(completion, self._contract, limit=self._limits.source_bytes)
-        return source if isinstance(source, Rejection) else self.inspect(source)
+        source = read(completion, self._contract, limit=self._limits.source_bytes, store=self._answers)
+        return source if isinstance(source, Rejection) else self._measured(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
-        """Judge a text that is source already, such as a task's baseline; raises as `admit` does."""
-        rejection = check(source, self._contract)
-        if rejection is not None:
-            return rejection
+        """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
+
+        The policy is computed anew each time, even in a replay: the text is the task's own, and not one that a model
+        may have written for another version of Python.
+        """
+        return check(source, self._contract) or self._measured(source)
+
+    def _measured(self, source: str) -> Admitted | Rejection:
+        """Probe a source that the policy let through, or recall its probe."""
         answer = self._store.recall(self._request(source), lambda: self._probe(source))
         if "rejection" in answer:
             return Rejection.from_json(answer["rejection"])
@@ -115,33 +145,65 @@ class Gate:
         if isinstance(outcome, Died):
             return _rejected(outcome.reason, outcome.detail)
         try:
-            return _checked(outcome)
-        except (LookupError, TypeError, ValueError, AttributeError):
+            return _checked(outcome, self._limits)
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
             return _rejected(Reason.crashed, "the probe's answer was no profile and no rejection")
 
 
-def _checked(outcome: Finished) -> Json:
+def _checked(outcome: Finished, limits: GateLimits) -> Json:
     """Read the one frame of a probe; nothing in it is trusted, since a candidate can write frames too.
 
     Raises:
-        LookupError, TypeError, ValueError, AttributeError: it is not what a probe sends.
+        LookupError, TypeError, ValueError, AttributeError, ArithmeticError: it is not what a probe sends.
     """
     (frame,) = outcome.frames
     if "rejection" in frame.header:
         rejection = Rejection.from_json(frame.header["rejection"])
-        if rejection.stage is not Stage.probe:
-            raise ValueError(f"expected a rejection at {Stage.probe}; got one at {rejection.stage}")
-        return _rejected(rejection.reason, str(rejection.detail)[:300])
+        if rejection.stage is not Stage.probe or type(rejection.detail) is not str:
+            raise ValueError(f"expected a rejection at {Stage.probe} with a text; got one at {rejection.stage}")
+        return _rejected(rejection.reason, one_line(rejection.detail))
     profile = Profile.from_json(frame.header["profile"])
-    sizes = (profile.parameters, profile.flops, profile.modules, *(node.width for node in profile.graph.nodes))
-    if not all(type(size) is int and size >= 0 for size in sizes) or not _is_acyclic(profile.graph):
-        raise ValueError("expected sizes >= 0 and edges from earlier to later nodes")
+    if not (_has_allowed_sizes(profile, limits) and _is_sound(profile.graph)):
+        raise ValueError("expected the profile of a network within the limits")
+    if not all(math.isfinite(value) and value >= 0 for value in astuple(describe(profile))):
+        raise ValueError("expected a network whose descriptors are finite and >= 0")
     return {"profile": to_json(profile)}
 
 
-def _is_acyclic(graph: Graph) -> bool:
-    """Check that every edge leads from a node to a later one."""
-    return all(0 <= producer < consumer < len(graph.nodes) for producer, consumer in graph.edges)
+def _has_allowed_sizes(profile: Profile, limits: GateLimits) -> bool:
+    """Check the counts against what a probe would have refused."""
+    counts = (
+        (profile.parameters, limits.parameters),
+        (profile.flops, limits.flops),
+        (profile.modules, limits.modules),
+        (len(profile.graph.nodes), limits.modules),
+    )
+    return profile.parameters >= 1 and all(type(count) is int and 0 <= count <= limit for count, limit in counts)
+
+
+def _is_sound(graph: Graph) -> bool:
+    """Check that a graph is one that tracing can give: sane nodes, forward edges, a layer's properties for a node."""
+    layers = (*graph.channels, *graph.hidden)
+    ends = [end for edge in graph.edges for end in edge]
+    return (
+        all(_is_sound_node(node) for node in graph.nodes)
+        and all(type(end) is int for end in ends)
+        and all(0 <= producer < consumer < len(graph.nodes) for producer, consumer in graph.edges)
+        and len(set(graph.edges)) == len(graph.edges)
+        and max(len(layers), len(graph.kernels)) <= len(graph.nodes)
+        and all(type(value) is int and 0 <= value < _TOO_LARGE for value in layers)
+        and all(type(side) in (int, float) and 0 <= side < _TOO_LARGE for side in graph.kernels)
+    )
+
+
+def _is_sound_node(node: Node) -> bool:
+    return (
+        type(node.op) is str
+        and len(node.op) <= _LONGEST_NAME
+        and type(node.weighted) is bool
+        and type(node.width) is int
+        and 0 <= node.width < _TOO_LARGE
+    )
 
 
 def _rejected(reason: Reason, detail: str) -> Json:

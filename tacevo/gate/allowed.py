@@ -111,6 +111,8 @@ IMPORTABLE = ", ".join(sorted({name.split(".")[0] for name in _MODULES} - {"__fu
 
 _BUILTINS = "exec eval compile open globals locals vars __import__ breakpoint help exit quit memoryview"
 
+_UNSTABLE = "set frozenset id"
+
 _CALLED_ONLY = "getattr setattr delattr hasattr"
 
 _ATTRIBUTES = """
@@ -122,6 +124,9 @@ _SPECIAL_METHODS = "__init__ __call__ __len__ __getitem__ __iter__ __next__ __re
 
 #: Built-in functions that run text, reach files or show the interpreter's insides.
 BUILTINS = frozenset(_BUILTINS.split())
+
+#: Built-in functions whose results follow memory addresses; fine names for a text's own variables.
+UNSTABLE = frozenset(_UNSTABLE.split())
 
 #: Built-in functions that may be called by name but never passed around.
 CALLED_ONLY = frozenset(_CALLED_ONLY.split())

@@ -43,15 +43,21 @@ def extract(completion: Completion, contract: Contract, *, limit: int = 100_000)
         Source that parses and defines the class once: newlines normalised, dedented, ending with one newline;
         or a rejection at stage `extract`.
     """
+    rejection = first_look(completion, limit=limit)
+    if rejection is not None:
+        return rejection
     cut_off = completion.stop_reason == "max_tokens"
-    found = _first_look(completion, limit) or _choose(_normalised(completion.text), contract.class_name, cut_off)
-    if isinstance(found, Problem):
-        return Rejection(stage=Stage.extract, reason=found.reason, detail=found.detail)
-    return found
+    found = _choose(_normalised(completion.text), contract.class_name, cut_off)
+    return _rejected(found) if isinstance(found, Problem) else found
 
 
-def _first_look(completion: Completion, limit: int) -> Problem | None:
+def first_look(completion: Completion, *, limit: int) -> Rejection | None:
     """Turn away what needs no parsing; the size comes first, so that nothing else is done with a huge answer."""
+    problem = _problem_at_first_look(completion, limit)
+    return None if problem is None else _rejected(problem)
+
+
+def _problem_at_first_look(completion: Completion, limit: int) -> Problem | None:
     try:
         size = len(completion.text) if len(completion.text) > limit else len(completion.text.encode())
     except UnicodeEncodeError as error:
@@ -63,6 +69,10 @@ def _first_look(completion: Completion, limit: int) -> Problem | None:
     if not completion.text.strip():
         return Problem(Reason.empty, "the answer is blank")
     return None
+
+
+def _rejected(problem: Problem) -> Rejection:
+    return Rejection(stage=Stage.extract, reason=problem.reason, detail=problem.detail)
 
 
 def _normalised(text: str) -> str:

@@ -25,6 +25,18 @@ _COOKIE = re.compile(r"[ \t\f]*#.*?coding[:=][ \t]*([-\w.]+)")
 #: A field of `str.format` that walks to a special attribute, e.g. `{0.__class__}`.
 _TEMPLATE = re.compile(r"\{[^{}]*\.__")
 
+#: Sets of classes or modules are ordered by memory addresses, so an equal source would give another network.
+_UNORDERED = "the order of sets differs between processes; use a list, a tuple or a dict"
+
+#: Syntax that is refused wherever it stands, with the message.
+_REFUSED: Mapping[type[ast.AST], str] = {
+    **dict.fromkeys((ast.Set, ast.SetComp), f"a set may not be used: {_UNORDERED}"),
+    **dict.fromkeys(
+        (ast.AsyncFunctionDef, ast.Await, ast.AsyncFor, ast.AsyncWith), "async code has no place in a network"
+    ),
+    ast.MatchClass: "a class pattern reads attributes; use isinstance",
+}
+
 
 def check(source: str, contract: Contract) -> Rejection | None:
     """Hold source text against the policy.
@@ -90,6 +102,8 @@ class _Scope:
     modules: Mapping[str, str]
     #: Every name that an import binds.
     imported: frozenset[str]
+    #: Every name that the text gives to something of its own: variables, arguments, functions and classes.
+    defined: frozenset[str]
     #: Ids of the nodes of which an attribute is taken, and of those that are called.
     bases: frozenset[int]
     called: frozenset[int]
@@ -103,9 +117,20 @@ def _scope(nodes: list[ast.AST]) -> _Scope:
     return _Scope(
         modules={**modules, **allowed.PROVIDED},
         imported=frozenset([*allowed.PROVIDED, *(name for name, _ in bindings)]),
+        defined=frozenset(name for node in nodes if (name := _defined(node))),
         bases=frozenset(id(node.value) for node in nodes if isinstance(node, ast.Attribute)),
         called=frozenset(id(node.func) for node in nodes if isinstance(node, ast.Call)),
     )
+
+
+def _defined(node: ast.AST) -> str | None:
+    """Give the name that a node binds, other than by an import; None where it binds none."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
+            return name
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            return name
+    return None
 
 
 def _bindings(node: ast.Import | ast.ImportFrom) -> list[tuple[str, str]]:
@@ -141,10 +166,8 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
             yield from _problems_of_binding(node, name, scope)
         case ast.arg(arg=name) | ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
             yield from _problems_of_binding(node, name, scope)
-        case ast.MatchClass():
-            yield _problem(Reason.forbidden_construct, node, "a class pattern reads attributes; use isinstance")
-        case ast.AsyncFunctionDef() | ast.Await() | ast.AsyncFor() | ast.AsyncWith():
-            yield _problem(Reason.forbidden_construct, node, "async code has no place in a network")
+        case _ if type(node) in _REFUSED:
+            yield _problem(Reason.forbidden_construct, node, _REFUSED[type(node)])
 
 
 def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Iterator[Problem]:
@@ -167,6 +190,9 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
         yield from _problems_of_binding(node, name, scope)
     elif name in allowed.BUILTINS or (_is_special(name) and name not in allowed.SPECIAL_NAMES):
         yield _problem(Reason.forbidden_name, node, f"{name} may not be used in a network")
+    elif name in allowed.UNSTABLE and name not in scope.defined:
+        detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
+        yield _problem(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
     elif name in allowed.CALLED_ONLY and id(node) not in scope.called:
         yield _problem(Reason.forbidden_name, node, f"{name} may be called, but not passed around")
     elif name in scope.modules and id(node) not in scope.bases:

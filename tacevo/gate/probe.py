@@ -6,8 +6,6 @@ limits. What it does not: candidate code runs in this very process and could lie
 only cost the candidate its own training.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import islice
 
 import torch
@@ -19,23 +17,14 @@ from torch.utils.flop_counter import FlopCounterMode
 from tacevo.gate.trace import trace
 from tacevo.randomness import stream
 from tacevo.records import Contract, Graph, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import build, digest, fault, reason_for
+from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.text import describe
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
 BATCHES = (2, 5)
 
 _SEED = 0
 _LEARNING_RATE = 1e-3
-
-
-class _CandidateError(Exception):
-    """A verdict on its way up; the message is the detail."""
-
-    def __init__(self, reason: Reason, detail: str) -> None:
-        super().__init__(detail)
-        self.reason = reason
 
 
 def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
@@ -54,7 +43,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Mod
     try:
         profile = _probe(header["source"], Contract.from_json(header["contract"]), header["limits"], built)
         send({"profile": to_json(profile)}, b"")
-    except _CandidateError as failure:
+    except CandidateError as failure:
         rejection = Rejection(stage=Stage.probe, reason=failure.reason, detail=str(failure))
         send({"rejection": to_json(rejection)}, b"")
     return built
@@ -71,7 +60,7 @@ def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[
     _training_step(model, images[:many], targets[:many], contract)
     again = _built(source, contract, built)
     if _training_step(again, images[:few], targets[:few], contract) != first:
-        raise _CandidateError(Reason.nondeterministic, "two constructions and steps with one seed gave different bits")
+        raise CandidateError(Reason.nondeterministic, "two constructions and steps with one seed gave different bits")
     return Profile(parameters=parameters, flops=flops, modules=modules, graph=graph)
 
 
@@ -88,24 +77,24 @@ def _examples(contract: Contract) -> tuple[Tensor, Tensor]:
 
 def _built(source: str, contract: Contract, built: list[nn.Module]) -> nn.Module:
     """Construct the network once more."""
-    with _blaming(Reason.construction_failed):
+    with blaming(Reason.construction_failed):
         built.append(build(source, contract, _SEED))
     return built[-1]
 
 
 def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
     """Count modules and parameters, stopping at the limits; walking a million modules takes minutes."""
-    with _blaming(Reason.construction_failed):
+    with blaming(Reason.construction_failed):
         modules = sum(1 for _ in islice(model.modules(), limits["modules"] + 1))
         if modules > limits["modules"]:
-            raise _CandidateError(Reason.too_many_modules, f"expected at most {limits['modules']} modules; got more")
+            raise CandidateError(Reason.too_many_modules, f"expected at most {limits['modules']} modules; got more")
         parameters = sum(parameter.numel() for parameter in model.parameters())
         if parameters > limits["parameters"]:
-            raise _CandidateError(
+            raise CandidateError(
                 Reason.too_many_parameters, f"expected at most {limits['parameters']} parameters; got {parameters}"
             )
         if parameters == 0:
-            raise _CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
+            raise CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
     return modules, parameters
 
 
@@ -113,15 +102,15 @@ def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict
     """Count the FLOPs of one image in eval mode and trace the graph, in one pass."""
     counter = FlopCounterMode(display=False)
     # The counter knows matrix products but not the fused attention kernel of the CPU, which it takes for free.
-    with _blaming(Reason.forward_failed), sdpa_kernel(SDPBackend.MATH), counter:
+    with blaming(Reason.forward_failed), sdpa_kernel(SDPBackend.MATH), counter:
         output, graph = trace(model, images)
     _check_output(output, len(images), contract)
     flops = counter.get_total_flops()
     if flops > limits["flops"]:
-        raise _CandidateError(Reason.too_many_flops, f"expected at most {limits['flops']} FLOPs an image; got {flops}")
+        raise CandidateError(Reason.too_many_flops, f"expected at most {limits['flops']} FLOPs an image; got {flops}")
     if len(graph.nodes) > limits["modules"]:
         detail = f"expected at most {limits['modules']} operations a pass; got {len(graph.nodes)}"
-        raise _CandidateError(Reason.too_many_modules, detail)
+        raise CandidateError(Reason.too_many_modules, detail)
     return flops, graph
 
 
@@ -129,21 +118,21 @@ def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: 
     """Take one optimiser step and check it; return the bits of the output and a hash of the weights it left."""
     torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, whatever ran between
     model.train()
-    with _blaming(Reason.forward_failed):
+    with blaming(Reason.forward_failed):
         output = model(images)
     _check_output(output, len(images), contract)
     if not output.requires_grad:
-        raise _CandidateError(Reason.no_gradient, "the output depends on no trainable parameter")
-    with _blaming(Reason.backward_failed):
+        raise CandidateError(Reason.no_gradient, "the output depends on no trainable parameter")
+    with blaming(Reason.backward_failed):
         loss = mse_loss(output, targets) if contract.loss is Loss.mse else cross_entropy(output, targets)
         optimiser = torch.optim.Adam(model.parameters(), lr=_LEARNING_RATE, fused=True)
         torch.autograd.backward(loss)
         if all(parameter.grad is None for parameter in model.parameters()):
-            raise _CandidateError(Reason.no_gradient, "after backward no parameter has a gradient")
+            raise CandidateError(Reason.no_gradient, "after backward no parameter has a gradient")
         optimiser.step()
         optimiser.zero_grad()
         if not all(torch.isfinite(parameter).all() for parameter in model.parameters()):
-            raise _CandidateError(Reason.not_finite, "weights are not finite after one training step")
+            raise CandidateError(Reason.not_finite, "weights are not finite after one training step")
         return output.detach().numpy().tobytes(), digest(model)
 
 
@@ -151,17 +140,6 @@ def _check_output(output: object, count: int, contract: Contract) -> None:
     """Hold an output against the contract."""
     problem = fault(output, (count, contract.outputs))
     if problem is not None:
-        raise _CandidateError(Reason.bad_output, problem)
+        raise CandidateError(Reason.bad_output, problem)
     if isinstance(output, Tensor) and not torch.isfinite(output).all():
-        raise _CandidateError(Reason.not_finite, f"outputs for a batch of {count} are not finite")
-
-
-@contextmanager
-def _blaming(reason: Reason) -> Iterator[None]:
-    """Turn whatever the candidate raises into a failure with this reason."""
-    try:
-        yield
-    except _CandidateError:
-        raise
-    except Exception as error:
-        raise _CandidateError(reason_for(error, reason), describe(error)) from error
+        raise CandidateError(Reason.not_finite, f"outputs for a batch of {count} are not finite")

@@ -1,9 +1,9 @@
 """The graph of a network, recorded while one forward pass runs (child side).
 
 What it promises: a layer and its function give the same node; control flow, loops, shared modules and plain Python
-containers are followed as they ran. What it does not: a branch that this input did not take is not seen, and an
-in-place write through a view reaches only the view. Symbolic tracing (torch.fx, torch.export) would refuse
-data-dependent control flow, which models write often enough.
+containers are followed as they ran; a layer that raised is no node, and what runs after it is seen. What it does not:
+a branch that this input did not take is not seen, and an in-place write through a view reaches only the view.
+Symbolic tracing (torch.fx, torch.export) would refuse data-dependent control flow, which models write often enough.
 """
 
 from __future__ import annotations
@@ -80,13 +80,17 @@ class _Recorder(TorchFunctionMode):
     @contextmanager
     def watching_layers(self) -> Iterator[None]:
         """Record the layers of torch.nn as one node each while the context lasts."""
-        before = hooks.register_module_forward_pre_hook(self._enter_layer)
-        after = hooks.register_module_forward_hook(self._leave_layer, with_kwargs=True)
+        # Two hooks on the way out, in this order: only the second is called after an error, without keyword arguments.
+        handles = (
+            hooks.register_module_forward_pre_hook(self._enter_layer),
+            hooks.register_module_forward_hook(self._record_layer, with_kwargs=True),
+            hooks.register_module_forward_hook(self._leave_layer, always_call=True),
+        )
         try:
             yield
         finally:
-            before.remove()
-            after.remove()
+            for handle in handles:
+                handle.remove()
 
     def __torch_function__(
         self, func: Callable[..., Any], types: Iterable[type], args: tuple[Any, ...] = (), kwargs: Any = None
@@ -110,19 +114,22 @@ class _Recorder(TorchFunctionMode):
         if _layer_class(layer) is not None:
             self._layers_entered += 1
 
-    def _leave_layer(self, layer: nn.Module, args: tuple[Any, ...], kwargs: dict[str, Any], output: Any) -> Any:
+    def _record_layer(self, layer: nn.Module, args: tuple[Any, ...], kwargs: dict[str, Any], output: Any) -> Any:
         owner = _layer_class(layer)
-        if owner is None:
+        if owner is None or self._layers_entered > 1:
             return output
-        if self._layers_entered == 1:
-            op = operation(owner.__name__)
-            inputs = list(_tensors((args, kwargs)))
-            if not is_transparent(op):
-                output = _distinct(output, inputs)
-            weight = getattr(layer, "weight", None)
-            self._follow(op, [*inputs, *_tensors(weight)], output, key=id(layer))
-        self._layers_entered -= 1
+        op = operation(owner.__name__)
+        inputs = list(_tensors((args, kwargs)))
+        if not is_transparent(op):
+            output = _distinct(output, inputs)
+        weight = getattr(layer, "weight", None)
+        self._follow(op, [*inputs, *_tensors(weight)], output, key=id(layer))
         return output
+
+    def _leave_layer(self, layer: nn.Module, args: tuple[Any, ...], output: Any) -> None:
+        """Count a layer out, also one that raised, whose error the network may catch to go on without it."""
+        if _layer_class(layer) is not None:
+            self._layers_entered -= 1
 
     def _follow(self, op: str, inputs: list[Tensor], output: Any, *, key: int | None) -> None:
         """Pass data flow from inputs to outputs, through a new node where the call is an operation.

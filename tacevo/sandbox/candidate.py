@@ -7,6 +7,8 @@ import hashlib
 import inspect
 import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
@@ -16,8 +18,17 @@ import torch._dynamo  # the first optimiser would import it: a second for each c
 from torch import nn
 
 from tacevo.records import Contract, Reason
+from tacevo.sandbox.text import describe
 
 _NAME = "candidate"
+
+
+class CandidateError(Exception):
+    """The candidate failed: a verdict on its way up to the entry; the message is the detail."""
+
+    def __init__(self, reason: Reason, detail: str) -> None:
+        super().__init__(detail)
+        self.reason = reason
 
 
 def build(source: str, contract: Contract, seed: int) -> nn.Module:
@@ -77,10 +88,19 @@ def fault(output: object, shape: tuple[int, ...]) -> str | None:
     return None
 
 
-def reason_for(error: Exception, otherwise: Reason) -> Reason:
-    """Name an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
-    failed_allocation = isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
-    return Reason.out_of_memory if isinstance(error, MemoryError) or failed_allocation else otherwise
+@contextmanager
+def blaming(reason: Reason) -> Iterator[None]:
+    """Turn whatever the candidate raises into a failure for this reason, or for `out_of_memory` where that is why.
+
+    Raises:
+        CandidateError: the body raised an exception, or this very error.
+    """
+    try:
+        yield
+    except CandidateError:
+        raise
+    except Exception as error:
+        raise CandidateError(reason_for(error, reason), describe(error)) from error
 
 
 def digest(model: nn.Module) -> str:
@@ -90,3 +110,9 @@ def digest(model: nn.Module) -> str:
         total.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
         total.update(value.detach().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
     return total.hexdigest()
+
+
+def reason_for(error: Exception, otherwise: Reason) -> Reason:
+    """Name an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
+    failed_allocation = isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
+    return Reason.out_of_memory if isinstance(error, MemoryError) or failed_allocation else otherwise

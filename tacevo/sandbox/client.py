@@ -5,31 +5,29 @@ call returns, or the search ends in whatever way, no process of the candidate's 
 is dead within a second. What it does not promise is in docs/security.md.
 """
 
-import os
 import socket
 import subprocess
-import sys
+import tempfile
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import IO, Self
 
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason, to_json
+from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import protect_memory, require
 from tacevo.sandbox.processes import end_tree
 from tacevo.sandbox.protocol import Channel, Message, Sort
-from tacevo.sandbox.text import one_line
+from tacevo.sandbox.text import describe, one_line
 
 #: Seconds that a zygote may take to import torch, and a supervisor to come up on a busy machine.
 _START_SECONDS = 120.0
 #: Seconds after a candidate's limit when the search itself ends it: its supervisor was stopped from within.
 _GRACE_SECONDS = 5.0
-
-_BOOT = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.zygote import main; main(int(sys.argv[1]))"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +51,13 @@ class Died:
 
     reason: Reason
     #: One line for a person.
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Killed:
+    """The candidate or its supervisor was killed, by the candidate or by somebody else."""
+
     detail: str
 
 
@@ -90,6 +95,8 @@ class Sandbox:
     def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
         """Run one job and wait for it.
 
+        A job that was killed, or lost its supervisor, is run once more before that counts as the candidate's doing.
+
         Args:
             entry: which of the entries.
             header: JSON for the entry.
@@ -103,6 +110,17 @@ class Sandbox:
         if entry not in self._setup["entries"]:
             raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
         job = Message.of(Sort.job, {"entry": entry, "header": header, "limits": to_json(limits)}, payload)
+        answer = self._attempt(job, limits)
+        if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
+            answer = self._attempt(job, limits)
+        if not isinstance(answer, _Killed):
+            return answer
+        if self._closed:
+            raise SandboxError("the sandbox was closed while a candidate ran")
+        return Died(Reason.crashed, answer.detail)
+
+    def _attempt(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
+        """Run a job in a fresh process."""
         ours, theirs = socket.socketpair()
         with ours:
             with theirs:
@@ -138,33 +156,33 @@ class _Zygote:
 
     def __init__(self, setup: Json, environment: Mapping[str, str]) -> None:
         ours, theirs = socket.socketpair()
-        with theirs:
-            paths = [os.path.abspath(path) for path in sys.path]
-            self._process = subprocess.Popen(
-                [sys.executable, "-s", "-P", "-B", "-c", _BOOT, str(theirs.fileno()), *paths],
-                env=environment,
-                pass_fds=(theirs.fileno(),),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is the search's to handle
-            )
         self._stream = ours
         self._ended = False
-        try:
-            self._await_start(setup)
-        except BaseException:
-            self.close()
-            raise
+        with tempfile.TemporaryFile() as errors:  # until the start is over; nothing can fill it up or wait for it
+            with theirs:
+                self._process = subprocess.Popen(
+                    boot.command(theirs.fileno()),
+                    env=environment,
+                    pass_fds=(theirs.fileno(),),
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=errors,
+                    start_new_session=True,  # Ctrl-C is the search's to handle
+                )
+            try:
+                self._await_start(setup, errors)
+            except BaseException:
+                self.close()
+                raise
 
-    def _await_start(self, setup: Json) -> None:
+    def _await_start(self, setup: Json, errors: IO[bytes]) -> None:
         channel = Channel(self._stream)
         self._stream.settimeout(_START_SECONDS)
         try:
             channel.send(Message.of(Sort.setup, setup))
             problem = channel.receive().read_header()["error"]
         except (OSError, EOFError) as error:
-            raise SandboxError(f"the zygote did not start ({type(error).__name__}: {error})") from error
+            raise SandboxError(f"the zygote did not start: {_last_line(errors) or describe(error)}") from error
         if problem is not None:
             raise SandboxError(f"the zygote could not be prepared: {problem}")
 
@@ -194,6 +212,13 @@ class _Zygote:
             self._process.wait()
 
 
+def _last_line(errors: IO[bytes]) -> str:
+    """Give the last line that says something of a file, or nothing."""
+    errors.seek(0)
+    lines = [line for line in errors.read().decode(errors="replace").splitlines() if line.strip()]
+    return one_line(lines[-1]) if lines else ""
+
+
 def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
     """Give the job to its supervisor, before any code of the candidate runs; return the supervisor's process id."""
     channel.stream.settimeout(_START_SECONDS)
@@ -208,7 +233,7 @@ def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
     return supervisor
 
 
-def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zygote) -> Finished | Died:
+def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zygote) -> Finished | Died | _Killed:
     """Collect the frames and the verdict of one job."""
     channel.stream.settimeout(limits.seconds + _GRACE_SECONDS)
     frames = []
@@ -220,12 +245,12 @@ def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zy
         return Died(Reason.out_of_time, f"over {limits.seconds:g} s, and its supervisor was stopped")
     except (OSError, EOFError) as error:
         if zygote.is_alive():
-            return Died(Reason.crashed, "its supervisor was killed")
+            return _Killed("its supervisor was killed")
         raise SandboxError("the sandbox ended while a candidate ran; run it again") from error
     return _judge(message.read_header(), frames)
 
 
-def _judge(verdict: Json, messages: list[Message]) -> Finished | Died:
+def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
     """Turn the supervisor's verdict and the candidate's frames, which may be garbage, into the answer."""
     match verdict["ended"]:
         case "finished":
@@ -235,5 +260,7 @@ def _judge(verdict: Json, messages: list[Message]) -> Finished | Died:
                 return Died(Reason.crashed, one_line(f"a header of its answer cannot be read: {error}"))
         case "died":
             return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
+        case "killed":
+            return _Killed(verdict["detail"])
         case _:
             raise SandboxError(f"the sandbox is broken: {one_line(verdict['detail'])}")

@@ -5,6 +5,7 @@ It never runs a line of the candidate's and never parses a header that came from
 
 import os
 import select
+import signal
 import socket
 import time
 from collections.abc import Mapping
@@ -141,6 +142,8 @@ class _Watch:
         if not pid:
             how = "it closed its result pipe"
         elif os.WIFSIGNALED(status):
+            if os.WTERMSIG(status) == signal.SIGKILL and self._confined:  # not sent from here
+                return {"ended": "killed", "detail": f"killed by signal {signal.SIGKILL:d}"}
             how = f"killed by signal {os.WTERMSIG(status)}"
         else:
             how = f"it exited with status {os.waitstatus_to_exitcode(status)} before it had answered"

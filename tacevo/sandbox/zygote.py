@@ -22,6 +22,8 @@ from tacevo.sandbox.protocol import Channel, Message, Sort
 from tacevo.sandbox.supervisor import supervise
 from tacevo.sandbox.text import describe
 
+_OUTPUT, _ERRORS = 1, 2
+
 
 def main(descriptor: int) -> None:
     """Serve jobs until the search closes its end of the socket `descriptor`."""
@@ -34,6 +36,7 @@ def main(descriptor: int) -> None:
         search.send(Message.of(Sort.setup, {"error": describe(error)}))
         return
     search.send(Message.of(Sort.setup, {"error": None}))
+    os.dup2(_OUTPUT, _ERRORS)  # what a candidate prints goes the way of its output, to /dev/null
     _serve(search.stream, entries, arrays)
 
 
@@ -43,8 +46,8 @@ def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
     Raises:
         SandboxError: an import started threads, which a fork would lose.
     """
-    arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in setup["arrays"].items()}
     entries = {name: _import(place) for name, place in setup["entries"].items()}
+    arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in setup["arrays"].items()}
     threads = len(os.listdir("/proc/self/task"))
     if threads > 1:
         raise SandboxError(f"the zygote needs one thread; it has {threads}. Set OMP_NUM_THREADS=1 in its environment")

@@ -1,7 +1,8 @@
-"""The mirror's process: `python -m tacevo.tracking RUN_DIR --uri URI --experiment NAME [--follow]`.
+"""The mirror's process: `TACEVO_TRACKING_URI=URI python -m tacevo.tracking RUN_DIR --experiment NAME [--follow]`.
 
 With `--follow` it goes on until its standard input ends, which happens too when the search at the other end is
-killed. On failure it ends with status 1, and its last line of output says why.
+killed. On failure it ends with status 1, and its last line of output says why. Whatever it writes, MLflow's own
+messages included, is without the password of the URI.
 """
 
 import argparse
@@ -13,6 +14,9 @@ import sys
 import traceback
 from pathlib import Path
 
+from tacevo.tracking.process import URI_VARIABLE
+from tacevo.tracking.veil import Veil
+
 _QUIET = {"MLFLOW_DISABLE_TELEMETRY": "true", "DO_NOT_TRACK": "true", "MLFLOW_LOGGING_LEVEL": "WARNING"}
 _LOW_PRIORITY = 10
 _PAUSE_SECONDS = 1.0
@@ -20,7 +24,16 @@ _PAUSE_SECONDS = 1.0
 
 def main() -> int:
     """Mirror one run; return the exit status."""
-    options = _parser().parse_args()
+    parser = _parser()
+    options = parser.parse_args()
+    uri = os.environ.get(URI_VARIABLE)
+    if not uri:
+        parser.error(f"{URI_VARIABLE} is not set; set it to the MLflow tracking URI")
+    with contextlib.redirect_stdout(Veil(sys.stdout, uri)), contextlib.redirect_stderr(Veil(sys.stderr, uri)):
+        return _mirror(options, uri)
+
+
+def _mirror(options: argparse.Namespace, uri: str) -> int:
     _step_back()
     gc.set_threshold(100_000)  # MLflow's import makes many lasting objects; looking through them was a sixth of it
     os.environ.update(_QUIET)
@@ -28,7 +41,7 @@ def main() -> int:
 
     finished = _input_ended if options.follow else lambda: True
     try:
-        mirror(options.run_dir, uri=options.uri, experiment=options.experiment, finished=finished)
+        mirror(options.run_dir, uri=uri, experiment=options.experiment, finished=finished)
     except Exception as error:  # whatever it is: it is told in the log and ends the mirror alone
         traceback.print_exc()
         print(f"{type(error).__name__}: {_first_line(str(error))}", file=sys.stderr)
@@ -39,7 +52,6 @@ def main() -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tacevo.tracking", description="Mirror a run in MLflow.")
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR")
-    parser.add_argument("--uri", required=True, help="the MLflow tracking URI")
     parser.add_argument("--experiment", required=True, help="the name of the MLflow experiment")
     parser.add_argument("--follow", action="store_true", help="go on until standard input ends")
     return parser

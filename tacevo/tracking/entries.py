@@ -32,6 +32,8 @@ _CANDIDATE_METRICS = (
     "niche",
     "curiosity",
 )
+#: URIs of these schemes that name no host have no place for a password.
+_PATH_SCHEMES = frozenset({"sqlite", "file"})
 _EPOCH_METRICS = {"train_loss": "train_losses", "validation_loss": "validation_losses"}
 
 
@@ -48,9 +50,9 @@ class Measure:
 def config_params(config: Mapping[str, Json]) -> dict[str, str]:
     """Flatten a nested configuration: `{"llm": {"model": "m"}}` becomes `{"llm.model": "m"}`.
 
-    Lists are written as JSON, and every value as `shorten` leaves it.
+    Lists are written as JSON, and every value as `without_password` and then `shorten` leave it.
     """
-    return {key: shorten(_text(value)) for key, value in _flatten("", config)}
+    return {key: shorten(without_password(_text(value))) for key, value in _flatten("", config)}
 
 
 def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[str, str]]) -> dict[str, str]:
@@ -95,6 +97,21 @@ def generation_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
 def shorten(text: str) -> str:
     """Cut a text to `LONGEST_PARAM` characters, of which the last is then an ellipsis."""
     return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
+
+
+def without_password(uri: str) -> str:
+    """Hide what may be secret in a URI: `postgresql://user:pw@host/db` becomes `postgresql://***@host/db`.
+
+    The user info reaches to the last `@`, because passwords are often written without the escapes that they need;
+    a query, which may hold a password as well, becomes `?***`. A SQLite or file URI that names nothing but a path
+    is unchanged, and so is text without `://`.
+    """
+    scheme, mark, rest = uri.partition("://")
+    if not mark or (scheme in _PATH_SCHEMES and rest.startswith("/")):
+        return uri
+    _, at, place = rest.rpartition("@")
+    place, question, _ = place.partition("?")
+    return f"{scheme}://{'***@' if at else ''}{place}{'?***' if question else ''}"
 
 
 def _flatten(prefix: str, value: Json) -> Iterator[tuple[str, Json]]:

@@ -11,12 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from mlflow import MlflowClient
-
 from tacevo.records import Json
 from tacevo.store import content_hash
 from tacevo.tracking.entries import candidate_measures, candidate_params, config_params, generation_measures
-from tacevo.tracking.writer import SearchWriter, find_or_create_experiment
+from tacevo.tracking.writer import SearchWriter, find_or_create_experiment, open_store
 
 
 def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool]) -> None:
@@ -33,7 +31,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             to answer sets the pace.
 
     Raises:
-        OSError: the run directory cannot be read.
+        OSError: the run directory cannot be read, or the folder of a SQLite database cannot be made.
         MlflowException: the store cannot be written.
     """
     with _alone(run_dir):
@@ -42,7 +40,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         if header is None:
             return
         facts = _facts(run_dir)
-        client = MlflowClient(uri)
+        client = open_store(uri)
         writer = SearchWriter(
             client,
             find_or_create_experiment(client, experiment),

@@ -9,6 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tacevo.tracking.entries import without_password
+
+#: The environment variable that gives the process its URI: a command line can be read by every user of a machine.
+URI_VARIABLE = "TACEVO_TRACKING_URI"
+
 
 class Mirror:
     """A process that mirrors a run while it is written.
@@ -16,7 +21,7 @@ class Mirror:
     Args:
         run_dir: the run directory, which holds `run.json` when the mirror starts; the process writes what it
             has to say to `tracking.log` there.
-        uri: the MLflow tracking URI.
+        uri: the MLflow tracking URI; a password in it is neither shown nor logged.
         experiment: the name of the MLflow experiment.
     """
 
@@ -35,8 +40,8 @@ class Mirror:
         try:
             with self._log.open("ab") as log:
                 self._process = subprocess.Popen(
-                    [*command, "--uri", self._uri, "--experiment", self._experiment],
-                    env={**os.environ, "PYTHONPATH": paths},
+                    [*command, "--experiment", self._experiment],
+                    env={**os.environ, "PYTHONPATH": paths, URI_VARIABLE: self._uri},
                     stdin=subprocess.PIPE,
                     stdout=log,
                     stderr=subprocess.STDOUT,
@@ -61,15 +66,16 @@ class Mirror:
         try:
             status = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
-            return f"the MLflow mirror is still writing to {self._uri}; it goes on by itself and logs to {self._log}"
+            place = without_password(self._uri)
+            return f"the MLflow mirror is still writing to {place}; it goes on by itself and logs to {self._log}"
         if status == 0:
             return None
         return self._warning(self._last_words() if status == 1 else f"it ended with status {status}")
 
     def _warning(self, reason: str) -> str:
         return (
-            f"the MLflow mirror to {self._uri} failed: {reason}; the run itself is not affected; see {self._log}, "
-            f"then `tacevo track {self._run_dir}` writes what is missing"
+            f"the MLflow mirror to {without_password(self._uri)} failed: {reason}; the run itself is not affected; "
+            f"see {self._log}, then `tacevo track {self._run_dir}` writes what is missing"
         )
 
     def _last_words(self) -> str:

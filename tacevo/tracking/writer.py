@@ -27,6 +27,19 @@ _PARAMS_PER_BATCH = 100
 _METRICS_PER_BATCH = 900
 
 
+def open_store(uri: str) -> MlflowClient:
+    """Open a store; a SQLite database and its folder are made where they are missing.
+
+    Raises:
+        OSError: the folder cannot be made. (MLflow itself would try for two minutes before it said so.)
+        MlflowException: the store cannot be opened.
+    """
+    database = _database(uri)
+    if database is not None:
+        database.parent.mkdir(parents=True, exist_ok=True)
+    return MlflowClient(uri)
+
+
 def find_or_create_experiment(client: MlflowClient, name: str) -> str:
     """Give the id of an experiment; a new one in a SQLite store keeps its artifacts beside the database."""
     found = client.get_experiment_by_name(name)
@@ -134,7 +147,11 @@ class SearchWriter:
 
 def _artifact_location(uri: str) -> str | None:
     """Name the folder beside a SQLite database; any other store knows its own place."""
+    database = _database(uri)
+    return None if database is None else (database.parent / "mlartifacts").as_uri()
+
+
+def _database(uri: str) -> Path | None:
     if not uri.startswith(_SQLITE):
         return None
-    database = Path(uri.removeprefix(_SQLITE).split("?")[0])
-    return (database.resolve().parent / "mlartifacts").as_uri()
+    return Path(uri.removeprefix(_SQLITE).split("?")[0]).resolve()

@@ -21,6 +21,9 @@ from tacevo.sandbox.text import one_line
 from tacevo.store import Store
 from tacevo.training.losses import validation_loss
 
+#: Enters every key; raise it with a change of the trainer or of `judge` that may change an answer.
+TRAINING_VERSION = 1
+
 #: What the sandbox must offer for `Evaluator`, beside the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
 
@@ -105,6 +108,7 @@ class Evaluator:
 
     def _request(self, source: str, seed: int) -> Json:
         return {
+            "version": TRAINING_VERSION,
             "source": source,
             "data": self._fingerprint,
             "contract": to_json(self._contract),

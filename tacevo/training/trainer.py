@@ -6,8 +6,6 @@ trusted: the candidate shares this process.
 """
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,17 +16,8 @@ from torch.nn.functional import cross_entropy, mse_loss
 
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
-from tacevo.sandbox.candidate import build, digest, fault, reason_for, standardise
+from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.text import describe
-
-
-class _FailedError(Exception):
-    """The candidate failed."""
-
-    def __init__(self, reason: Reason, detail: str) -> None:
-        super().__init__(detail)
-        self.reason, self.detail = reason, detail
 
 
 class _Job(NamedTuple):
@@ -64,8 +53,8 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
     """
     try:
         return _train(_read(header, payload, arrays), send)
-    except _FailedError as failure:
-        send({"rejection": {"reason": failure.reason.value, "detail": failure.detail}}, b"")
+    except CandidateError as failure:
+        send({"rejection": {"reason": failure.reason.value, "detail": str(failure)}}, b"")
         return failure  # its trace keeps the candidate's objects alive: their finalisers must not run
 
 
@@ -92,14 +81,14 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
 
 def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; give the trained network."""
-    with _blaming(Reason.construction_failed):
+    with blaming(Reason.construction_failed):
         model = build(job.source, job.contract, job.seed)
         # Fused always: the other form takes its square root from a library whose last bit depends on the CPU.
         optimiser = torch.optim.Adam(model.parameters(), job.recipe.learning_rate, fused=True)
     for epoch in range(job.recipe.epochs):
         train_loss = _epoch(job, model, optimiser, epoch)
         send({"epoch": epoch, "train_loss": train_loss}, _predict(job, model))
-    with _blaming(Reason.crashed):
+    with blaming(Reason.crashed):
         send({"weights_sha256": digest(model)}, b"")
     return model
 
@@ -127,11 +116,11 @@ def _epoch(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, epoch: int)
 def _step(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, positions: NDArray[np.int64]) -> float:
     """Take one step on one batch; give its loss before the step."""
     output = _forward(job, model, job.train[positions])
-    with _blaming(Reason.backward_failed):
+    with blaming(Reason.backward_failed):
         loss = (mse_loss if job.contract.loss is Loss.mse else cross_entropy)(output, job.targets[positions])
         value = float(loss.detach())
         if not math.isfinite(value):
-            raise _FailedError(Reason.not_finite, f"expected a finite training loss; got {value}")
+            raise CandidateError(Reason.not_finite, f"expected a finite training loss; got {value}")
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
@@ -149,21 +138,10 @@ def _predict(job: _Job, model: nn.Module) -> bytes:
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:
     """Run the network on some images and check what comes out: float32 of shape (len(rows), K)."""
-    with _blaming(Reason.forward_failed):
+    with blaming(Reason.forward_failed):
         output: Any = model(job.inputs(rows))
     problem = fault(output, (len(rows), job.contract.outputs))
     if problem is not None:
-        raise _FailedError(Reason.bad_output, problem)
+        raise CandidateError(Reason.bad_output, problem)
     checked: torch.Tensor = output
     return checked
-
-
-@contextmanager
-def _blaming(reason: Reason) -> Iterator[None]:
-    """Turn whatever the candidate raises into a failure for this reason."""
-    try:
-        yield
-    except _FailedError:
-        raise
-    except Exception as error:
-        raise _FailedError(reason_for(error, reason), describe(error)) from error

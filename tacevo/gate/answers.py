@@ -1,0 +1,55 @@
+"""The static half of the gate: from a model's raw answer to source text that the policy lets through.
+
+What it promises: the verdict on an answer is recorded once and recalled from then on. It depends on the grammar of
+the Python that reached it (3.12 parses text that 3.11 refuses), so a replay that judged anew could disagree with its
+recording.
+"""
+
+from tacevo.gate.extraction import extract, first_look
+from tacevo.gate.policy import check
+from tacevo.records import Completion, Contract, Json, Rejection, to_json
+from tacevo.store import Store
+
+#: Raised when extraction or policy changes what it answers; part of every answer's key.
+STATIC_VERSION = 1
+
+
+def read(completion: Completion, contract: Contract, *, limit: int, store: Store) -> str | Rejection:
+    """Find the source in an answer and hold it against the policy.
+
+    Args:
+        completion: the answer as the model gave it.
+        contract: names the class to look for.
+        limit: most UTF-8 bytes that an answer may have.
+        store: where verdicts are kept, of kind `answers`. What needs no parsing is never kept: such an answer may be
+            huge, or text that no file can hold.
+
+    Returns:
+        Source that may go on to the probe, or a rejection at stage `extract` or `policy`.
+
+    Raises:
+        CacheMissError: the store only replays and does not know this answer.
+        StoreError: the entry is damaged.
+    """
+    rejection = first_look(completion, limit=limit)
+    if rejection is not None:
+        return rejection
+    request = {
+        "version": STATIC_VERSION,
+        "text": completion.text,
+        "stop_reason": completion.stop_reason,
+        "contract": to_json(contract),
+        "limit": limit,
+    }
+    answer = store.recall(request, lambda: _judged(completion, contract, limit))
+    if "rejection" in answer:
+        return Rejection.from_json(answer["rejection"])
+    source: str = answer["source"]
+    return source
+
+
+def _judged(completion: Completion, contract: Contract, limit: int) -> Json:
+    """Extract and check; give the verdict as the store keeps it."""
+    source = extract(completion, contract, limit=limit)
+    rejection = source if isinstance(source, Rejection) else check(source, contract)
+    return {"source": source} if rejection is None else {"rejection": to_json(rejection)}

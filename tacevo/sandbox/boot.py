@@ -1,0 +1,36 @@
+"""The zygote's first step: settle what a process can only inherit, then start Python again as the zygote."""
+
+import os
+import signal
+import sys
+from typing import NoReturn
+
+from tacevo.sandbox.confinement import fix_addresses
+
+#: Code for `python -c`; its arguments are the zygote's socket, then the import path.
+_BOOT = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.boot import boot; boot()"
+
+_ZYGOTE = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.zygote import main; main(int(sys.argv[1]))"
+
+
+def command(socket: int) -> list[str]:
+    """Write the command line of a zygote that serves the socket and imports from where this process does."""
+    return _python(_BOOT, str(socket), *map(os.path.abspath, sys.path))
+
+
+def boot() -> NoReturn:
+    """Become the zygote.
+
+    The signals by which people and batch systems cancel a run are ignored from here on: they reach every process,
+    and a candidate's death by one would be taken for its own fault. The end of the search ends everything anyway.
+    """
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    fix_addresses()
+    arguments = _python(_ZYGOTE, *sys.argv[1:])
+    os.execv(arguments[0], arguments)
+
+
+def _python(code: str, *arguments: str) -> list[str]:
+    """Run code without the user's packages, without this folder on the path, and without writing bytecode."""
+    return [sys.executable, "-s", "-P", "-B", "-c", code, *arguments]

@@ -1,0 +1,48 @@
+"""Keeps the password of a tracking URI out of what a process writes, whoever in the process writes it."""
+
+import io
+from typing import TextIO
+from urllib.parse import unquote
+
+from tacevo.tracking.entries import without_password
+
+
+class Veil(io.TextIOBase):
+    """A stream that passes text on with the secrets of one URI replaced.
+
+    Hidden are the URI as a whole (as `without_password` does), its user info and its password, each also with its
+    escapes resolved. What it does not do: find a secret that is written in two halves, or escaped in other ways.
+
+    Args:
+        stream: where the text goes.
+        uri: the URI.
+    """
+
+    def __init__(self, stream: TextIO, uri: str) -> None:
+        self._stream = stream
+        self._replacements = _replacements(uri)
+
+    def write(self, text: str) -> int:
+        """Pass a text on; return its length."""
+        veiled = text
+        for secret, shown in self._replacements:
+            veiled = veiled.replace(secret, shown)
+        self._stream.write(veiled)
+        return len(text)
+
+    def flush(self) -> None:
+        """Pass on what is held back."""
+        self._stream.flush()
+
+
+def _replacements(uri: str) -> list[tuple[str, str]]:
+    """Pair each secret text of a URI with what to write in its place, the longest first."""
+    shown = without_password(uri)
+    if shown == uri:
+        return []
+    rest = uri.partition("://")[2]
+    user_info, _, place = rest.rpartition("@")
+    secrets = {user_info, user_info.partition(":")[2], place.partition("?")[2]} - {""}
+    pairs = {text: "***" for secret in secrets for text in (secret, unquote(secret))}
+    pairs |= {uri: shown, unquote(uri): shown}
+    return sorted(pairs.items(), key=lambda pair: len(pair[0]), reverse=True)

@@ -1,0 +1,133 @@
+"""Tracking is beside the search: with MLflow, without it and with a broken one, the same search is the same run."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import pytest
+
+from tacevo.app import main
+
+if TYPE_CHECKING:
+    from mlflow.entities import Run
+
+# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
+pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
+
+#: The smallest real search that trains, and one that the gate lets through.
+TINY = [
+    "experiment=demo",
+    "search.generations=1",
+    "search.candidates=2",
+    "search.initial=1",
+    "data.images=60",
+    "training.epochs=1",
+    "archive.niches=5",
+    "archive.prompt_niches=5",
+    "archive.samples=100",
+]
+CANDIDATES = 1 + 1 + 2
+
+
+class Searched(NamedTuple):
+    """A finished search: its folder, its run directory below it, and what it printed."""
+
+    folder: Path
+    run: Path
+    digest: str
+    errors: str
+
+
+def searched(folder: Path, *tracking: str) -> Searched:
+    """Search to the end in a folder, with stores of its own."""
+    command = [sys.executable, "-m", "tacevo.app", "search", *TINY, *tracking]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    (run,) = (folder / "runs").iterdir()
+    return Searched(folder, run, done.stdout.splitlines()[-1], done.stderr)
+
+
+@pytest.fixture(scope="module")
+def untracked(tmp_path_factory: pytest.TempPathFactory) -> Searched:
+    """Give a search without tracking."""
+    return searched(tmp_path_factory.mktemp("untracked"), "tracking=none")
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory: pytest.TempPathFactory) -> Searched:
+    """Give a search that MLflow mirrors into a new SQLite database in its folder."""
+    folder = tmp_path_factory.mktemp("tracked")
+    return searched(folder, "tracking=mlflow", f"tracking.uri={database(folder)}")
+
+
+def database(folder: Path) -> str:
+    """Name the tracking URI of the database in a folder."""
+    return f"sqlite:///{folder}/mlflow.db"
+
+
+def runs_in(uri: str, monkeypatch: pytest.MonkeyPatch) -> "list[Run]":
+    """Read every run of a store."""
+    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
+    from mlflow import MlflowClient
+
+    client = MlflowClient(uri)
+    experiment = client.get_experiment_by_name("tacevo")
+    assert experiment is not None
+    return list(client.search_runs([experiment.experiment_id]))
+
+
+def said_by(runs: "list[Run]") -> dict[str, object]:
+    """Give all that runs say of themselves, by id."""
+    return {run.info.run_id: run.to_dictionary() for run in runs}
+
+
+def test_tracking_changes_no_bit(untracked: Searched, tracked: Searched) -> None:
+    """A mirrored search has the digest of one that is not mirrored."""
+    assert tracked.digest == untracked.digest
+    assert tracked.digest.startswith("digest: ")
+
+
+def test_broken_store_is_a_warning_and_nothing_else(untracked: Searched, tmp_path: Path) -> None:
+    """With a database that cannot be made the search ends well, with the same digest and one line of warning."""
+    broken = searched(tmp_path, "tracking=mlflow", "tracking.uri=sqlite:////proc/nope/x.db")
+    assert broken.digest == untracked.digest
+    (warning,) = [line for line in broken.errors.splitlines() if "MLflow mirror" in line]
+    assert "the MLflow mirror to sqlite:////proc/nope/x.db failed" in warning
+    assert "the run itself is not affected" in warning
+    assert "Traceback" not in broken.errors
+
+
+def test_search_without_tracking_leaves_no_trace_of_it(untracked: Searched) -> None:
+    """Neither a database nor a log of the mirror is made."""
+    assert not (untracked.folder / "mlflow.db").exists()
+    assert not (untracked.run / "tracking.log").exists()
+
+
+def test_track_again_adds_nothing(tracked: Searched, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MLflow holds one parent and a nested run a candidate; `tacevo track` twice leaves them as they are."""
+    assert main(["track", str(tracked.run)]) == 0  # a slow mirror may still have been at work until here
+    first = runs_in(database(tracked.folder), monkeypatch)
+    (parent,) = [run for run in first if "tacevo.run" in run.data.tags]
+    nested = [run for run in first if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]
+    assert len(nested) == CANDIDATES == len(first) - 1
+    assert f"digest: {parent.data.tags['tacevo.digest']}" == tracked.digest
+    assert main(["track", str(tracked.run)]) == 0
+    second = runs_in(database(tracked.folder), monkeypatch)
+    assert said_by(second).keys() == said_by(first).keys()
+    assert [said_by(second)[run.info.run_id] for run in nested] == [said_by(first)[run.info.run_id] for run in nested]
+
+
+def test_untracked_run_can_be_tracked_later(
+    untracked: Searched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`tacevo track --uri` builds the store from the run directory alone."""
+    assert main(["track", str(untracked.run), "--uri", database(tmp_path)]) == 0
+    assert len(runs_in(database(tmp_path), monkeypatch)) == 1 + CANDIDATES
+
+
+def test_track_without_a_uri_is_the_users_mistake(untracked: Searched, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run made with tracking=none names no store: status 2, and one line that says what to give."""
+    assert main(["track", str(untracked.run)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "give --uri" in line
