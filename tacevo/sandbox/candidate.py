@@ -100,7 +100,7 @@ def blaming(reason: Reason) -> Iterator[None]:
     except CandidateError:
         raise
     except Exception as error:
-        raise CandidateError(reason_for(error, reason), describe(error)) from error
+        raise CandidateError(_reason_for(error, reason), describe(error)) from error
 
 
 def digest(model: nn.Module) -> str:
@@ -112,7 +112,7 @@ def digest(model: nn.Module) -> str:
     return total.hexdigest()
 
 
-def reason_for(error: Exception, otherwise: Reason) -> Reason:
+def _reason_for(error: Exception, otherwise: Reason) -> Reason:
     """Name an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
     failed_allocation = isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
     return Reason.out_of_memory if isinstance(error, MemoryError) or failed_allocation else otherwise

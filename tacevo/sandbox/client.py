@@ -182,7 +182,8 @@ class _Zygote:
             channel.send(Message.of(Sort.setup, setup))
             problem = channel.receive().read_header()["error"]
         except (OSError, EOFError) as error:
-            raise SandboxError(f"the zygote did not start: {_last_line(errors) or describe(error)}") from error
+            said = _last_line(errors) or "nothing"
+            raise SandboxError(f"the zygote did not start ({describe(error)}); it wrote: {said}") from error
         if problem is not None:
             raise SandboxError(f"the zygote could not be prepared: {problem}")
 
