@@ -251,7 +251,7 @@ def test_edited_file_beside_the_ledger_is_a_difference(copied: Path, name: str) 
     """Replay compares the archives and every evaluated source, too."""
     path = run_of(copied) / name
     path.write_text(path.read_text().replace("3", "4", 1))
-    assert Path(name).name in tacevo("replay", str(path.parents[name.count("/")]), cwd=copied, status=1).stderr
+    assert Path(name).stem in tacevo("replay", str(path.parents[name.count("/")]), cwd=copied, status=1).stderr
 
 
 def test_missing_recording_is_named(copied: Path) -> None:
