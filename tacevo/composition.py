@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from tacevo.confdir import conf_root
+from tacevo.confdir import conf_root, groups
 from tacevo.config import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.proposals import Instruction, Task, system_prompt
@@ -40,7 +40,9 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
             return to_run_config(hydra_compose("config", overrides=list(overrides)))
-    except (HydraException, OmegaConfBaseException, OSError) as error:
+    except ConfigError:
+        raise
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError, OSError, ValueError, TypeError) as error:
         raise ConfigError(_explained(error)) from error
 
 
@@ -141,17 +143,17 @@ def _read_library(name: str) -> dict[str, Json]:
 def _explained(error: Exception) -> str:
     """Say in one line what Hydra or OmegaConf found wrong, and what the user may have meant."""
     lines = [line.strip().removeprefix("In 'config': ") for line in str(error).splitlines() if line.strip()]
-    cause = str(error.__cause__ or "").splitlines()
+    cause = [line.strip() for line in str(error.__cause__ or "").splitlines() if line.strip()]
     unknown = re.match(r"Could not override '([^']+)'", lines[0])
     if unknown:
-        close = difflib.get_close_matches(unknown.group(1), _keys(RunConfig), n=1)
+        close = difflib.get_close_matches(unknown.group(1), [*groups(), *_keys(RunConfig)], n=1)
         meant = f"; did you mean {close[0]!r}?" if close else "; `tacevo search --help` lists the groups"
         return f"there is no setting {unknown.group(1)!r}{meant}"
     if "Available options in" in str(error):
         start = next(index for index, line in enumerate(lines) if line.startswith("Available options in"))
         options = [line for line in lines[start + 1 :] if not line.startswith(("Config search path", "provider="))]
         return f"{lines[0]}; choose one of {', '.join(options)}"
-    return ": ".join([lines[0], *cause[:1]])
+    return ": ".join([*lines[:1], *cause[:1]])
 
 
 def _keys(schema: type, prefix: str = "") -> list[str]:

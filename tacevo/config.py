@@ -115,11 +115,14 @@ class DataConfig:
         sized = 16 <= self.image_size <= 1024 and self.image_size % 16 == 0
         _require(sized, "data.image_size", "a multiple of 16 from 16 to 1024", self.image_size)
         _require(self.images >= 10, "data.images", "a value >= 10", self.images)
+        _require(self.seed >= 0, "data.seed", "a value >= 0", self.seed)
+        _require(self.split_seed >= 0, "data.split_seed", "a value >= 0", self.split_seed)
         if self.source is not DataSource.simulated:
             _require(bool(self.root), "data.root", f"the folder of the data set for data={self.source}", self.root)
         if self.source is DataSource.csv:
             columns = self.target_columns
-            _require(bool(columns), "data.target_columns", "the columns of the labels, e.g. [fx,fy,fz]", columns)
+            named = bool(columns) and len(set(columns)) == len(columns)
+            _require(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
         spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(_is_positive, self.spacings_mm))
         _require(spaced, "data.spacings_mm", "different finite values > 0", self.spacings_mm)
 
@@ -300,12 +303,20 @@ class StoreConfig:
 
     root: str
 
+    def __post_init__(self) -> None:
+        """Refuse an empty name, which would scatter the stores over the current folder."""
+        _require(bool(self.root), "store.root", "the name of a folder", self.root)
+
 
 @dataclass(kw_only=True)
 class OutputConfig:
     """Where a run is written; None names a folder after the task, the seed and the configuration."""
 
     dir: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an empty name, which would scatter a run over the current folder."""
+        _require(self.dir != "", "run.dir", "the name of a folder, or null", self.dir)
 
 
 @dataclass(kw_only=True)

@@ -13,7 +13,7 @@ from typing import IO, Self
 
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json
-from tacevo.store import canonical, content_hash
+from tacevo.store import canonical, content_hash, differences
 
 #: The hash before the first line.
 GENESIS = "0" * 64
@@ -137,19 +137,24 @@ def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
     """Raise on the first field in which a recomputed line differs from the recorded one."""
     if recorded["hash"] == line["hash"]:
         return
-    fields = [field for field in sorted(recorded.keys() | line.keys()) if field not in {"previous", "hash"}]
-    field = next(field for field in fields if _differs(recorded, line, field))
+    was, now = _unsealed(recorded), _unsealed(line)
+    field = differences(was, now)[0]
     place = f"generation {recorded['generation']}" if "generation" in recorded else "the run's header"
     place += f", slot {recorded['slot']}" if "slot" in recorded else ""
     raise DivergenceError(
-        f"{place}: field {field!r} was recorded as {_brief(recorded.get(field))} and is now {_brief(line.get(field))}"
+        f"{place}: field {field!r} was recorded as {_brief(_at(was, field))} and is now {_brief(_at(now, field))}"
     )
 
 
-def _differs(recorded: dict[str, Json], line: dict[str, Json], field: str) -> bool:
-    """Tell whether two lines differ in a field as their hashes see it: a missing field is not a null, nor 1 a 1.0."""
-    first, second = ({field: entry[field]} if field in entry else {} for entry in (recorded, line))
-    return canonical(first) != canonical(second)
+def _unsealed(line: dict[str, Json]) -> dict[str, Json]:
+    return {key: value for key, value in line.items() if key not in {"previous", "hash"}}
+
+
+def _at(value: Json, field: str) -> Json:
+    """Look a field such as `config.seed` or `parents.0` up; None where it is missing."""
+    for name in field.split("."):
+        value = value[int(name)] if isinstance(value, list) else value.get(name)
+    return value
 
 
 def _brief(value: Json, limit: int = 200) -> str:

@@ -11,7 +11,7 @@ from tacevo.errors import DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Instruction, Task
-from tacevo.records import Contract, DataFacts, Mode, Rejection
+from tacevo.records import Contract, DataFacts, Json, Mode, Rejection
 from tacevo.rundir import RunDirectory, rejected_text
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.wiring import build_plan, open_tools
@@ -40,7 +40,7 @@ def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
     if store is not None:
         config.store.root = store
     recorded = directory.read_ledger()
-    if not recorded or directory.read_run()["digest"] != recorded[-1]["hash"]:
+    if not recorded or directory.read_run().get("digest") != recorded[-1]["hash"]:
         raise RunError(f"{path} is not finished, or its digest was edited; the command that began it continues it")
     plan = build_plan(config, task, Mode.replay)
     with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay) as tools:
@@ -83,8 +83,16 @@ def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> N
     """
     for name, content in archive_files(plan, state).items():
         path = directory.path / name
-        if not path.exists() or json.loads(path.read_text(encoding="utf-8")) != content:
+        if not path.exists() or _read_json(path) != content:
             raise DivergenceError(f"{path} is missing, or is not what the search gives")
+
+
+def _read_json(path: Path) -> Json | None:
+    """Read a JSON file; None where it is none, which equals nothing that a search gives."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return None
 
 
 class _Verifier(Watcher):

@@ -109,6 +109,18 @@ class RunDirectory:
             raise RunError(f"{path} has schema {schema!r}; this version of tacevo reads {SCHEMA}")
         return run
 
+    @contextlib.contextmanager
+    def believed(self) -> Iterator[None]:
+        """Use what was read from here; a field that is missing or of another type is the directory's fault.
+
+        Raises:
+            RunError: the directory is damaged.
+        """
+        try:
+            yield
+        except (KeyError, TypeError, AttributeError, IndexError) as error:
+            raise RunError(f"{self.path} is damaged: {type(error).__name__}: {error}") from error
+
     def read_ledger(self) -> tuple[dict[str, Json], ...]:
         """Read the ledger, checked (`tacevo.ledger.read_ledger`)."""
         return read_ledger(self.ledger)
@@ -140,7 +152,7 @@ class RunDirectory:
         for ending in _ENDINGS:
             path = self.path / "candidates" / f"{name}{ending}"
             if path.exists():
-                return path.read_text(encoding="utf-8")
+                return path.read_text(encoding="utf-8", errors="replace")
         return None
 
     def _keep(self, name: str, ending: str, text: str) -> None:

@@ -23,7 +23,7 @@ from tacevo.summary import summarise
 from tacevo.tracking.entries import without_password
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import check_machine
-from tacevo.wiring import build_plan, load_data, open_tools
+from tacevo.wiring import build_llm, build_plan, load_data, open_tools
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -49,6 +49,7 @@ def search(config: RunConfig, view: View) -> Result:
     """
     require(config.sandbox.require)
     check_machine(config.numerics.kind)
+    build_llm(config, Mode.record)  # a missing key is told before anything is made
     data = load_data(config, view.data)
     task = load_task(config, data.facts)
     plan = build_plan(config, task, Mode.record)
@@ -81,13 +82,15 @@ def track(path: Path, uri: str | None) -> str:
         RunError: this is no run directory, or the mirror failed.
         ConfigError: neither the run nor the caller names a URI.
     """
-    tracking = RunDirectory(path).read_run()["config"]["tracking"]
-    place = uri or tracking["uri"]
+    directory = RunDirectory(path)
+    run = directory.read_run()
+    with directory.believed():
+        place, experiment = uri or run["config"]["tracking"]["uri"], run["config"]["tracking"]["experiment"]
     if not place:
         raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
     if "***" in place:
         raise ConfigError(f"{path} keeps no password of {place}; give the whole address with --uri")
-    mirror = Mirror(path, uri=place, experiment=tracking["experiment"])
+    mirror = Mirror(path, uri=place, experiment=experiment)
     mirror.start()
     warning = mirror.finish(None)
     if warning is not None:

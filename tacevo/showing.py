@@ -20,9 +20,10 @@ def show_run(path: Path) -> str:
     """
     directory = RunDirectory(path)
     run, lines = directory.read_run(), directory.read_ledger()
-    finished = bool(lines) and run["digest"] == lines[-1]["hash"]
-    state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
-    return f"{summarise(run, lines, directory.read_elites())}\n{state}\n"
+    with directory.believed():
+        finished = bool(lines) and run["digest"] == lines[-1]["hash"]
+        state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
+        return f"{summarise(run, lines, directory.read_elites())}\n{state}\n"
 
 
 def show_candidate(path: Path, name: str) -> str:
@@ -37,11 +38,12 @@ def show_candidate(path: Path, name: str) -> str:
     if not found:
         last = next((line["id"] for line in reversed(lines) if "id" in line), "none yet")
         raise RunError(f"{path} has no candidate {name!r}; ids look like g02s03, and the last one is {last}")
-    line = found[0]
-    parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
-    if "validation_losses" in line:
-        parts.append(_losses(line))
-    return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]) + "\n"
+    with directory.believed():
+        line = found[0]
+        parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
+        if "validation_losses" in line:
+            parts.append(_losses(line))
+        return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"
 
 
 def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:

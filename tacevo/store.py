@@ -129,10 +129,10 @@ class Store:
     def _explain_miss(self, request: Json) -> str:
         """Say which recording comes nearest and in which field it differs first."""
         missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]} in {self._folder}"
-        nearest = min(self._sound(), key=lambda entry: len(_differences(entry["request"], request)), default=None)
+        nearest = min(self._sound(), key=lambda entry: len(differences(entry["request"], request)), default=None)
         if nearest is None:
-            return f"{missed}; this store is empty. Record first: llm.mode=record."
-        field = _differences(nearest["request"], request)[0]
+            return f"{missed}; that store is empty or not there: name it by store.root (in a replay, --store)"
+        field = differences(nearest["request"], request)[0]
         return (
             f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {field!r} differs. Replay with "
             "the configuration of the recording, or record anew with llm.mode=record."
@@ -187,16 +187,16 @@ def _checked(path: Path, data: bytes, key: str) -> dict[str, Json]:
     return entry
 
 
-def _differences(recorded: Json, asked: Json, name: str = "") -> list[str]:
+def differences(recorded: Json, asked: Json, name: str = "") -> list[str]:
     """List the fields in which two requests differ, outermost name first, e.g. `messages.0.content`."""
     if isinstance(recorded, dict) and isinstance(asked, dict):
         found: list[str] = []
         for key in sorted(recorded.keys() | asked.keys()):
             inner = f"{name}.{key}".lstrip(".")
             shared = key in recorded and key in asked
-            found += _differences(recorded[key], asked[key], inner) if shared else [inner]
+            found += differences(recorded[key], asked[key], inner) if shared else [inner]
         return found
     if isinstance(recorded, list) and isinstance(asked, list) and len(recorded) == len(asked):
         pairs = enumerate(zip(recorded, asked, strict=True))
-        return [d for i, (a, b) in pairs for d in _differences(a, b, f"{name}.{i}".lstrip("."))]
+        return [d for i, (a, b) in pairs for d in differences(a, b, f"{name}.{i}".lstrip("."))]
     return [] if canonical(recorded) == canonical(asked) else [name or "request"]  # 1 and 1.0 are two keys

@@ -1,6 +1,7 @@
 """From a configuration to a running search: the one place that builds objects and joins them."""
 
 import contextlib
+import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -18,6 +19,7 @@ from tacevo.development import Tools
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.llm.client import LLM
+from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.proposals import Settings, Task
@@ -45,7 +47,7 @@ def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
         normalisation=config.data.normalisation,
         target_scaling=config.task.target_scaling,
         cache=Path(config.store.root) / "data",
-        workers=config.executor.workers,
+        workers=min(config.executor.workers, os.cpu_count() or 1),
         progress=progress,
     )
 
@@ -150,7 +152,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         )
         seed = derived_seed(config.seed, "training")
         yield Tools(
-            llm=_llm(config, mode),
+            llm=build_llm(config, mode),
             admit=gate.admit,
             inspect=gate.inspect,
             evaluate=lambda source: evaluator.evaluate(source, seed),
@@ -207,7 +209,7 @@ def _examples(data: Dataset) -> Examples:
     )
 
 
-def _llm(config: RunConfig, mode: Mode) -> LLM:
+def build_llm(config: RunConfig, mode: Mode) -> LLM:
     """Put the store before the provider; in a replay there is no provider."""
     mode = Mode.replay if mode is Mode.replay else config.llm.mode
     inner = None if mode is Mode.replay else _provider(config.llm)
@@ -217,6 +219,8 @@ def _llm(config: RunConfig, mode: Mode) -> LLM:
 def _provider(llm: LLMConfig) -> LLM:
     match llm.provider:
         case Provider.grammar:
+            if llm.model != GRAMMAR:
+                raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
             return _claude(llm)

@@ -129,7 +129,7 @@ def test_message_says_what_was_expected_and_what_came() -> None:
             r"^data\.root needs the folder of the data set for data=csv; got None",
         ),
         (["data=folder", "data.root=''"], r"^data\.root needs the folder of the data set for data=folder; got ''"),
-        (["data=csv", "data.root=x"], r"^data\.target_columns needs the columns of the labels, .*; got \[\]"),
+        (["data=csv", "data.root=x"], r"^data\.target_columns needs the different columns of the labels, .*; got \[\]"),
         (["archive.niches=30", "archive.samples=29"], r"^archive\.niches needs a value from 1 to archive.samples=29"),
         (
             ["archive.bounds=fixed", "archive.eff_ratio_scale=log"],

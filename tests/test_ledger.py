@@ -121,7 +121,11 @@ def test_commit_where_a_line_stands_compares(path: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        Change(0, {**ENTRIES[0], "config": {"seed": 1}}, r"the run's header: field 'config' .*0.* is now .*1"),
+        Change(
+            0,
+            {**ENTRIES[0], "config": {"seed": 1}},
+            r"the run's header: field 'config.seed' was recorded as 0 and is now 1",
+        ),
         Change(1, {**ENTRIES[1], "fitness": 0.5}, r"generation 0, slot 0: field 'fitness' was recorded as 0.25 and is"),
         Change(2, {**ENTRIES[2], "fitness": 0.3}, r"generation 0, slot 1: field 'fitness' was recorded as 0.30000000"),
         Change(3, {**ENTRIES[3], "best": 0.2}, r"generation 0: field 'best' was recorded as 0.25 and is now 0.2"),

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tacevo.app import main
+from tacevo.ledger import Ledger
 
 #: A real search, as small as one can be; with slips, so that answers are rejected, too.
 TINY = [
@@ -73,3 +74,30 @@ def test_place_that_cannot_be_written_is_one_line(
     errors = capsys.readouterr().err
     assert "file" in errors
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize(
+    "text", ['{"schema": 1}', '{"schema": 1, "name": 1, "config": {}, "task": {}, "data": {}}', "["]
+)
+def test_damaged_description_is_one_line_everywhere(
+    text: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No command stumbles over a run.json that lost its content."""
+    (folder / "run").mkdir()
+    (folder / "run" / "run.json").write_text(text)
+    with Ledger(folder / "run" / "ledger.jsonl") as ledger:
+        ledger.commit({"kind": "run"})
+    for command in (["show", "run"], ["replay", "run"], ["track", "run"]):
+        assert main(command) == 2
+        assert "damaged" in capsys.readouterr().err
+
+
+def test_changed_image_cache_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The fingerprint in the ledger is that of the images that are trained on, every time."""
+    assert main(["search", *TINY, "search.generations=0"]) == 0
+    (images,) = (folder / "cache" / "data").glob("*/images.npy")
+    data = bytearray(images.read_bytes())
+    data[-1] ^= 1
+    images.write_bytes(data)
+    assert main(["search", *TINY]) == 2
+    assert "was changed or damaged; delete that folder" in capsys.readouterr().err

@@ -189,7 +189,7 @@ def test_failed_computation_stores_nothing(tmp_path: Path) -> None:
 
 def test_miss_in_an_empty_store_says_so(tmp_path: Path) -> None:
     """Where nothing was recorded, the message says how to record."""
-    with pytest.raises(CacheMissError, match=r"this store is empty. Record first: llm.mode=record"):
+    with pytest.raises(CacheMissError, match="that store is empty or not there: name it by"):
         Store(tmp_path, "things", Mode.replay).find({"x": 1})
 
 

@@ -4,10 +4,12 @@ Promises: an entry of the cache is whole or absent, however many processes start
 killed (what a kill leaves is a hidden folder that nobody reads); the number of workers cannot change a byte.
 """
 
+import ctypes
 import multiprocessing
 import os
 import shutil
-import tempfile
+import signal
+import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -74,7 +76,10 @@ def load(
         with _staged(folder) as stage:
             images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
             datasets.write(assemble(catalogue, images, split_seed, normalisation, target_scaling), stage)
-    return datasets.read(folder)
+    dataset = datasets.read(folder)
+    if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
+        raise DataError(f"the cached data set {folder} was changed or damaged; delete that folder and run again")
+    return dataset
 
 
 def assemble(
@@ -146,7 +151,8 @@ def _check(catalogue: Catalogue) -> None:
 def _staged(folder: Path) -> Iterator[Path]:
     """Offer a hidden sibling to fill; on success it becomes `folder` in one step, else it is removed."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    stage = Path(tempfile.mkdtemp(prefix=f".{folder.name[:12]}-", dir=folder.parent))
+    stage = folder.with_name(f".{folder.name[:12]}-{uuid.uuid4().hex}")
+    stage.mkdir()
     try:
         yield stage
         for file in stage.iterdir():
@@ -194,8 +200,17 @@ def _mapper(workers: int) -> Iterator[Callable[..., Iterator[list[str]]]]:
     if workers <= 1:
         yield map
         return
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=_follow_parent, initargs=(os.getpid(),)) as pool:
         yield pool.map
+
+
+def _follow_parent(parent: int) -> None:
+    """Leave Ctrl-C to the parent, and end with it, even where it was killed (prctl's PR_SET_PDEATHSIG is 1)."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it was killed before the line above
+        os._exit(1)
 
 
 def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[str]:
