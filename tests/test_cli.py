@@ -344,3 +344,29 @@ def test_doctor_finds_this_machine_sound(tmp_path: Path) -> None:
     out = tacevo("doctor", cwd=tmp_path).stdout
     assert "ok   sandbox" in out
     assert "FAIL" not in out
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_stop_while_images_are_made_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
+    """The processes that make images end with the search, killed or interrupted."""
+    many = ["experiment=demo", "tracking=none", "data.images=20000", "data.image_size=64"]
+    search = subprocess.Popen(
+        [*COMMAND, "search", *many], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 60
+    while len(children_of(search.pid)) < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert search.poll() is None
+    if number is signal.SIGKILL:
+        search.kill()
+    else:
+        os.killpg(search.pid, number)  # as a terminal does
+    _, errors = search.communicate(timeout=60)
+    assert search.returncode == (-signal.SIGKILL if number is signal.SIGKILL else 130)
+    assert number is signal.SIGKILL or "Traceback" not in errors
+    assert not processes_in(tmp_path)
+
+
+def children_of(pid: int) -> list[str]:
+    """List the children of a process."""
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()

@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -201,13 +203,24 @@ def _mapper(workers: int) -> Iterator[Callable[..., Iterator[list[str]]]]:
         yield map
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_follow_parent, initargs=(os.getpid(),)) as pool:
-        yield pool.map
+    pool = ProcessPoolExecutor(workers, context, initializer=_follow_parent, initargs=(os.getpid(),))
+
+    def submit(*arguments: Any) -> Iterator[list[str]]:
+        resource_tracker.ensure_running()  # else the pool would start it, which unblocks the signal again
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is ours alone
+        try:
+            return pool.map(*arguments)  # starts the workers
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+    try:
+        yield submit
+    finally:
+        pool.shutdown(cancel_futures=True)  # an interrupted search does not wait for the other pictures
 
 
 def _follow_parent(parent: int) -> None:
-    """Leave Ctrl-C to the parent, and end with it, even where it was killed (prctl's PR_SET_PDEATHSIG is 1)."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """End with the parent, even where it was killed (prctl's PR_SET_PDEATHSIG is 1)."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:  # it was killed before the line above
         os._exit(1)
