@@ -58,7 +58,7 @@ def report() -> dict[str, str]:
         "not_dumpable": "no process of the same user may trace it or read its memory",
         "no_capabilities": "a candidate of root has none of root's powers",
         "supervisor": "time and memory limits kill the whole process tree",
-        "fixed_addresses": "imported objects have equal addresses in every run on this machine"
+        "fixed_addresses": "addresses are not randomised; mapped libraries lie in the same place in every run"
         if can_fix_addresses()
         else "refused by the kernel: a candidate whose result hangs on addresses may differ between runs",
         "landlock": "not in this version",
