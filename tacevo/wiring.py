@@ -28,11 +28,12 @@ from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.sandbox.client import Sandbox
 from tacevo.search import Plan, scaled
 from tacevo.store import Store
+from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples
 from tacevo.training.numerics import environment
 
 #: What a sandbox runs: entry names to functions.
-ENTRIES = {"probe": "tacevo.gate.probe:run", "train": "tacevo.training.trainer:run"}
+ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
 def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
