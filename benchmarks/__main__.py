@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from ribs.archives import CVTArchive
 from rich.console import Console
 
@@ -17,6 +18,8 @@ from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
 from tacevo.choices import Numerics
 from tacevo.composition import compose
+from tacevo.data.photos import decode
+from tacevo.data.simulator import Simulated, SimulatedTask, draw
 from tacevo.progress import PlainView
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
@@ -27,6 +30,7 @@ from tacevo.training.numerics import environment
 
 INSERTIONS = 5_000
 FORKS = 8
+PICTURES = 70
 
 
 def archive_insertions() -> str:
@@ -71,6 +75,34 @@ def candidate_processes() -> str:
 
         found = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=3)
     return report("a candidate's process", found, unit="candidates", per_second=FORKS)
+
+
+def pictures() -> str:
+    """Draw 256 pixel images in one process; the peer decodes the same images from PNG files."""
+    return "\n".join(_pictures(task) for task in SimulatedTask)
+
+
+def _pictures(task: SimulatedTask) -> str:
+    config = compose([f"task={task}", f"data.images={PICTURES}"]).data
+    source = Simulated(
+        task=task,
+        images=PICTURES,
+        image_size=256,
+        seed=config.seed,
+        spacings_mm=tuple(config.spacings_mm),
+        sensor_seed=config.sensor_seed,
+        light=config.light,
+    )
+    drawn = [draw(source, index) for index in range(PICTURES)]
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / f"{index}.png" for index in range(PICTURES)]
+        for file, image in zip(files, drawn, strict=True):
+            Image.fromarray(image.transpose(1, 2, 0)).save(file)
+        rivals = {
+            "drawn": lambda: [draw(source, index) for index in range(PICTURES)],
+            "decoded": lambda: [decode(file, 256) for file in files],
+        }
+        return report(f"{task} images of 256 px", medians(rivals, rounds=5), unit="images", per_second=PICTURES)
 
 
 def replaying() -> str:
@@ -147,7 +179,7 @@ def _silent() -> PlainView:
 
 def main() -> None:
     """Print one line a figure."""
-    for measure in (archive_insertions, candidate_processes, workers, replaying, tracking, memory):
+    for measure in (archive_insertions, candidate_processes, pictures, workers, replaying, tracking, memory):
         print(measure(), flush=True)
 
 

@@ -9,6 +9,24 @@ class DataSource(StrEnum):
     simulated = "simulated"
     csv = "csv"
     folder = "folder"
+    tacverse = "tacverse"
+    numpy = "numpy"
+
+
+class SplitRule(StrEnum):
+    """Who decides which rows are for training: `random`, by a seed; `release`, the authors of the recording."""
+
+    random = "random"
+    release = "release"
+
+
+class LightScene(StrEnum):
+    """The light that a simulated sensor is seen in."""
+
+    standard = "standard"
+    dim = "dim"
+    bright = "bright"
+    side = "side"
 
 
 class Normalisation(StrEnum):

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import dblquad
 
 from tacevo.data.contact import (
     combined_radius,
+    conforming_pressure,
     contact_modulus,
+    contact_radius,
     imprint_at_depth,
+    mean_pressure,
     modulus_of_shore,
     normal_field,
     normal_force,
@@ -34,22 +38,56 @@ def test_normal_force_of_a_hand_computed_press() -> None:
     assert normal_force(1.0, 4.0, 0.3) == pytest.approx(0.8)
 
 
-@given(contact_radius=LENGTH, radius=LENGTH)
-def test_surface_follows_the_ball_inside_the_contact(contact_radius: float, radius: float) -> None:
+@given(depth=LENGTH, radius=LENGTH)
+def test_contact_grows_with_the_cube_root_of_the_force(depth: float, radius: float) -> None:
+    """Hertz: eight times the force doubles the contact radius and needs four times the approach."""
+    force = normal_force(depth, radius, 0.2)
+    assert normal_force(4 * depth, radius, 0.2) == pytest.approx(8 * force)
+    assert contact_radius(4 * depth, radius) == pytest.approx(2 * contact_radius(depth, radius))
+    assert contact_radius(depth, radius) == pytest.approx((3 * force * radius / (4 * 0.2)) ** (1 / 3))
+    assert depth == pytest.approx((9 * force**2 / (16 * radius * 0.2**2)) ** (1 / 3))
+
+
+@pytest.mark.parametrize("distance", [0.0, 1.0, 2.5, 6.0])
+def test_displacement_is_what_the_pressure_causes(distance: float) -> None:
+    """Boussinesq's point forces, summed over Hertz's pressure 3/2 p_mean sqrt(1 - r^2/a^2), give the same field."""
+    radius, depth, modulus = 4.0, 1.0, 0.3
+    reach = contact_radius(depth, radius)
+    peak = 1.5 * mean_pressure(normal_force(depth, radius, modulus), reach)
+
+    def contribution(length: float, angle: float) -> float:
+        # In polar coordinates around the point of interest the singularity 1 / length and the area's factor cancel.
+        squared = distance**2 + length**2 + 2 * distance * length * math.cos(angle)
+        return peak * math.sqrt(max(1 - squared / reach**2, 0)) / (math.pi * modulus)
+
+    summed, _ = dblquad(contribution, 0, 2 * math.pi, 0, distance + reach, epsabs=1e-5, epsrel=1e-5)
+    displacement, _ = normal_field(np.array([max(distance, 1e-9)]), reach, radius)
+    assert displacement[0] == pytest.approx(summed, rel=1e-3)
+
+
+@given(reach=LENGTH, radius=LENGTH)
+def test_surface_follows_the_ball_inside_the_contact(reach: float, radius: float) -> None:
     """The displacement is the approach minus the ball's parabola, and the slope is -r/R."""
-    distance = np.linspace(0, contact_radius, 5)
-    displacement, slope = normal_field(distance, contact_radius, radius)
-    assert displacement == pytest.approx((contact_radius**2 - distance**2 / 2) / radius)
-    assert slope == pytest.approx(-distance / radius)
+    distance = np.linspace(1e-9, reach, 5)
+    displacement, slope = normal_field(distance, reach, radius)
+    assert displacement == pytest.approx((reach**2 - distance**2 / 2) / radius)
+    assert slope * distance == pytest.approx(-distance / radius)
 
 
-@given(contact_radius=LENGTH, radius=LENGTH)
-def test_slope_is_the_derivative_of_the_displacement(contact_radius: float, radius: float) -> None:
+@given(reach=LENGTH, radius=LENGTH)
+def test_slope_is_the_derivative_of_the_displacement(reach: float, radius: float) -> None:
     """Central differences outside the contact agree with the closed form."""
-    distance, step = contact_radius * np.array([1.1, 1.5, 3.0, 6.0]), 1e-5 * contact_radius
-    ahead, behind = (normal_field(distance + side, contact_radius, radius)[0] for side in (step, -step))
-    _, slope = normal_field(distance, contact_radius, radius)
-    assert slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
+    distance, step = reach * np.array([1.1, 1.5, 3.0, 6.0]), 1e-5 * reach
+    ahead, behind = (normal_field(distance + side, reach, radius)[0] for side in (step, -step))
+    _, slope = normal_field(distance, reach, radius)
+    assert slope * distance == pytest.approx((ahead - behind) / (2 * step), rel=1e-5)
+
+
+def test_no_contact_moves_nothing() -> None:
+    """A contact of radius 0 leaves the skin at rest, wherever one looks."""
+    x, y = np.array([1e-6, 3.0]), np.array([0.0, 4.0])
+    assert np.array_equal(normal_field(np.hypot(x, y), 0.0, 4.0), np.zeros((2, 2)))
+    assert np.array_equal(shear_field(x, y, 0.0, (0.3, 0.1), 0.49), np.zeros((2, 2)))
 
 
 def test_far_field_is_that_of_a_point_force() -> None:
@@ -63,7 +101,7 @@ def test_far_field_is_that_of_a_point_force() -> None:
 
 def test_shear_moves_the_contact_as_one_piece_and_fades_outside() -> None:
     """Inside, the skin follows; far away it rests; along the shear it moves more than across."""
-    x, y = np.array([0.0, 0.5, 100.0, 3.0, 0.0]), np.array([0.0, 0.5, 0.0, 0.0, 3.0])
+    x, y = np.array([1e-6, 0.5, 100.0, 3.0, 0.0]), np.array([0.0, 0.5, 0.0, 0.0, 3.0])
     along, across = shear_field(x, y, 1.0, (0.2, 0.0), 0.5)
     assert along[:2] == pytest.approx(0.2)
     assert across == pytest.approx(0.0)
@@ -80,20 +118,42 @@ def test_far_field_of_shear_is_that_of_a_point_force() -> None:
     assert along == pytest.approx([point, (1 - poisson) * point], rel=1e-4)
 
 
+def test_shear_is_what_the_traction_causes() -> None:
+    """Cerruti's point forces, summed over the traction q0 (1 - r^2/a^2)^-1/2 of a rigid shear, give the same field."""
+    reach, poisson, shear_modulus, moved = 1.5, 0.4, 0.05, 0.2
+    force = 8 * shear_modulus * reach / (2 - poisson) * moved
+    peak = force / (2 * math.pi * reach**2)
+    for x, y in ((2.5, 0.0), (1.2, 1.4), (0.0, 3.0)):
+
+        def summed(along: bool, x: float = x, y: float = y) -> float:
+            def contribution(polar: float, angle: float) -> float:
+                # With r = a sin(polar) the traction's singularity at the edge cancels.
+                right = x - reach * math.sin(polar) * math.cos(angle)
+                up = y - reach * math.sin(polar) * math.sin(angle)
+                far = math.hypot(right, up)
+                kernel = (1 - poisson) / far + poisson * right**2 / far**3 if along else poisson * right * up / far**3
+                return peak * reach**2 * math.sin(polar) * kernel / (2 * math.pi * shear_modulus)
+
+            return dblquad(contribution, 0, 2 * math.pi, 0, math.pi / 2, epsabs=1e-7)[0]
+
+        found = shear_field(np.array([x]), np.array([y]), reach, (moved, 0.0), poisson)
+        assert [field[0] for field in found] == pytest.approx([summed(True), summed(False)], abs=1e-5)
+
+
 @given(stroke=st.floats(0, 3), depth=st.floats(0.1, 3))
 def test_shear_force_never_exceeds_friction(stroke: float, depth: float) -> None:
     """Coulomb's limit holds, and is reached exactly at the slip limit."""
-    normal, contact_radius = normal_force(depth, 4.0, 0.18), math.sqrt(4.0 * depth)
-    limit = slip_limit(normal, contact_radius, 0.66, 0.14, 0.49)
+    normal, reach = normal_force(depth, 4.0, 0.18), contact_radius(depth, 4.0)
+    limit = slip_limit(normal, reach, 0.66, 0.14, 0.49)
     assert 0 <= tangential_force(stroke, limit, normal, 0.66) <= 0.66 * normal
     assert tangential_force(limit, limit, normal, 0.66) == pytest.approx(0.66 * normal)
 
 
 def test_small_shear_has_the_stiffness_of_full_stick() -> None:
     """Without slip the stiffness is 8 G a / (2 - nu) (Mindlin)."""
-    normal, contact_radius, modulus, poisson = 0.8, 2.0, 0.15, 0.5
-    limit = slip_limit(normal, contact_radius, 0.66, modulus, poisson)
-    stiffness = 8 * modulus / (2 * (1 + poisson)) * contact_radius / (2 - poisson)
+    normal, reach, modulus, poisson = 0.8, 2.0, 0.15, 0.5
+    limit = slip_limit(normal, reach, 0.66, modulus, poisson)
+    stiffness = 8 * modulus / (2 * (1 + poisson)) * reach / (2 - poisson)
     assert tangential_force(1e-6, limit, normal, 0.66) == pytest.approx(stiffness * 1e-6, rel=1e-4)
 
 
@@ -101,6 +161,25 @@ def test_small_shear_has_the_stiffness_of_full_stick() -> None:
 def test_fine_gratings_do_not_reach_the_inner_skin(period: float, left: float) -> None:
     """Below 1 mm of skin, periods of 4, 2 and 1 mm keep 53 %, 18 % and 1.4 % of their imprint."""
     assert imprint_at_depth(period, 1.0) == pytest.approx(left, rel=0.05)
+
+
+def test_imprint_solves_the_equations_of_the_half_space() -> None:
+    """The decay is biharmonic, (d2/dz2 - k2)2 u = 0, and starts level (incompressible skin)."""
+    period, step = 2.0, 0.02
+    k = 2 * math.pi / period
+    share = np.array([imprint_at_depth(period, 0.5 + number * step) for number in range(-4, 5)])
+    once = (share[2:] - 2 * share[1:-1] + share[:-2]) / step**2 - k**2 * share[1:-1]
+    twice = (once[2:] - 2 * once[1:-1] + once[:-2]) / step**2 - k**2 * once[1:-1]
+    assert np.abs(twice).max() < 0.01 * k**4
+    assert np.abs(once).max() > 0.1 * k**2
+    assert imprint_at_depth(period, 1e-4) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_conforming_pressure_flattens_exactly_one_wave() -> None:
+    """A half-space under p cos kx waves by 2 p / (E* k); at Westergaard's pressure that is the groove's amplitude."""
+    amplitude, period, modulus = 0.2, 1.5, 0.18
+    pressure = conforming_pressure(amplitude, period, modulus)
+    assert 2 * pressure / (modulus * 2 * math.pi / period) == pytest.approx(amplitude)
 
 
 @pytest.mark.parametrize(("shore", "modulus"), [(17.5, 0.645), (30.0, 1.142)])

@@ -1,59 +1,68 @@
 """Contact mechanics of a soft skin: the formulas behind the simulated sensor, all pure.
 
-Lengths in mm, forces in N, moduli in MPa. Formulas are those of Johnson, Contact Mechanics (1985), chapters 4, 7
-and 13, unless a docstring says otherwise. They hold for small strains of a homogeneous half-space; the simulator uses
-them beyond that, so its moduli are effective constants.
+Lengths in mm, forces in N, moduli and pressures in MPa. Johnson is Contact Mechanics (Cambridge University Press,
+1985). The formulas hold for small strains of a homogeneous half-space; the simulator uses them beyond that, so its
+moduli are effective constants.
 """
 
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-Field = npt.NDArray[np.float64]
+from tacevo.data.portable import Field, arctan, exp_minus
 
 
 def contact_modulus(
     modulus: float, poisson: float, other_modulus: float = math.inf, other_poisson: float = 0.0
 ) -> float:
-    """Combine two bodies' moduli: 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2; by default the other is rigid."""
-    return 1 / ((1 - poisson**2) / modulus + (1 - other_poisson**2) / other_modulus)
+    """Combine two bodies' moduli: 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 (Johnson, eq. 4.6); the other may be rigid."""
+    return 1 / ((1 - poisson * poisson) / modulus + (1 - other_poisson * other_poisson) / other_modulus)
 
 
 def combined_radius(radius: float, other: float) -> float:
-    """Combine the radii of two convex surfaces in contact: 1/R = 1/R1 + 1/R2."""
+    """Combine the radii of two convex surfaces in contact: 1/R = 1/R1 + 1/R2 (Johnson, eq. 4.4)."""
     return 1 / (1 / radius + 1 / other)
 
 
+def contact_radius(depth: float, radius: float) -> float:
+    """Hertz's contact radius at an approach `depth`: a = sqrt(R d) (Johnson, eq. 4.23)."""
+    return math.sqrt(radius * depth)
+
+
 def normal_force(depth: float, radius: float, modulus: float) -> float:
-    """Hertz's force at an approach `depth`: F = 4/3 E* sqrt(R) d^1.5; the contact radius is sqrt(R d)."""
+    """Hertz's force at an approach `depth`: F = 4/3 E* sqrt(R) d^1.5 (Johnson, eq. 4.23)."""
     return 4 / 3 * modulus * math.sqrt(radius * depth) * depth
 
 
+def mean_pressure(force: float, contact_radius: float) -> float:
+    """Spread a force over its contact: F / (pi a^2), two thirds of Hertz's greatest pressure (Johnson, eq. 4.24)."""
+    return force / (math.pi * contact_radius * contact_radius)
+
+
 def normal_field(distance: Field, contact_radius: float, radius: float) -> tuple[Field, Field]:
-    """Find the surface displacement under Hertz's pressure, and its slope.
+    """Find the surface displacement under Hertz's pressure, and its slope (Johnson, eqs. 3.41a and 3.42a).
 
     With s = min(a/r, 1) and q = sqrt(1 - s^2) one expression holds inside and outside the contact.
 
     Args:
-        distance: r >= 0 from the centre of the contact, any shape.
-        contact_radius: a > 0.
+        distance: r > 0 from the centre of the contact, any shape.
+        contact_radius: a >= 0; 0 is no contact.
         radius: R, of the combined surfaces.
 
     Returns:
-        Displacement w away from the indenter and dw/dr, in the shape of `distance`; w(0) = a^2/R, the approach.
+        Displacement w away from the indenter and (dw/dr)/r, in the shape of `distance`; w(0) = a^2/R, the approach.
     """
-    share = np.minimum(contact_radius / np.maximum(distance, contact_radius), 1.0)
-    angle = np.arcsin(share)
-    root = share * np.sqrt(1 - share * share)
+    share = contact_radius / np.maximum(distance, contact_radius)
+    cosine = np.sqrt(1 - share * share)
+    angle = 2 * arctan(share / (1 + cosine))  # the arcsine of the share
+    root = share * cosine
     squared = distance * distance
-    displacement = ((2 * contact_radius**2 - squared) * angle + squared * root) / (math.pi * radius)
-    slope = -2 * distance * (angle - root) / (math.pi * radius)
-    return displacement, slope
+    displacement = ((2 * contact_radius * contact_radius - squared) * angle + squared * root) * (1 / (math.pi * radius))
+    return displacement, (root - angle) * (2 / (math.pi * radius))
 
 
 def slip_limit(normal: float, contact_radius: float, friction: float, modulus: float, poisson: float) -> float:
-    """Find the tangential displacement at which a contact slides as a whole (Cattaneo, Mindlin).
+    """Find the tangential displacement at which a contact slides as a whole (Cattaneo, Mindlin; Johnson, section 7.2).
 
     3 mu F (2 - nu) / (16 G a), with the skin's own modulus E = 2 G (1 + nu) and a rigid indenter.
     """
@@ -62,7 +71,10 @@ def slip_limit(normal: float, contact_radius: float, friction: float, modulus: f
 
 
 def tangential_force(displacement: float, limit: float, normal: float, friction: float) -> float:
-    """Find the shear force at a tangential displacement >= 0: mu F [1 - (1 - d/limit)^1.5], at most mu F."""
+    """Find the shear force at a tangential displacement >= 0 (Cattaneo, Mindlin; Johnson, section 7.2).
+
+    mu F [1 - (1 - d/limit)^1.5]: the contact slips from its edge inwards until, at the limit, all of it slides at mu F.
+    """
     sticking = max(1 - displacement / limit, 0.0)
     return friction * normal * (1 - sticking * math.sqrt(sticking))
 
@@ -70,36 +82,47 @@ def tangential_force(displacement: float, limit: float, normal: float, friction:
 def shear_field(
     x: Field, y: Field, contact_radius: float, shear: tuple[float, float], poisson: float
 ) -> tuple[Field, Field]:
-    """Find the tangential displacement around a contact that moves sideways without slip.
+    """Find the tangential displacement around a contact that moves sideways as one piece (Johnson, section 3.7).
 
-    It is uniform inside the contact and decays outside (traction q0 (1 - r^2/a^2)^-1/2).
+    It is uniform inside the contact and decays outside, as under a traction q0 (1 - r^2/a^2)^-1/2. Cattaneo's slip
+    at the edge is left out: it changes the field by less than the displacement's own share of slip.
 
     Args:
-        x: from the centre of the contact, any shape.
+        x: from the centre of the contact, any shape; nowhere 0 together with y.
         y: as `x`.
-        contact_radius: a > 0.
+        contact_radius: a >= 0; 0 is no contact.
         shear: displacement (x, y) of the contact.
         poisson: ratio nu of the skin.
 
     Returns:
         Displacement in x and in y, in the shape of `x`.
     """
-    squared = np.maximum(x * x + y * y, 1e-12)
-    share = np.minimum(contact_radius / np.sqrt(squared), 1.0)
-    common = np.arcsin(share) / (math.pi / 2)
-    twist = poisson / ((2 - poisson) * math.pi / 2) * share * np.sqrt(1 - share * share)
-    cosine, sine = (x * x - y * y) / squared, 2 * x * y / squared
+    squared = x * x + y * y
+    share = contact_radius / np.maximum(np.sqrt(squared), contact_radius)
+    cosine = np.sqrt(1 - share * share)
+    common = arctan(share / (1 + cosine)) * (4 / math.pi)
+    twist = share * cosine * (poisson / ((2 - poisson) * math.pi / 2))
+    double_cosine, double_sine = (x * x - y * y) / squared, 2 * x * y / squared  # of twice the polar angle
     along, across = shear
     return (
-        along * (common + twist * cosine) + across * twist * sine,
-        across * (common - twist * cosine) + along * twist * sine,
+        along * (common + twist * double_cosine) + across * twist * double_sine,
+        across * (common - twist * double_cosine) + along * twist * double_sine,
     )
 
 
+def conforming_pressure(amplitude: float, period: float, modulus: float) -> float:
+    """Find the mean pressure that closes a sinusoidal groove: pi E* D / l (Westergaard; Johnson, section 13.2)."""
+    return math.pi * modulus * amplitude / period
+
+
 def imprint_at_depth(period: float, depth: float) -> float:
-    """Share of a periodic surface imprint that is left at a depth: (1 + kz) exp(-kz), k = 2 pi / period, nu = 0.5."""
+    """Find the share of a periodic surface imprint that is left at a depth below it.
+
+    (1 + kz) exp(-kz) with k = 2 pi / period, for an incompressible half-space in plane strain under a pressure
+    p cos kx: the stress function is (1 + kz) exp(-kz) cos kx, up to a factor.
+    """
     phase = 2 * math.pi / period * depth
-    return (1 + phase) * math.exp(-phase)
+    return (1 + phase) * float(exp_minus(phase))
 
 
 def modulus_of_shore(shore: float) -> float:

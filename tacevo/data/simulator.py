@@ -1,8 +1,8 @@
 """The simulated sensor as a source: seeded presses of three tasks with their labels.
 
-Promises: image and label of an index depend on (seed, task, index, image size, spacings) and on nothing else, so
-the number of workers and the order of drawing cannot matter. What it does not promise: that a network trained
-here works on a real sensor.
+Promises: image and label depend on the task, the two seeds, the number of the press (within its class for gratings),
+the image size and the light, and on nothing else, so the number of workers and the order of drawing cannot matter;
+their bytes are the same on every CPU. What it does not promise: that a network trained here works on a real sensor.
 """
 
 import math
@@ -12,26 +12,38 @@ from functools import partial
 
 import numpy as np
 
+from tacevo.choices import LightScene
 from tacevo.data.contact import (
     combined_radius,
+    conforming_pressure,
     contact_modulus,
+    contact_radius,
+    mean_pressure,
     modulus_of_shore,
     normal_force,
     slip_limit,
     tangential_force,
 )
-from tacevo.data.sensor import DOME_RADIUS, SKIN_POISSON, Grating, Press, make_sensor, picture
+from tacevo.data.optics import DOME_RADIUS
+from tacevo.data.portable import cosine, normal, normal_number, sine
+from tacevo.data.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
 from tacevo.errors import ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 
 #: Changes whenever an image or a label would change; part of the cache key.
-SIMULATOR_VERSION = 1
+SIMULATOR_VERSION = 2
 
 #: Six specimens, Shore A, evenly spaced over the range of the paper's supplement.
 SHORE_LEVELS = (17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
 FRICTION = 0.66
+#: What the force sensor adds to a force: noise in N, and hysteresis as a share of the force.
+FORCE_NOISE, HYSTERESIS = 0.02, 0.04
+#: Yaw of a grating, as a standard deviation in radians, and how dark its grooves may be, in [0, 1].
+GRATING_YAW, GRATING_CONTRAST = 0.15, (0.8, 1.0)
+#: Grey values by which specimens of one hardness differ, as a standard deviation.
+SPECIMEN_NOISE = 2.5
 #: Effective Young's modulus of the sensor in MPa; for hardness the stiffer of two published calibrations, because
 #: a soft sensor takes almost the whole approach whatever it presses on.
 SOFT_SKIN, STIFF_SKIN = 0.14, 0.88
@@ -50,24 +62,26 @@ class Simulated:
     """A simulated data set.
 
     `force`: three forces in N, from a ball of 4 mm radius pressed 0.15 to 2.6 mm deep and pushed sideways, with
-    slip; Fz is negative in compression. `grating`: one class per spacing, as many images of each. `hardness`: the
-    Shore A hardness of a rubber ball, one of six levels.
+    slip; Fz is negative in compression. `grating`: one class per spacing, class by class, as many images of each (or
+    one more of the first ones). `hardness`: the Shore A hardness of a rubber ball, one of six levels.
     """
 
     task: SimulatedTask
     #: Number of images.
     images: int
-    #: Height and width in pixels: a multiple of 16 from 16 to 256.
+    #: Height and width in pixels, from 16 to 256.
     image_size: int
+    #: Of the presses and of everything that varies from image to image.
     seed: int
+    #: Of the sensor: another one has its markers and dirt elsewhere.
+    sensor_seed: int
+    light: LightScene
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.
     spacings_mm: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if self.image_size % 16 or not 16 <= self.image_size <= 256:
-            raise ConfigError(
-                f"data.image_size of a simulated sensor must be a multiple of 16 from 16 to 256; got {self.image_size}"
-            )
+        if not 16 <= self.image_size <= 256:
+            raise ConfigError(f"data.image_size of a simulated sensor needs 16 to 256 pixels; got {self.image_size}")
         spaced = min(self.spacings_mm, default=0) > 0 and len(set(self.spacings_mm)) == len(self.spacings_mm)
         if self.task is SimulatedTask.grating and not spaced:
             raise ConfigError(f"data.spacings_mm needs different widths above 0; got {list(self.spacings_mm)}")
@@ -82,13 +96,15 @@ class Simulated:
             "images": self.images,
             "image_size": self.image_size,
             "seed": self.seed,
+            "sensor_seed": self.sensor_seed,
+            "light": self.light.value,
             "spacings_mm": [float(spacing) for spacing in spacings],
         }
 
     def catalogue(self) -> Catalogue:
         """Sample every press and its label; draw no picture."""
         indices = range(self.images)
-        labels = [_press(self, index, _stream(self, index))[1] for index in indices]
+        labels = [_press(self, index)[1] for index in indices]
         pictures = tuple(partial(draw, self, index) for index in indices)
         if self.task is SimulatedTask.grating:
             return Catalogue(
@@ -109,79 +125,95 @@ class Simulated:
 
 def draw(source: Simulated, index: int) -> Picture:
     """Draw one picture: uint8, shape (3, image_size, image_size)."""
-    rng = _stream(source, index)
-    press, _ = _press(source, index, rng)
-    return picture(make_sensor(source.image_size, source.seed), press, rng)
+    press, _, rng = _press(source, index)
+    return picture(make_sensor(source.image_size, source.sensor_seed), press, rng, source.light)
 
 
-def _stream(source: Simulated, index: int) -> np.random.Generator:
-    """The generator of one image and its label."""
-    return stream(source.seed, "simulate", source.task.value, index)
-
-
-def _press(source: Simulated, index: int, rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
-    """Sample one press and its label."""
+def _press(source: Simulated, index: int) -> tuple[Press, tuple[float, ...], np.random.Generator]:
+    """Sample one press and its label; the generator is left where the picture takes it up."""
     match source.task:
         case SimulatedTask.force:
-            return _force(rng)
+            rng = stream(source.seed, "simulate", "force", index)
+            return *_force(rng), rng
         case SimulatedTask.grating:
-            kind = index % len(source.spacings_mm)
-            return _grating(rng, source.spacings_mm[kind]), (kind,)
+            kind, number = _class_and_number(index, source.images, len(source.spacings_mm))
+            rng = stream(source.seed, "simulate", "grating", kind, number)
+            return _grating(rng, source.spacings_mm[kind]), (kind,), rng
         case SimulatedTask.hardness:
-            return _hardness(rng)
+            rng = stream(source.seed, "simulate", "hardness", index)
+            return *_hardness(rng), rng
+
+
+def _class_and_number(index: int, images: int, classes: int) -> tuple[int, int]:
+    """Find the class of a row, and its number there, where rows stand class by class, as even as possible."""
+    size, larger = divmod(images, classes)
+    if index < larger * (size + 1):
+        return divmod(index, size + 1)
+    kind, number = divmod(index - larger * (size + 1), size)
+    return larger + kind, number
 
 
 def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     """Press a rigid ball and push it sideways; the label is the force in N as a real force sensor reads it.
 
-    The reading has 4 % hysteresis, 0.02 N of noise and a resolution of 0.1 mN: the error that no network can undo.
+    The reading has hysteresis, noise and a resolution of 0.1 mN: the error that no network can undo.
     """
-    x, y = _position(rng, 7.0)
-    depth, stroke, direction = rng.uniform(0.15, 2.6), rng.uniform(0, 1.6), rng.uniform(0, 2 * math.pi)
+    x, y = _position(rng, 9.0)
+    depth, stroke = rng.uniform(0.15, 2.6), rng.uniform(0, 1.6)
     radius = combined_radius(4.0, DOME_RADIUS)
-    contact_radius = math.sqrt(radius * depth)
-    softer = 1 / (1 + 0.5 * (x * x + y * y) / 15**2)  # the dome is softer towards its rim
-    modulus = SOFT_SKIN * softer
-    normal = normal_force(depth, radius, contact_modulus(modulus, SKIN_POISSON))
-    limit = slip_limit(normal, contact_radius, FRICTION, modulus, SKIN_POISSON)
-    tangential = tangential_force(stroke, limit, normal, FRICTION)
+    reach = contact_radius(depth, radius)
+    modulus = SOFT_SKIN / (1 + 0.5 * (x * x + y * y) / 15**2)  # the dome is softer towards its rim
+    pressed = normal_force(depth, radius, contact_modulus(modulus, SKIN_POISSON))
+    limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
+    dragged = tangential_force(stroke, limit, pressed, FRICTION)
     followed = min(stroke, limit)
-    cosine, sine = math.cos(direction), math.sin(direction)
+    along_x, along_y = _direction(rng.uniform())
     press = Press(
         x=x,
         y=y,
-        contact_radius=contact_radius,
+        contact_radius=reach,
         radius=radius,
         share=1.0,
-        shear=(followed * cosine, followed * sine),
-        brightness=rng.normal(55, 4) * (0.2 + 0.55 * depth),  # a deeper press touches on more of the rough surface
+        shear=(followed * along_x, followed * along_y),
+        brightness=normal_number(rng, 55, 4) * (0.2 + 0.55 * depth),  # deeper, more of the rough surface touches
         fading=0.35,
     )
-    hysteresis = 1 + rng.normal(0, 0.04)
-    truth = (tangential * cosine, tangential * sine, -normal)
-    return press, tuple(round(hysteresis * part + rng.normal(0, 0.02), 4) for part in truth)
+    hysteresis = normal_number(rng, 1, HYSTERESIS)
+    truth = (dragged * along_x, dragged * along_y, -pressed)
+    errors = normal(rng, FORCE_NOISE, (3,))
+    return press, tuple(round(hysteresis * part + float(error), 4) for part, error in zip(truth, errors, strict=True))
 
 
 def _grating(rng: np.random.Generator, spacing: float) -> Press:
-    """Press a plate with ridges onto the dome, nearly upright (yaw of 0.15 rad standard deviation)."""
+    """Press a plate with ridges onto the dome, nearly upright.
+
+    Grooves are half as deep as wide, so the first harmonic of their profile has an amplitude of spacing / pi. The
+    skin follows it as far as its mean pressure goes towards closing the groove.
+    """
     x, y = _position(rng, 3.0)
     depth = rng.uniform(0.5, 1.6)
+    reach = contact_radius(depth, DOME_RADIUS)
+    modulus = contact_modulus(SOFT_SKIN, SKIN_POISSON)
+    pressure = mean_pressure(normal_force(depth, DOME_RADIUS, modulus), reach)
+    period, amplitude = 2 * spacing, spacing / math.pi
+    conformity = min(1.0, pressure / conforming_pressure(amplitude, period, modulus))
     grating = Grating(
-        period=2 * spacing,
-        yaw=rng.normal(0, 0.15),
-        phase=rng.uniform(0, 2 * math.pi),
-        contrast=rng.uniform(0.8, 1.0),
-        imprint=rng.uniform(0.05, 0.2),
+        period=period,
+        across=_direction(normal_number(rng, 0, GRATING_YAW / (2 * math.pi))),
+        phase=rng.uniform(),
+        contrast=rng.uniform(*GRATING_CONTRAST),
+        imprint=amplitude * conformity,
         side=12.0,
     )
+    sideways = normal(rng, 0.15, (2,))
     return Press(
         x=x,
         y=y,
-        contact_radius=math.sqrt(DOME_RADIUS * depth),
+        contact_radius=reach,
         radius=DOME_RADIUS,
         share=0.6,
-        shear=(rng.normal(0, 0.15), rng.normal(0, 0.15)),
-        brightness=rng.normal(55, 4),
+        shear=(float(sideways[0]), float(sideways[1])),
+        brightness=normal_number(rng, 55, 4),
         fading=0.5,
         grating=grating,
     )
@@ -195,14 +227,15 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     radius = combined_radius(8.0, DOME_RADIUS)
     rigid = contact_modulus(STIFF_SKIN, SKIN_POISSON)
     share = contact_modulus(STIFF_SKIN, SKIN_POISSON, modulus_of_shore(shore), SKIN_POISSON) / rigid
+    sideways = normal(rng, 0.1, (2,))
     press = Press(
         x=x,
         y=y,
-        contact_radius=math.sqrt(radius * depth),
+        contact_radius=contact_radius(depth, radius),
         radius=radius,
         share=share,
-        shear=(rng.normal(0, 0.1), rng.normal(0, 0.1)),
-        brightness=40 + 3.2 * (shore - SHORE_LEVELS[0]) + rng.normal(0, 2.5),
+        shear=(float(sideways[0]), float(sideways[1])),
+        brightness=40 + 3.2 * (shore - SHORE_LEVELS[0]) + normal_number(rng, 0, SPECIMEN_NOISE),
         fading=0.25,
     )
     return press, (shore,)
@@ -210,5 +243,11 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
 
 def _position(rng: np.random.Generator, reach: float) -> tuple[float, float]:
     """Draw a point in a disc around the sensor's axis, uniform over its area; mm."""
-    angle, distance = rng.uniform(0, 2 * math.pi), reach * math.sqrt(rng.uniform())
-    return distance * math.cos(angle), distance * math.sin(angle)
+    along_x, along_y = _direction(rng.uniform())
+    distance = reach * math.sqrt(rng.uniform())
+    return distance * along_x, distance * along_y
+
+
+def _direction(turns: float) -> tuple[float, float]:
+    """Unit vector at an angle in whole turns."""
+    return float(cosine(turns)), float(sine(turns))
