@@ -17,6 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from tacevo.confdir import conf_root, groups
 from tacevo.config import RunConfig
+from tacevo.data.fitting import require_fit
 from tacevo.errors import ConfigError
 from tacevo.proposals import Instruction, Task, system_prompt
 from tacevo.records import Contract, DataFacts, Json
@@ -75,16 +76,7 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         ConfigError: a file is missing or malformed, or the data set has another number of outputs than the task.
     """
     task = config.task
-    if facts.kind is not task.kind:
-        raise ConfigError(
-            f"task.kind is {task.kind}, but the data set's labels are for {facts.kind}; data=csv gives regression, "
-            "data=folder classification"
-        )
-    if facts.outputs != task.outputs:
-        raise ConfigError(
-            f"task.outputs is {task.outputs}, but the data set has {facts.outputs} ({', '.join(facts.names)}); set "
-            f"task.outputs={facts.outputs}, or choose other data"
-        )
+    require_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
     contract = Contract(
         class_name=task.class_name,
         kind=task.kind,

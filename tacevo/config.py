@@ -15,12 +15,14 @@ from tacevo.choices import (
     Confinement,
     DataSource,
     ExecutorKind,
+    LightScene,
     Normalisation,
     Numerics,
     ParentPolicy,
     PromptPolicy,
     Provider,
     Scale,
+    SplitRule,
     TargetScaling,
     TemperatureRule,
     Tracking,
@@ -97,32 +99,46 @@ class DataConfig:
     source: DataSource
     #: Height and width, in pixels.
     image_size: int
-    #: Simulated: how many images, and the seed of the sensor and its contacts.
+    #: Simulated: how many images, the seed of the contacts, that of the sensor, and its light.
     images: int
     seed: int
+    sensor_seed: int
+    light: LightScene
     #: Simulated gratings: the spacings that are the classes, in mm.
     spacings_mm: list[float]
-    #: Recorded: the folder of the data set, its table, and the columns to read.
+    #: Recorded: the folder of the data set, or the file of a NumPy archive.
     root: str | None
+    #: CSV: the table and the columns to read.
     table: str
     image_column: str
     target_columns: list[str]
+    #: TacVerse: the folders to read; the pattern is for gratings.
+    sensor: str
+    pattern: str | None
+    #: Tables: leave out rows whose image is missing, instead of refusing the table.
+    skip_missing: bool
+    split: SplitRule
     split_seed: int
     normalisation: Normalisation
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        sized = 16 <= self.image_size <= 1024 and self.image_size % 16 == 0
-        _require(sized, "data.image_size", "a multiple of 16 from 16 to 1024", self.image_size)
+        simulated = self.source is DataSource.simulated
+        most = 256 if simulated else 1024
+        sized = 16 <= self.image_size <= most
+        _require(sized, "data.image_size", f"a value from 16 to {most} for data={self.source}", self.image_size)
         _require(self.images >= 10, "data.images", "a value >= 10", self.images)
-        _require(self.seed >= 0, "data.seed", "a value >= 0", self.seed)
-        _require(self.split_seed >= 0, "data.split_seed", "a value >= 0", self.split_seed)
-        if self.source is not DataSource.simulated:
-            _require(bool(self.root), "data.root", f"the folder of the data set for data={self.source}", self.root)
+        for key in ("seed", "sensor_seed", "split_seed"):
+            _require(getattr(self, key) >= 0, f"data.{key}", "a value >= 0", getattr(self, key))
+        if not simulated:
+            what = "file" if self.source is DataSource.numpy else "folder"
+            _require(bool(self.root), "data.root", f"the {what} of the data set for data={self.source}", self.root)
         if self.source is DataSource.csv:
             columns = self.target_columns
             named = bool(columns) and len(set(columns)) == len(columns)
             _require(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
+        _require(bool(self.sensor), "data.sensor", "the name of a folder", self.sensor)
+        _require(self.pattern != "", "data.pattern", "the name of a folder, or null", self.pattern)
         spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(_is_positive, self.spacings_mm))
         _require(spaced, "data.spacings_mm", "different finite values > 0", self.spacings_mm)
 

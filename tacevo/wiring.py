@@ -4,17 +4,23 @@ import contextlib
 import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
+from enum import StrEnum
 from pathlib import Path
+from typing import TypeVar
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
 from tacevo.choices import BoundsRule, DataSource, ExecutorKind, Provider
 from tacevo.config import ExecutorConfig, LLMConfig, RunConfig
+from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
+from tacevo.data.fitting import require_fit
 from tacevo.data.folder import Folder
-from tacevo.data.loading import Progress, load
+from tacevo.data.loading import load
 from tacevo.data.simulator import Simulated, SimulatedTask
 from tacevo.data.source import Source
 from tacevo.data.table import Table
+from tacevo.data.tacverse import TacVerse, TacVerseTask
+from tacevo.data.workers import Progress
 from tacevo.development import Tools
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate, GateLimits
@@ -35,52 +41,78 @@ from tacevo.training.numerics import environment
 #: What a sandbox runs: entry names to functions.
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
+_Tasks = TypeVar("_Tasks", bound=StrEnum)
+
 
 def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
     """Load or make the data set that a configuration names.
 
     Raises:
-        DataError: it is missing, broken, or does not suit the task.
+        DataError: it is missing or broken.
+        ConfigError: it does not suit the task.
     """
     return load(
         _source(config),
+        split=config.data.split,
         split_seed=config.data.split_seed,
         normalisation=config.data.normalisation,
         target_scaling=config.task.target_scaling,
         cache=Path(config.store.root) / "data",
         workers=min(config.executor.workers, os.cpu_count() or 1),
+        accept=lambda catalogue: require_fit(
+            config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
+        ),
         progress=progress,
     )
 
 
 def _source(config: RunConfig) -> Source:
     data = config.data
+    root = Path(data.root or "")
     match data.source:
         case DataSource.simulated:
-            try:
-                task = SimulatedTask(config.task.name)
-            except ValueError as error:
-                known = ", ".join(SimulatedTask)
-                raise ConfigError(
-                    f"data=simulated knows the tasks {known}; got task.name={config.task.name}; give recorded images"
-                ) from error
             return Simulated(
-                task=task,
+                task=_known_task(SimulatedTask, config),
                 images=data.images,
                 image_size=data.image_size,
                 seed=data.seed,
                 spacings_mm=tuple(data.spacings_mm),
+                sensor_seed=data.sensor_seed,
+                light=data.light,
             )
         case DataSource.csv:
             return Table(
-                root=Path(data.root or ""),
+                root=root,
                 table=data.table,
                 image_column=data.image_column,
                 target_columns=tuple(data.target_columns),
                 image_size=data.image_size,
+                skip_missing=data.skip_missing,
             )
         case DataSource.folder:
-            return Folder(root=Path(data.root or ""), image_size=data.image_size)
+            return Folder(root=root, image_size=data.image_size)
+        case DataSource.tacverse:
+            return TacVerse(
+                root=root,
+                task=_known_task(TacVerseTask, config),
+                sensor=data.sensor,
+                pattern=data.pattern,
+                image_size=data.image_size,
+                skip_missing=data.skip_missing,
+            )
+        case DataSource.numpy:
+            return Arrays(root=root, image_size=data.image_size)
+
+
+def _known_task(tasks: type[_Tasks], config: RunConfig) -> _Tasks:
+    """Find a configuration's task among those that a source knows."""
+    try:
+        return tasks(config.task.name)
+    except ValueError as error:
+        known = ", ".join(tasks)
+        raise ConfigError(
+            f"data={config.data.source} knows the tasks {known}; got task.name={config.task.name}; choose other data"
+        ) from error
 
 
 def build_plan(config: RunConfig, task: Task, mode: Mode) -> Plan:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tacevo.choices import DataSource, SplitRule
 from tacevo.composition import compose, from_plain, load_task, to_plain
 from tacevo.confdir import conf_root, groups
 from tacevo.config import RunConfig
@@ -19,6 +20,8 @@ CHOICES = [(group, choice) for group, choices in groups().items() for choice in 
 NEEDED = {
     ("data", "csv"): ["data.root=images", "data.target_columns=[fx,fy,fz]"],
     ("data", "folder"): ["data.root=images"],
+    ("data", "tacverse"): ["data.root=images"],
+    ("data", "numpy"): ["data.root=images.npz"],
 }
 
 #: The groups that issue and README name; a group that goes missing takes its settings with it.
@@ -161,12 +164,28 @@ def test_images_follow_the_task() -> None:
         ("llm.mode=replay", {"llm.mode": "replay"}),
         ("run.dir=runs/mine", {"run.dir": "runs/mine"}),
         ("temperature=stall", {"temperature.rule": "stall"}),
+        ("data.light=dim", {"data.light": "dim"}),
+        ("data.sensor_seed=3", {"data.sensor_seed": 3}),
+        ("data.split=release", {"data.split": "release"}),
         ("archive.arch_div_bounds=[0.25,0.5]", {"archive.arch_div_bounds": [0.25, 0.5]}),
     ],
 )
 def test_override_changes_what_it_names(override: str, settings: dict[str, Json]) -> None:
     """An override has its effect and no other."""
     assert differing([override]) == settings
+
+
+def test_each_source_has_its_own_split() -> None:
+    """The release is split as its authors do, everything else at random, unless the user says otherwise."""
+    splits = {source: composed(f"data={source}", *NEEDED.get(("data", source), [])).data.split for source in DataSource}
+    assert splits == {source: "release" if source == "tacverse" else "random" for source in DataSource}
+    assert compose(["data=tacverse", "data.root=images", "data.split=random"]).data.split is SplitRule.random
+
+
+def test_recorded_images_may_be_larger_than_simulated_ones() -> None:
+    """Any whole number of pixels, up to what the source allows."""
+    assert compose(["data=folder", "data.root=images", "data.image_size=1023"]).data.image_size == 1023
+    assert compose(["data.image_size=201"]).data.image_size == 201
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,26 @@
-"""Loading: made once, whole or absent in the cache, independent of workers, and blind to the test split."""
+"""Loading: made once, independent of workers, blind to the test split, and no image decoded before a fault is told."""
 
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-import numpy.typing as npt
 import pytest
+from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
-from tacevo.choices import Normalisation, TargetScaling
+from tacevo.choices import LightScene, Normalisation, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset, fingerprint
-from tacevo.data.loading import FEW_PICTURES, assemble, load
+from tacevo.data.loading import load, split_rows
 from tacevo.data.simulator import Simulated, SimulatedTask
 from tacevo.data.source import Catalogue, Picture, Source
-from tacevo.errors import DataError
+from tacevo.data.splitting import ordered_split
+from tacevo.data.workers import FEW_PICTURES, Progress
+from tacevo.errors import ConfigError, DataError
 from tacevo.records import Json, Kind
 
 REPOSITORY = Path(__file__).parent.parent
@@ -40,6 +44,9 @@ class Greys:
     kind: Kind = Kind.regression
     names: tuple[str, ...] = ("grey",)
     broken: int = 0
+    groups: tuple[int, ...] | None = None
+    released: bool = False
+    constant: bool = False
 
     def describe(self) -> Json:
         """Name the content."""
@@ -48,10 +55,14 @@ class Greys:
     def catalogue(self) -> Catalogue:
         """List the pictures; the first few may be broken."""
         good = [partial(grey, value % 256) for value in range(self.broken, self.count)]
+        labels = np.arange(self.count, dtype=np.float64).reshape(-1, 1) * (not self.constant)
+        classes = np.arange(self.count) * len(self.names) // self.count
         return Catalogue(
             kind=self.kind,
             names=self.names,
-            labels=np.arange(self.count, dtype=np.float64).reshape(-1, 1),
+            labels=classes if self.kind is Kind.classification else labels,
+            groups=None if self.groups is None else np.array(self.groups),
+            release=ordered_split(np.arange(self.count)) if self.released else None,
             image_size=4,
             pictures=[*[partial(broken, f"{number}.png") for number in range(self.broken)], *good],
         )
@@ -66,15 +77,27 @@ class Undecodable(Greys):
         raise AssertionError("the cache was not used")
 
 
-def load_greys(source: Source, cache: Path, *, split_seed: int = 0, workers: int = 1) -> Dataset:
+def load_greys(
+    source: Source,
+    cache: Path,
+    *,
+    split: SplitRule = SplitRule.random,
+    target_scaling: TargetScaling = TargetScaling.minmax,
+    workers: int = 1,
+    accept: Callable[[Catalogue], None] | None = None,
+    progress: Progress | None = None,
+) -> Dataset:
     """Load with the default protocol."""
     return load(
         source,
-        split_seed=split_seed,
+        split=split,
+        split_seed=0,
         normalisation=Normalisation.standardise,
-        target_scaling=TargetScaling.minmax,
+        target_scaling=target_scaling,
         cache=cache,
         workers=workers,
+        accept=accept,
+        progress=progress,
     )
 
 
@@ -109,17 +132,19 @@ def test_second_load_decodes_nothing(tmp_path: Path) -> None:
     assert np.array_equal(second.targets, first.targets)
 
 
-@pytest.mark.parametrize("other", ["source", "split_seed", "normalisation", "target_scaling"])
+@pytest.mark.parametrize("other", ["source", "split", "split_seed", "normalisation", "target_scaling"])
 def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path, other: str) -> None:
     """Two settings that give different data never share a cache entry, and differ in their fingerprint."""
     chosen = {
-        "source": Greys(),
+        "source": Greys(released=True),
+        "split": SplitRule.random,
         "split_seed": 0,
         "normalisation": Normalisation.standardise,
         "target_scaling": TargetScaling.minmax,
     }
     changed = {
-        "source": Greys(count=21),
+        "source": Greys(count=21, released=True),
+        "split": SplitRule.release,
         "split_seed": 1,
         "normalisation": Normalisation.unit,
         "target_scaling": TargetScaling.zscore,
@@ -130,59 +155,170 @@ def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path,
     assert first.facts.fingerprint != second.facts.fingerprint
 
 
+def simulated(task: SimulatedTask, images: int) -> Simulated:
+    """Simulate the smallest images."""
+    return Simulated(
+        task=task,
+        images=images,
+        image_size=16,
+        seed=3,
+        sensor_seed=0,
+        light=LightScene.standard,
+        spacings_mm=(1.0, 2.0),
+    )
+
+
 def test_workers_change_no_byte(tmp_path: Path) -> None:
     """One process and two processes give the same fingerprint."""
-    source = Simulated(
-        task=SimulatedTask.force, images=FEW_PICTURES + 50, image_size=16, seed=3, spacings_mm=()
-    )  # more than one process is used only above FEW_PICTURES
+    source = simulated(SimulatedTask.force, FEW_PICTURES + 50)  # fewer are made in one process
     alone = load_greys(source, tmp_path / "one", workers=1)
     together = load_greys(source, tmp_path / "two", workers=2)
     assert alone.facts == together.facts
 
 
-def test_test_split_influences_nothing_but_the_fingerprint(tmp_path: Path) -> None:
-    """Other test images and labels leave every statistic and every other target as they were."""
-    catalogue = Greys().catalogue()
-    pixels = np.stack([picture() for picture in catalogue.pictures])
-    before = assemble_arrays(tmp_path / "before.npy", catalogue, pixels)
-    pixels[before.test] = 255
-    labels = catalogue.labels.copy()
-    labels[before.test] = 1e6
-    after = assemble_arrays(tmp_path / "after.npy", replace(catalogue, labels=labels), pixels)
-    for name in ("mean", "deviation", "offset", "scale"):
-        assert getattr(after, name) == getattr(before, name)
-    for rows in (before.train, before.validation):
-        assert np.array_equal(after.targets[rows], before.targets[rows])
+@dataclass(frozen=True)
+class Spoilt:
+    """A source whose rows outside the training split have white pictures and, for regression, huge labels."""
+
+    source: Source
+    rows: tuple[int, ...]
+
+    def describe(self) -> Json:
+        """Name the content."""
+        return {"spoilt": list(self.rows), "source": self.source.describe()}
+
+    def catalogue(self) -> Catalogue:
+        """Replace what training must not see."""
+        catalogue = self.source.catalogue()
+        pictures = list(catalogue.pictures)
+        labels = catalogue.labels.copy()
+        for row in self.rows:
+            pictures[row] = partial(np.full, (3, catalogue.image_size, catalogue.image_size), 255, dtype=np.uint8)
+            if catalogue.kind is Kind.regression:
+                labels[row] = 1e6 + row
+        return replace(catalogue, pictures=pictures, labels=labels)
+
+
+def values(first: int, count: int) -> str:
+    """Write three different columns of labels."""
+    return ",".join(str((first * step) % count) for step in (1, 3, 7))
+
+
+#: One source of each form, with the split that it is loaded by.
+SOURCES: dict[str, Callable[[Path], tuple[Source, SplitRule]]] = {
+    "simulated force": lambda root: (simulated(SimulatedTask.force, 20), SplitRule.random),
+    "simulated grating": lambda root: (simulated(SimulatedTask.grating, 40), SplitRule.random),
+    "csv": lambda root: (
+        save_table(root, "".join(f"{n}.png,{values(n, 20)}\n" for n in range(20)), images=20),
+        SplitRule.random,
+    ),
+    "folder": lambda root: (save_folder(root, *(f"{n % 2}/{n}.png" for n in range(40))), SplitRule.random),
+    "tacverse force": lambda root: (
+        save_forces(root, "".join(f"image_{n}.png,{values(n, 20)}\n" for n in range(20)), images=20),
+        SplitRule.release,
+    ),
+    "tacverse grating": lambda root: (
+        save_gratings(root, *(f"{size}_{group}.png" for size in (0.5, 1.0) for group in range(10))),
+        SplitRule.release,
+    ),
+    "numpy": lambda root: (
+        save_arrays(
+            root / "set.npz",
+            groups=np.arange(12) // 3,
+            images=np.eye(12 * 16, dtype=np.uint8)[:, :16].reshape(12, 16, 16),
+        ),
+        SplitRule.random,
+    ),
+}
+
+
+@pytest.mark.parametrize("scaling", [TargetScaling.minmax, TargetScaling.zscore])
+@pytest.mark.parametrize("form", SOURCES)
+def test_what_is_not_for_training_influences_nothing_but_the_fingerprint(
+    tmp_path: Path, form: str, scaling: TargetScaling
+) -> None:
+    """Other validation and test images and labels leave every statistic and every training target as they were."""
+    source, rule = SOURCES[form](tmp_path / "recording")
+    before = load_greys(source, tmp_path / "cache", split=rule, target_scaling=scaling)
+    others = (*before.validation.tolist(), *before.test.tolist())
+    after = load_greys(Spoilt(source, others), tmp_path / "cache", split=rule, target_scaling=scaling)
+    assert (after.mean, after.deviation) == (before.mean, before.deviation)
+    assert (after.offset, after.scale) == (before.offset, before.scale)
     assert np.array_equal(after.train, before.train)
+    assert np.array_equal(after.targets[after.train], before.targets[before.train])
     assert after.facts.fingerprint != before.facts.fingerprint
 
 
-def assemble_arrays(path: Path, catalogue: Catalogue, pixels: npt.NDArray[np.uint8]) -> Dataset:
-    """Apply the default protocol to arrays."""
-    np.save(path, pixels)
-    return assemble(catalogue, path, 0, Normalisation.standardise, TargetScaling.minmax)
+@pytest.mark.parametrize("form", SOURCES)
+def test_training_pictures_decide_the_statistics(tmp_path: Path, form: str) -> None:
+    """The statistics are those of the training pictures, which a change of one of them shows."""
+    source, rule = SOURCES[form](tmp_path / "recording")
+    before = load_greys(source, tmp_path / "cache", split=rule)
+    after = load_greys(Spoilt(source, (int(before.train[0]),)), tmp_path / "cache", split=rule)
+    assert after.mean != before.mean
+    pixels = np.load(before.images)[before.train]
+    assert before.mean == pytest.approx(pixels.mean(axis=(0, 2, 3)))
+
+
+def test_release_names_its_own_parts(tmp_path: Path) -> None:
+    """`release` takes the parts from the source, whatever the seed."""
+    dataset = load_greys(Greys(released=True), tmp_path, split=SplitRule.release)
+    assert dataset.facts.counts == (12, 4, 4)
+    assert dataset.test.tolist() == [16, 17, 18, 19]
+
+
+def test_release_is_refused_where_there_is_none(tmp_path: Path) -> None:
+    """A source that names no parts has none to take."""
+    with pytest.raises(DataError, match=r"data.split=release needs a recording that names its own .*set data.split="):
+        load_greys(Greys(), tmp_path, split=SplitRule.release)
+
+
+def test_groups_of_a_source_reach_the_split() -> None:
+    """Rows that were recorded together stay together."""
+    groups = np.arange(40) // 4
+    parts = split_rows(Greys(count=40, groups=tuple(groups.tolist())).catalogue(), SplitRule.random, 0)
+    assert not set(groups[parts.train]) & set(groups[parts.test])
 
 
 def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:
     """Progress is told per chunk and ends with everything done."""
     seen: list[tuple[int, int]] = []
-    load(
-        Greys(count=70),
-        split_seed=0,
-        normalisation=Normalisation.unit,
-        target_scaling=TargetScaling.none,
-        cache=tmp_path,
-        workers=1,
-        progress=lambda done, total: seen.append((done, total)),
-    )
+    load_greys(Greys(count=70), tmp_path, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(32, 70), (64, 70), (70, 70)]
 
 
 def test_unreadable_images_are_counted_and_leave_no_entry(tmp_path: Path) -> None:
-    """All faults are collected, the first few are named, and nothing is cached."""
+    """All faults are collected, the first few are named, nothing is cached, and nobody is told that all is done."""
+    seen: list[tuple[int, int]] = []
     with pytest.raises(DataError, match=r"7 found\): 0.png, 1.png, 2.png, 3.png, 4.png, \.\.\."):
-        load_greys(Greys(broken=7), tmp_path)
-    assert list(tmp_path.iterdir()) == []
+        load_greys(Greys(broken=7), tmp_path, progress=lambda done, total: seen.append((done, total)))
+    assert entries(tmp_path) == []
+    assert seen == []
+
+
+def refuse_all(catalogue: Catalogue) -> None:
+    """Accept no data set."""
+    raise ConfigError(f"no {catalogue.names[0]}, please")
+
+
+@pytest.mark.parametrize(
+    ("source", "accept", "message"),
+    [
+        (Greys(broken=20), refuse_all, "no grey, please"),
+        (Greys(broken=20, constant=True), None, r"target \['grey'\] has one value"),
+        (Greys(broken=20, groups=(0, 1) * 10), None, "at least 3 groups"),
+        (Greys(broken=9, count=9), None, "at least 10 images"),
+        (Greys(broken=20, kind=Kind.classification), None, "at least two classes"),
+        (Greys(broken=20, kind=Kind.classification, names=tuple("abcdefghijkl")), None, "has no images of"),
+    ],
+    ids=["task", "constant target", "groups", "too few", "one class", "absent class"],
+)
+def test_what_needs_no_decoding_is_told_first(
+    tmp_path: Path, source: Source, accept: Callable[[Catalogue], None] | None, message: str
+) -> None:
+    """Every image is broken too, but the fault that needs no decoding is the one that is told."""
+    with pytest.raises((ConfigError, DataError), match=message):
+        load_greys(source, tmp_path, accept=accept)
 
 
 def test_fewer_than_ten_images_are_refused(tmp_path: Path) -> None:
@@ -198,27 +334,36 @@ def test_single_class_is_refused(tmp_path: Path) -> None:
 
 
 LOAD_IN_A_PROCESS = """
-import os, signal, sys
+import os, resource, signal, sys
 from pathlib import Path
-from tacevo.config import Normalisation, TargetScaling
+from tacevo.choices import LightScene, Normalisation, TargetScaling
 from tacevo.data.loading import load
 from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.errors import DataError
+
+cache, fate, seed = sys.argv[1:]
 
 def progress(done, total):
-    if sys.argv[2] == "die" and done > total / 2:
+    if fate == "die" and done > total / 2:
         os.kill(os.getpid(), signal.SIGKILL)
 
-source = Simulated(task=SimulatedTask.force, images=300, image_size=16, seed=0, spacings_mm=())
-dataset = load(source, split_seed=0, normalisation=Normalisation.unit, target_scaling=TargetScaling.minmax,
-               cache=Path(sys.argv[1]), workers=1, progress=progress)
+if fate == "limited":
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+source = Simulated(task=SimulatedTask.force, images=300, image_size=16, seed=int(seed), sensor_seed=0,
+                   light=LightScene.standard, spacings_mm=())
+try:
+    dataset = load(source, split_seed=0, normalisation=Normalisation.unit, target_scaling=TargetScaling.minmax,
+                   cache=Path(cache), workers=1, progress=progress)
+except DataError as error:
+    sys.exit(f"error: {error}")
 print(dataset.facts.fingerprint)
 """
 
 
-def start(cache: Path, fate: str) -> subprocess.Popen[str]:
-    """Start a process that loads a simulated data set, or dies half-way."""
-    command = [sys.executable, "-c", LOAD_IN_A_PROCESS, str(cache), fate]
-    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True)
+def start(cache: Path, fate: str, *, seed: int = 0, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+    """Start a process that loads a simulated data set, dies half-way, or may write little to a file."""
+    command = [*before, sys.executable, "-c", LOAD_IN_A_PROCESS, str(cache), fate, str(seed)]
+    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def entries(cache: Path) -> list[Path]:
@@ -226,19 +371,71 @@ def entries(cache: Path) -> list[Path]:
     return [path for path in cache.iterdir() if not path.name.startswith(".")]
 
 
-def test_killed_process_leaves_no_entry(tmp_path: Path) -> None:
-    """After a kill half-way the entry is absent, and the next process makes it."""
+def unfinished(cache: Path) -> list[Path]:
+    """List the hidden folders, which hold images in the making."""
+    return [path for path in cache.iterdir() if path.name.startswith(".") and path.is_dir()]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_a_killed_process_left_is_removed(tmp_path: Path, seed: int) -> None:
+    """After a kill half-way the entry is absent; the next process, whatever it makes, clears the rest away."""
     killed = start(tmp_path, "die")
     killed.communicate()
     assert killed.returncode == -9
     assert entries(tmp_path) == []
-    output, _ = start(tmp_path, "live").communicate()
+    assert len(unfinished(tmp_path)) == 1
+    output, _ = start(tmp_path, "live", seed=seed).communicate()
     assert len(output.strip()) == 64
+    assert len(entries(tmp_path)) == 1
+    assert unfinished(tmp_path) == []
 
 
 def test_processes_that_start_at_once_share_one_entry(tmp_path: Path) -> None:
-    """Both finish, with the same data, and one entry remains."""
-    outputs = [process.communicate()[0] for process in [start(tmp_path, "live"), start(tmp_path, "live")]]
-    assert outputs[0] == outputs[1]
+    """All finish, with the same data, and one entry remains."""
+    started = [start(tmp_path, "live") for _ in range(3)]
+    outputs = [process.communicate()[0] for process in started]
+    assert len(set(outputs)) == 1
     assert len(outputs[0].strip()) == 64
-    assert [path.is_dir() for path in tmp_path.iterdir()] == [True]
+    assert len(entries(tmp_path)) == 1
+    assert unfinished(tmp_path) == []
+
+
+def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Path) -> None:
+    """Two data sets made at once after a kill: neither takes the other's unfinished folder for a leftover."""
+    start(tmp_path, "die").communicate()
+    started = [start(tmp_path, "live", seed=seed) for seed in (0, 1, 0, 1)]
+    outputs = [process.communicate()[0] for process in started]
+    assert outputs[0] == outputs[2] != outputs[1] == outputs[3]
+    assert len(entries(tmp_path)) == 2
+    assert unfinished(tmp_path) == []
+
+
+NO_ROOM = r"error: {cache} has no room for 230,528 bytes of images \(.* bytes are free\); make room there, .*\n"
+
+
+def test_file_that_may_not_grow_is_refused(tmp_path: Path) -> None:
+    """A limit of 100 kB for a file of 230 kB: the room is asked for before anything is written."""
+    process = start(tmp_path, "limited")
+    _, message = process.communicate()
+    assert process.returncode == 1
+    assert re.fullmatch(NO_ROOM.format(cache=tmp_path), message)
+    assert entries(tmp_path) == []
+    assert unfinished(tmp_path) == []
+
+
+#: Runs a command with a disk of 128 kB in place of a folder, which only it sees, and lists what is left on it.
+SMALL_DISK = (
+    'mount -t tmpfs -o size=128k tmpfs "$0" && { "$@"; status=$?; find "$0" -mindepth 1 -type d; exit $status; }'
+)
+
+
+def test_full_disk_is_refused_and_left_clean(tmp_path: Path) -> None:
+    """A disk of 128 kB: a clear line instead of the bus error that a memory map dies of, and no folder left."""
+    private = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
+    if subprocess.run([*private, SMALL_DISK, str(tmp_path), "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets no test mount a disk")
+    process = start(tmp_path, "live", before=(*private, SMALL_DISK, str(tmp_path)))
+    left, message = process.communicate()
+    assert left == ""
+    assert process.returncode == 1
+    assert re.fullmatch(NO_ROOM.format(cache=tmp_path), message)

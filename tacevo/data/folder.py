@@ -1,17 +1,16 @@
-"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or `.jpg`, `.jpeg`)."""
+"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or any other of `photos.SUFFIXES`)."""
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.photos import DECODING, decode, files_hash
-from tacevo.data.source import Catalogue, refuse
+from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash
+from tacevo.data.source import Catalogue, refuse, repeats
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
-
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,16 +42,19 @@ class Folder:
         """List labels and images, class by class, images in the order of their names.
 
         Raises:
-            DataError: the folder is missing or has no classes, or a class has no images.
+            DataError: the folder is missing or has no classes, a class has no images, or an image is unreadable or
+                of another size than the rest.
         """
         classes = _classes(self.root)
         counts = [len(paths) for paths in classes.values()]
+        images = [path for paths in classes.values() for path in paths]
         return Catalogue(
             kind=Kind.classification,
             names=tuple(classes),
             labels=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
             image_size=self.image_size,
-            pictures=tuple(partial(decode, path, self.image_size) for paths in classes.values() for path in paths),
+            pictures=tuple(partial(decode, path, self.image_size) for path in images),
+            recorded_size=common_size([(path.relative_to(self.root).as_posix(), path) for path in images]),
         )
 
 
@@ -63,6 +65,8 @@ def _classes(root: Path) -> dict[str, list[Path]]:
     names = [entry.name for entry in root.iterdir() if entry.is_dir() and not entry.name.startswith(".")]
     if not names:
         raise DataError(f"{root} has no folders; put the images of each class into a folder of its own")
+    alike = repeats((name, _key(name)) for name in _ordered(names))
+    refuse(f"classes in {root} are there twice", alike, "Join or rename them: 0.5 is 0.50, and Wood is wood.")
     classes = {name: _images(root / name) for name in _ordered(names)}
     empty = [name for name, paths in classes.items() if not paths]
     refuse(f"some classes in {root} have no images", empty, f"Add {sorted(SUFFIXES)} files or remove these folders.")
@@ -71,12 +75,25 @@ def _classes(root: Path) -> dict[str, list[Path]]:
 
 def _ordered(names: list[str]) -> list[str]:
     """Sort class names, as numbers where all are numbers, so that 2 comes before 10."""
+    keys = {name: _key(name) for name in names}
+    if all(isinstance(key, float) for key in keys.values()):
+        return sorted(names, key=lambda name: (keys[name], name))
+    return sorted(names)
+
+
+def _key(name: str) -> float | str:
+    """Give what two names of one class have in common: a finite number, or the text without its case."""
     try:
-        return sorted(names, key=lambda name: (float(name), name))
+        number = float(name)
     except ValueError:
-        return sorted(names)
+        return name.casefold()
+    return number if math.isfinite(number) else name.casefold()
 
 
 def _images(folder: Path) -> list[Path]:
     """Find the images below a class folder, sorted by path."""
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    twice = repeats((name, name.casefold()) for name in names)
+    refuse(f"images of class {folder.name} differ in the case of their names only", twice, "Rename or remove them.")
+    return paths

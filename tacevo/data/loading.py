@@ -1,45 +1,33 @@
 """From a source to a finished data set, made once and then kept in a cache.
 
 Promises: an entry of the cache is whole or absent, however many processes start at once and whenever one is
-killed (what a kill leaves is a hidden folder that nobody reads); the number of workers cannot change a byte.
+killed (`staging`); the number of workers cannot change a byte; every fault that can be found without decoding an
+image is told before any is decoded.
 """
 
-import ctypes
-import multiprocessing
-import os
-import shutil
-import signal
-import uuid
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+import math
+from collections.abc import Callable, Sequence
 from functools import partial
-from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.choices import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
-from tacevo.data.protocol import input_statistics, split, target_scale
+from tacevo.data.protocol import input_statistics, target_scale
 from tacevo.data.source import Catalogue, Picture, Source, refuse
+from tacevo.data.splitting import Split, random_split, refuse_unbalanced
+from tacevo.data.staging import reserve, staged
+from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import DataError
 from tacevo.records import DataFacts, Kind
 from tacevo.store import content_hash
 
 #: Changes when the same description would give other files in the cache.
-CACHE_SCHEMA = 1
+CACHE_SCHEMA = 2
 MINIMUM_IMAGES = 10
-#: Pictures that a worker makes between two reports of progress.
-CHUNK = 32
-#: Up to this many pictures are made in this process: starting others would take longer.
-FEW_PICTURES = 1_000
-
-#: Called with (pictures made, pictures in all).
-Progress = Callable[[int, int], None]
 
 
 def load(
@@ -50,59 +38,94 @@ def load(
     target_scaling: TargetScaling,
     cache: Path,
     workers: int,
+    split: SplitRule = SplitRule.random,
+    accept: Callable[[Catalogue], None] | None = None,
     progress: Progress | None = None,
 ) -> Dataset:
     """Load a data set from the cache, or make it and keep it there.
 
     Args:
         source: where images and labels come from.
-        split_seed: seed of the 80/10/10 split.
+        split_seed: seed of a random split; a release's own has none, but the seed still names the cache entry.
         normalisation: how inputs are to be normalised; only its statistics are computed here.
         target_scaling: how regression targets are scaled; classification ignores it.
         cache: folder of all cached data sets; made where it is absent.
         workers: processes that make pictures; 1, or a small data set, makes them in this one.
+        split: who decides which images are for training.
+        accept: called with the catalogue before any picture is made; raises where it does not suit.
         progress: told after every chunk of pictures, while they are being made.
 
     Returns:
         The data set, with its images in `cache`.
 
     Raises:
-        DataError: the source is missing or broken, has fewer than 10 images or fewer than two classes.
+        DataError: the source is missing or broken, has fewer than 10 images or fewer than two classes, cannot be
+            split as asked, or the cache has no room.
     """
-    protocol = {"split_seed": split_seed, "normalisation": normalisation, "target_scaling": target_scaling}
-    content = {"schema": CACHE_SCHEMA, "source": source.describe(), **protocol}
+    content = {
+        "schema": CACHE_SCHEMA,
+        "source": source.describe(),
+        "split": split,
+        "split_seed": split_seed,
+        "normalisation": normalisation,
+        "target_scaling": target_scaling,
+    }
     folder = cache / content_hash(content)
     if not folder.is_dir():
         catalogue = source.catalogue()
         _check(catalogue)
-        with _staged(folder) as stage:
-            images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
-            datasets.write(assemble(catalogue, images, split_seed, normalisation, target_scaling), stage)
+        if accept is not None:
+            accept(catalogue)
+        parts = split_rows(catalogue, split, split_seed)
+        targets = _targets(catalogue, parts.train, target_scaling)
+        with staged(folder) as stage:
+            if stage is not None:
+                images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
+                datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     dataset = datasets.read(folder)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
         raise DataError(f"the cached data set {folder} was changed or damaged; delete that folder and run again")
     return dataset
 
 
-def assemble(
-    catalogue: Catalogue, images: Path, split_seed: int, normalisation: Normalisation, target_scaling: TargetScaling
-) -> Dataset:
-    """Apply the protocol to labels and finished images.
-
-    Args:
-        catalogue: labels and names; its pictures are not used.
-        images: `.npy` file, uint8, shape (N, C, S, S), in the order of the labels.
-        split_seed: seed of the split.
-        normalisation: of the inputs.
-        target_scaling: of regression targets.
+def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int) -> Split:
+    """Split the rows of a catalogue as the rule says.
 
     Raises:
-        DataError: a target is constant over the training split.
+        DataError: the source has no split of its own, has too few groups, or a class would be absent from a part.
     """
+    if rule is SplitRule.release and catalogue.release is None:
+        raise DataError("data.split=release needs a recording that names its own split; set data.split=random")
+    classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
+    if rule is SplitRule.release and catalogue.release is not None:
+        parts = catalogue.release
+    else:
+        parts = random_split(len(catalogue.labels), seed, groups=catalogue.groups, classes=classes)
+    if classes is not None:
+        refuse_unbalanced(parts, classes, catalogue.names)
+    return parts
+
+
+#: Values, offset and scale of the targets, as `Dataset` has them.
+_Targets = tuple[npt.NDArray[np.float32] | npt.NDArray[np.int64], tuple[float, ...], tuple[float, ...]]
+
+
+def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: TargetScaling) -> _Targets:
+    """Scale targets; class numbers stay as they are."""
+    if catalogue.kind is Kind.classification:
+        return catalogue.labels.astype(np.int64), (), ()
+    labels = catalogue.labels.astype(np.float64)
+    offset, scale = target_scale(labels, train, scaling, catalogue.names)
+    return ((labels - np.array(offset)) / np.array(scale)).astype(np.float32), offset, scale
+
+
+def _assemble(
+    catalogue: Catalogue, images: Path, parts: Split, scaled: _Targets, normalisation: Normalisation
+) -> Dataset:
+    """Join finished images, split and targets; the inputs' statistics are the training split's."""
     pixels = np.load(images, mmap_mode="r")
-    parts = split(len(pixels), split_seed)
     mean, deviation = input_statistics(pixels, parts.train, normalisation)
-    targets, offset, scale = _targets(catalogue, parts.train, target_scaling)
+    targets, offset, scale = scaled
     facts = DataFacts(
         fingerprint="",
         kind=catalogue.kind,
@@ -127,17 +150,6 @@ def assemble(
     return datasets.with_fingerprint(unsigned)
 
 
-def _targets(
-    catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: TargetScaling
-) -> tuple[npt.NDArray[np.float32] | npt.NDArray[np.int64], tuple[float, ...], tuple[float, ...]]:
-    """Scaled targets with their offset and scale; class numbers stay as they are."""
-    if catalogue.kind is Kind.classification:
-        return catalogue.labels.astype(np.int64), (), ()
-    labels = catalogue.labels.astype(np.float64)
-    offset, scale = target_scale(labels, train, scaling, catalogue.names)
-    return ((labels - np.array(offset)) / np.array(scale)).astype(np.float32), offset, scale
-
-
 def _check(catalogue: Catalogue) -> None:
     """Refuse what the protocol cannot split or learn."""
     if len(catalogue.labels) < MINIMUM_IMAGES:
@@ -149,81 +161,27 @@ def _check(catalogue: Catalogue) -> None:
         raise DataError(f"classification needs at least two classes; got only {list(catalogue.names)}")
 
 
-@contextmanager
-def _staged(folder: Path) -> Iterator[Path]:
-    """Offer a hidden sibling to fill; on success it becomes `folder` in one step, else it is removed."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    stage = folder.with_name(f".{folder.name[:12]}-{uuid.uuid4().hex}")
-    stage.mkdir()
-    try:
-        yield stage
-        for file in stage.iterdir():
-            _sync(file)
-        _sync(stage)
-        try:
-            stage.rename(folder)  # atomic: a reader sees the whole entry or none
-        except OSError:
-            if not folder.is_dir():  # otherwise another process was first, with the same bytes
-                raise
-        _sync(folder.parent)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-
-
-def _sync(path: Path) -> None:
-    """Wait until a file or folder is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 def _make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progress | None) -> Path:
     """Make every picture and write them to one `.npy` file; return its path."""
     pictures = catalogue.pictures
-    shape = (len(pictures), 3, catalogue.image_size, catalogue.image_size)
-    np.lib.format.open_memmap(path, mode="w+", dtype=np.uint8, shape=shape).flush()
+    _new_file(path, (len(pictures), 3, catalogue.image_size, catalogue.image_size))
     starts = range(0, len(pictures), CHUNK)
     chunks = [pictures[start : start + CHUNK] for start in starts]
     faults: list[str] = []
-    with _mapper(workers if len(pictures) > FEW_PICTURES else 1) as mapper:
-        for done, found in enumerate(mapper(partial(_make_chunk, path), starts, chunks), start=1):
+    with mapper(workers, len(pictures)) as run:
+        for done, found in enumerate(run(partial(_make_chunk, path), starts, chunks), start=1):
             faults.extend(found)
-            if progress is not None:
+            if progress is not None and not faults:  # who reads "all images made" shall have them
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
     refuse("some images cannot be read", faults, "Repair or remove them.")
     return path
 
 
-@contextmanager
-def _mapper(workers: int) -> Iterator[Callable[..., Iterator[list[str]]]]:
-    """Offer `map`: the plain one, or one over fresh processes (spawned, so that they share no state with us)."""
-    if workers <= 1:
-        yield map
-        return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, initializer=_follow_parent, initargs=(os.getpid(),))
-
-    def submit(*arguments: Any) -> Iterator[list[str]]:
-        resource_tracker.ensure_running()  # else the pool would start it, which unblocks the signal again
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is ours alone
-        try:
-            return pool.map(*arguments)  # starts the workers
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-    try:
-        yield submit
-    finally:
-        pool.shutdown(cancel_futures=True)  # an interrupted search does not wait for the other pictures
-
-
-def _follow_parent(parent: int) -> None:
-    """End with the parent, even where it was killed (prctl's PR_SET_PDEATHSIG is 1)."""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it was killed before the line above
-        os._exit(1)
+def _new_file(path: Path, shape: tuple[int, ...]) -> None:
+    """Make an `.npy` file of uint8 that has all its room on the disk."""
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": shape})
+        reserve(file, file.tell() + math.prod(shape))
 
 
 def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[str]:

@@ -1,24 +1,36 @@
 """Image files as every loader reads them: decoded, upright, RGB, square, uint8; and hashed by content."""
 
 import hashlib
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image, ImageOps
 
-from tacevo.data.source import Picture
+from tacevo.data.source import Picture, refuse
 from tacevo.errors import DataError
 
 #: Changes when the same file would be decoded to other pixels.
-DECODING = "pillow-rgb-bilinear-1"
+DECODING = "pillow-rgb-bilinear-2"
+
+#: Endings of the image files that are looked for in folders, in lower case.
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
+
+#: The EXIF tag of the camera's orientation, and its values that exchange width and height.
+ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
+
+#: What Pillow raises for a file that is no image, or a damaged one.
+UNREADABLE = (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError)
 
 
 def decode(path: Path, image_size: int) -> Picture:
     """Decode one image file to a square RGB picture.
 
-    The camera's orientation note (EXIF) is obeyed; then the image is resized with Pillow's bilinear filter, which
-    averages over all source pixels when it makes an image smaller. A change of aspect is accepted.
+    The camera's orientation note (EXIF) is obeyed; then 8 bits are kept of every channel (`_to_rgb`), and the image
+    is resized by `square`.
 
     Args:
         path: a file that Pillow can read.
@@ -28,23 +40,106 @@ def decode(path: Path, image_size: int) -> Picture:
         uint8, shape (3, image_size, image_size).
 
     Raises:
-        DataError: the file is not a readable image of 8 bits per channel.
+        DataError: the file is no readable image, has transparent pixels, or values of no known full range.
     """
     try:
         with Image.open(path) as file:
-            deep = file.mode.startswith(("I", "F"))
-            upright = ImageOps.exif_transpose(file).convert("RGB")
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            upright = _to_rgb(ImageOps.exif_transpose(file))
+    except UNREADABLE as error:
         raise DataError(f"{path.parent.name}/{path.name} ({type(error).__name__})") from error
-    if deep:  # Pillow would cut such values off at 255
-        raise DataError(f"{path.parent.name}/{path.name} (more than 8 bits per channel)")
-    square = upright.resize((image_size, image_size), Image.Resampling.BILINEAR)
-    return np.ascontiguousarray(np.asarray(square, dtype=np.uint8).transpose(2, 0, 1))
+    except DataError as error:
+        raise DataError(f"{path.parent.name}/{path.name} ({error})") from error
+    return square(upright, image_size)
+
+
+def square(image: Image.Image, image_size: int) -> Picture:
+    """Resize an RGB image with Pillow's bilinear filter.
+
+    The filter averages over all source pixels when it makes an image smaller. A change of aspect is accepted.
+
+    Returns:
+        uint8, shape (3, image_size, image_size).
+    """
+    resized = image.resize((image_size, image_size), Image.Resampling.BILINEAR)
+    return np.ascontiguousarray(np.asarray(resized, dtype=np.uint8).transpose(2, 0, 1))
+
+
+def _to_rgb(image: Image.Image) -> Image.Image:
+    """Convert any image to RGB of 8 bits: grey is repeated, a palette looked up, 16-bit grey divided by 257.
+
+    Of RGB with 16 bits per channel Pillow itself keeps the high byte, which is at most one step darker.
+    """
+    if image.mode.startswith(("I", "F")):
+        return Image.fromarray(_to_8_bits(np.asarray(image))).convert("RGB")
+    if image.has_transparency_data:
+        image = image.convert("RGBA")
+        if image.getchannel("A").getextrema()[0] != 255:
+            raise DataError("has transparent pixels")
+    return image.convert("RGB")
+
+
+def _to_8_bits(grey: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Scale whole numbers of 16 bits by their full range: round(value * 255 / 65535), shape unchanged."""
+    if grey.dtype.kind == "f":
+        raise DataError("holds floating-point values, whose full range is unknown")
+    if grey.min() < 0 or grey.max() > 65_535:
+        raise DataError("holds values beyond 16 bits")
+    return ((grey.astype(np.uint32) + 128) // 257).astype(np.uint8)
+
+
+def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
+    """Find the one size that all images have once they are upright; only their headers are read.
+
+    A data set of mixed sizes is refused, because resizing would stretch each size by another factor. An orientation
+    note behind the pixels of a PNG file is not looked for.
+
+    Args:
+        files: at least one; what the user knows it by, e.g. `line 3 'a.png'`, and where it is.
+
+    Returns:
+        Width and height in pixels.
+
+    Raises:
+        DataError: files are no readable images, or differ in size.
+    """
+    sizes: list[tuple[str, tuple[int, int]]] = []
+    unreadable = []
+    for name, path in files:
+        try:
+            sizes.append((name, _upright_size(path)))
+        except UNREADABLE as error:
+            unreadable.append(f"{name} ({type(error).__name__})")
+    refuse("some images cannot be read", unreadable, "Repair or remove them.")
+    (width, height), images = Counter(size for _, size in sizes).most_common(1)[0]
+    others = [f"{name} {size[0]}x{size[1]}" for name, size in sizes if size != (width, height)]
+    refuse(
+        f"the images of a data set need one size; {images} have {width}x{height} pixels (width x height), others not",
+        others,
+        "Crop or remove these.",
+    )
+    return width, height
+
+
+def _upright_size(path: Path) -> tuple[int, int]:
+    """Read width and height from a header, as they are after the orientation note is obeyed."""
+    with Image.open(path) as file:
+        width, height = file.size
+        # The base class's method: that of PNG files decodes all pixels to look behind them. Pillow gives the size of
+        # TIFF files upright.
+        lying = file.format != "TIFF" and Image.Image.getexif(file).get(ORIENTATION) in LYING
+    return (height, width) if lying else (width, height)
 
 
 def files_hash(paths: Iterable[Path]) -> str:
-    """Hash the bytes of files, in order: SHA-256 over the SHA-256 of each, so an edited image is noticed."""
+    """Hash the bytes of files, in order: SHA-256 over the SHA-256 of each, so an edited image is noticed.
+
+    Raises:
+        DataError: a file cannot be read.
+    """
     digest = hashlib.sha256()
     for path in paths:
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
+        try:
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+        except OSError as error:
+            raise DataError(f"{path} cannot be read ({error.strerror}); see that you may read it") from error
     return digest.hexdigest()

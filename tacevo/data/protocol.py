@@ -1,45 +1,15 @@
-"""The protocol that every data set follows: split, input statistics and target scaling.
-
-Nothing here looks at the validation or test split beyond its row numbers.
-"""
+"""The numbers that inputs and targets are scaled with: exact, and of the training split only."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import Normalisation, TargetScaling
 from tacevo.errors import DataError
-from tacevo.randomness import stream
 
 #: Images whose pixels are counted at once; bounds the memory used at about 35 MB for 256 pixel images.
 BLOCK = 64
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Split:
-    """Row numbers of the three parts, int64, each in ascending order, disjoint and complete."""
-
-    train: npt.NDArray[np.int64]
-    validation: npt.NDArray[np.int64]
-    test: npt.NDArray[np.int64]
-
-
-def split(count: int, seed: int) -> Split:
-    """Split rows at random into 80 % training, 10 % validation and 10 % test.
-
-    The tenths are rounded to the nearest whole number, so the paper's 3,507 gratings give its 351 test images.
-
-    Args:
-        count: number of rows, at least 10, so that no part is empty.
-        seed: the split's own seed, apart from the run's.
-    """
-    order = stream(seed, "split").permutation(count)
-    tenth = (count + 5) // 10
-    parts = np.split(order.astype(np.int64), [count - 2 * tenth, count - tenth])
-    train, validation, test = (np.sort(part) for part in parts)  # ascending: a pass reads the file forwards
-    return Split(train=train, validation=validation, test=test)
 
 
 def input_statistics(

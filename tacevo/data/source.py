@@ -1,12 +1,13 @@
 """What every source of tactile images offers to `tacevo.data.loading`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from tacevo.data.splitting import Split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -30,17 +31,23 @@ class Catalogue:
     image_size: int
     #: One call per picture, in the order of the labels; picklable, so that worker processes can make it.
     pictures: Sequence[Callable[[], Picture]]
+    #: int64 (N,): rows with the same number were recorded together and share a part of a random split; None: no two.
+    groups: npt.NDArray[np.int64] | None = None
+    #: The split that the authors of the recording name; None where they name none.
+    release: Split | None = None
+    #: Width and height of the images before they are resized, in pixels; None where they are drawn to size.
+    recorded_size: tuple[int, int] | None = None
 
 
 class Source(Protocol):
     """Anything that images and labels can be had from."""
 
     def describe(self) -> Json:
-        """Name everything that determines the images and labels: the source's part of the cache key."""
+        """Name everything that determines the images, labels and groups: the source's part of the cache key."""
         ...
 
     def catalogue(self) -> Catalogue:
-        """List labels and pictures without making any picture."""
+        """List labels and pictures without making any picture; refuse every fault that can be seen so."""
         ...
 
 
@@ -59,3 +66,14 @@ def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
         return
     shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
     raise DataError(f"{problem} ({len(faults)} found): {shown}. {advice}")
+
+
+def repeats(named: Iterable[tuple[str, Hashable]]) -> list[str]:
+    """List the names of items whose key an earlier item has already."""
+    seen: set[Hashable] = set()
+    found = []
+    for name, key in named:
+        if key in seen:
+            found.append(name)
+        seen.add(key)
+    return found

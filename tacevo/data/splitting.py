@@ -1,0 +1,127 @@
+"""Which images are for training, for validation and for the test: by a seed, or in the order of a release.
+
+Promises: the three parts are disjoint and complete, and images that were recorded together are never in two.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tacevo.errors import DataError
+from tacevo.randomness import stream
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Split:
+    """Row numbers of the three parts, int64, each in ascending order, disjoint and complete."""
+
+    train: npt.NDArray[np.int64]
+    validation: npt.NDArray[np.int64]
+    test: npt.NDArray[np.int64]
+
+
+def random_split(
+    count: int,
+    seed: int,
+    *,
+    groups: npt.NDArray[np.int64] | None = None,
+    classes: npt.NDArray[np.int64] | None = None,
+) -> Split:
+    """Split rows at random into 80 % training, 10 % validation and 10 % test; no group is ever torn.
+
+    The tenths are rounded to the nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where
+    rows share groups, whole groups are dealt out, each class evenly, and the parts end at the group ends nearest
+    to those numbers. Where no two rows share one, there is nothing to keep together, and rows are dealt out alone.
+
+    Args:
+        count: number of rows, at least 10, so that no part is empty.
+        seed: the split's own seed, apart from the run's.
+        groups: shape (count,), equal for rows that were recorded together; None: no two were.
+        classes: shape (count,), class numbers, so that every part gets its share of each; None for regression. A
+            group counts as one of its first row's class.
+
+    Raises:
+        DataError: rows share groups, and there are fewer than three groups.
+    """
+    tenth = (count + 5) // 10
+    ends = (count - 2 * tenth, count - tenth)
+    rng = stream(seed, "split")
+    if groups is None or len(np.unique(groups)) == count:
+        return _split_at(rng.permutation(count), ends)
+    _, first, members, sizes = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
+    if len(sizes) < 3:
+        raise DataError(
+            f"a split by groups needs at least 3 groups, one for each part; got {len(sizes)}; record more groups"
+        )
+    order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
+    place_of_group = np.argsort(order)
+    rows = np.argsort(place_of_group[members], kind="stable")
+    return _split_at(rows, _group_ends(np.cumsum(sizes[order]), ends))
+
+
+def _group_ends(sums: npt.NDArray[np.int64], ends: tuple[int, int]) -> tuple[int, int]:
+    """Move the ends of the first two parts to the nearest group ends that leave every part a group.
+
+    Args:
+        sums: shape (G,), how many rows the first 1, 2, ... groups have; at least 3 groups.
+        ends: how many rows are wanted before the end of each part.
+    """
+    second = min(max(_nearest(sums, ends[1]), 2), len(sums) - 1)
+    first = min(max(_nearest(sums, ends[0]), 1), second - 1)
+    return int(sums[first - 1]), int(sums[second - 1])
+
+
+def _spread(order: npt.NDArray[np.int64], classes: npt.NDArray[np.int64] | None) -> npt.NDArray[np.int64]:
+    """Reorder a permutation so that every stretch of it holds each class in proportion."""
+    if classes is None:
+        return order
+    share, turn = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
+    for number in np.unique(classes):
+        places = np.flatnonzero(classes[order] == number)
+        share[order[places]] = (np.arange(len(places)) + 0.5) / len(places)
+        turn[order[places]] = places[0]  # classes take turns in one order, so that no stretch lacks one
+    return np.lexsort((turn, share))
+
+
+def _nearest(sums: npt.NDArray[np.int64], target: int) -> int:
+    """How many groups to take so that their rows come nearest to a number; the fewer on a tie."""
+    return int(np.argmin(np.abs(sums - target))) + 1
+
+
+def ordered_split(order: npt.NDArray[np.int64]) -> Split:
+    """Split rows in a given order: 60 % for training, then 20 % for validation, the rest for test.
+
+    Args:
+        order: the row numbers, shape (N,); the boundaries are round(0.6 N) and round(0.8 N).
+    """
+    return _split_at(order, (round(len(order) * 0.6), round(len(order) * 0.8)))
+
+
+def _split_at(order: npt.NDArray[np.int64], ends: tuple[int, int]) -> Split:
+    """Cut ordered row numbers after the training and the validation part."""
+    parts = np.split(order.astype(np.int64), ends)
+    train, validation, test = (np.sort(part) for part in parts)  # ascending: a pass reads the file forwards
+    return Split(train=train, validation=validation, test=test)
+
+
+def refuse_unbalanced(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str, ...]) -> None:
+    """Refuse a split that leaves a part without images of a class: it could be neither learnt nor measured.
+
+    Args:
+        parts: the split.
+        classes: the class number of every row, shape (N,), in [0, len(names)).
+        names: of the classes.
+
+    Raises:
+        DataError: a class is absent from a part.
+    """
+    for part in ("train", "validation", "test"):
+        present = np.bincount(classes[getattr(parts, part)], minlength=len(names))
+        absent = [name for name, images in zip(names, present, strict=True) if images == 0]
+        if absent:
+            raise DataError(
+                f"the {part} split has no images of {len(absent)} of {len(names)} classes ({', '.join(absent[:5])}); "
+                "take more images (simulated: data.images) or groups of them, leave these classes out, or try another "
+                "data.split_seed"
+            )

@@ -1,0 +1,118 @@
+"""Folders that are whole or absent: filled out of sight, flushed to the disk, then renamed.
+
+Promises: one process at a time makes a folder, and others wait for it; what a killed process left is removed by
+the next one that makes anything there; a disk without room is an error before anything is written to it.
+What it does not: it needs a file system on which `flock` works across the processes that share it.
+"""
+
+import errno
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from tacevo.errors import DataError
+
+#: A folder in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
+PART, LOCK = ".tacevo-part", ".tacevo-lock"
+
+REMEDY = "make room there, choose a folder on another disk (store.root), or lower data.image_size"
+
+#: How an operating system says that there is no room: on the disk, for this user, for one file.
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path | None]:
+    """Offer a hidden sibling to fill; on success it becomes `folder` in one step, else it is removed.
+
+    Args:
+        folder: what shall exist afterwards; its parent is made where it is absent.
+
+    Yields:
+        The folder to fill; None where another process was first, so that there is nothing left to do.
+
+    Raises:
+        DataError: the parent folder cannot be written to.
+    """
+    stage = _hidden(folder, PART)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lock = _hidden(folder, LOCK).open("w")
+    except OSError as error:
+        raise DataError(f"{folder.parent} cannot be written to ({error.strerror}); choose another folder") from error
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if folder.is_dir():
+            yield None
+            return
+        _sweep(folder.parent)
+        shutil.rmtree(stage, ignore_errors=True)
+        try:
+            stage.mkdir()
+            yield stage
+            _publish(stage, folder)
+        except OSError as error:
+            if error.errno in NO_ROOM:
+                raise DataError(f"{folder.parent} has no room ({error.strerror}); {REMEDY}") from error
+            raise
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+def reserve(file: BinaryIO, size: int) -> None:
+    """Give a file its room on the disk now, because a full disk under a memory map would kill the process.
+
+    Args:
+        file: open for writing, in a folder that `staged` offers.
+        size: in bytes.
+
+    Raises:
+        DataError: there is no room; the message names the folder and the bytes.
+    """
+    try:
+        os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        place = Path(file.name).parent.parent
+        raise DataError(
+            f"{place} has no room for {size:,} bytes of images ({error.strerror}; {shutil.disk_usage(place).free:,} "
+            f"bytes are free); {REMEDY}"
+        ) from error
+
+
+def _publish(stage: Path, folder: Path) -> None:
+    """Flush a filled folder to the disk and give it its name."""
+    for file in stage.iterdir():
+        _sync(file)
+    _sync(stage)
+    stage.rename(folder)  # atomic: a reader sees the whole folder or none
+    _sync(folder.parent)
+
+
+def _sweep(parent: Path) -> None:
+    """Remove what killed processes left: folders in the making whose lock nobody holds (ours is held already)."""
+    for stage in parent.glob(f".*{PART}"):
+        with stage.with_suffix(LOCK).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+def _hidden(folder: Path, suffix: str) -> Path:
+    return folder.with_name(f".{folder.name}{suffix}")
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file or folder is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,54 @@
+"""Pictures made by several processes at once, which end with the one that started them."""
+
+import ctypes
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from typing import Any
+
+#: Pictures that a worker makes between two reports of progress.
+CHUNK = 32
+#: Up to this many pictures are made in this process: starting others would take longer.
+FEW_PICTURES = 1_000
+
+#: Called with (pictures made, pictures in all).
+Progress = Callable[[int, int], None]
+
+
+@contextmanager
+def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Offer `map`: the plain one, or one over fresh processes (spawned, so that they share no state with us).
+
+    Args:
+        workers: processes at most.
+        pictures: how many are to be made; a few are made in this process.
+    """
+    if workers <= 1 or pictures <= FEW_PICTURES:
+        yield map
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, context, initializer=_follow_parent, initargs=(os.getpid(),))
+
+    def submit(*arguments: Any) -> Iterator[Any]:
+        resource_tracker.ensure_running()  # else the pool would start it, which unblocks the signal again
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is ours alone
+        try:
+            return pool.map(*arguments)  # starts the workers
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+    try:
+        yield submit
+    finally:
+        pool.shutdown(cancel_futures=True)  # an interrupted search does not wait for the other pictures
+
+
+def _follow_parent(parent: int) -> None:
+    """End with the parent, even where it was killed (prctl's PR_SET_PDEATHSIG is 1)."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it was killed before the line above
+        os._exit(1)

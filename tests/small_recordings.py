@@ -1,0 +1,61 @@
+"""Small recordings in every form that a loader reads, written for a test."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from tacevo.data.arrays import Arrays
+from tacevo.data.folder import Folder
+from tacevo.data.table import Table
+from tacevo.data.tacverse import TacVerse, TacVerseTask
+
+
+def save_image(path: Path, value: int, size: tuple[int, int] = (8, 8)) -> None:
+    """Save a picture of one colour; its red is the value."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new("RGB", size, (value, 10, 20)).save(path)
+
+
+def save_table(root: Path, rows: str, *, images: int = 3, header: str = "image_name, fx ,fz,note\n") -> Table:
+    """Write a table and images named 0.png, 1.png, ... into a folder."""
+    root.mkdir(parents=True, exist_ok=True)
+    (root / "labels.csv").write_text(header + rows)
+    for number in range(images):
+        save_image(root / f"{number}.png", number)
+    return Table(root=root, table="labels.csv", image_column="image_name", target_columns=("fz", "fx"), image_size=16)
+
+
+def save_folder(root: Path, *files: str) -> Folder:
+    """Save a picture under each name, which begins with its class."""
+    for number, name in enumerate(files):
+        save_image(root / name, number)
+    return Folder(root=root, image_size=16)
+
+
+def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_name,fx,fy,fz\n") -> TacVerse:
+    """Write a force set of the release with images named image_0.png, image_1.png, ..."""
+    folder = root / "Force_Regression" / "ViTacTip"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "ViTacTip.csv").write_text(header + rows)
+    for number in range(images):
+        save_image(folder / f"image_{number}.png", number)
+    return TacVerse(root=root, task=TacVerseTask.force, sensor="ViTacTip", pattern=None, image_size=16)
+
+
+def save_gratings(root: Path, *names: str) -> TacVerse:
+    """Write a grating set of the release."""
+    folder = root / "Grating_Classification" / "ViTacTip" / "Blackdot"
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(names):
+        save_image(folder / name, number % 256)
+    return TacVerse(root=root, task=TacVerseTask.grating, sensor="ViTacTip", pattern="Blackdot", image_size=16)
+
+
+def save_arrays(path: Path, **arrays: object) -> Arrays:
+    """Write an archive; what is not given is a sound set of twelve images and one value for each."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sound = {"images": np.arange(12 * 64, dtype=np.uint8).reshape(12, 8, 8), "labels": np.linspace(0, 1, 12)}
+    chosen = {name: array for name, array in {**sound, **arrays}.items() if array is not None}
+    np.savez(path, **chosen)  # type: ignore[arg-type]
+    return Arrays(root=path, image_size=16)

@@ -1,0 +1,151 @@
+"""Splits are complete and disjoint, follow their seed, tear no group apart, and leave no class out unsaid."""
+
+import hashlib
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.data.splitting import Split, ordered_split, random_split, refuse_unbalanced
+from tacevo.errors import DataError
+
+
+def sizes(parts: Split) -> tuple[int, int, int]:
+    """Count the rows of each part."""
+    return len(parts.train), len(parts.validation), len(parts.test)
+
+
+def assert_sound(parts: Split, count: int) -> None:
+    """Hold a split to what every split promises."""
+    together = np.concatenate([parts.train, parts.validation, parts.test])
+    assert sorted(together) == list(range(count))
+    assert all((np.diff(part) > 0).all() for part in (parts.train, parts.validation, parts.test))
+
+
+@given(count=st.integers(10, 5_000), seed=st.integers(0, 2**32))
+def test_split_is_complete_disjoint_and_ascending(count: int, seed: int) -> None:
+    """Every row is in exactly one part, and each part is in file order."""
+    assert_sound(random_split(count, seed), count)
+
+
+@pytest.mark.parametrize(
+    ("count", "expected"), [(10, (8, 1, 1)), (14, (12, 1, 1)), (3_000, (2_400, 300, 300)), (3_507, (2_805, 351, 351))]
+)
+def test_parts_have_the_sizes_of_the_paper(count: int, expected: tuple[int, int, int]) -> None:
+    """The paper's 3,507 gratings leave 351 test images, as its 350 of 351 correct answers say."""
+    assert sizes(random_split(count, seed=0)) == expected
+
+
+def test_split_follows_its_seed() -> None:
+    """One seed gives one split, another seed another."""
+    assert np.array_equal(random_split(100, 1).test, random_split(100, 1).test)
+    assert not np.array_equal(random_split(100, 1).test, random_split(100, 2).test)
+
+
+def test_split_of_ungrouped_rows_is_pinned() -> None:
+    """Published runs rest on these very rows."""
+    parts = random_split(3_000, 0)
+    digest = hashlib.sha256(b"".join(part.tobytes() for part in (parts.train, parts.validation, parts.test)))
+    assert digest.hexdigest()[:16] == "6788b17e3c1f8e7f"
+
+
+def test_groups_of_one_row_each_change_nothing() -> None:
+    """Where every press has one picture there is nothing to keep together; the numbers do not matter."""
+    groups = np.arange(200)[::-1] * 7
+    classes = np.arange(200) % 4
+    grouped, plain = random_split(200, 3, groups=groups, classes=classes), random_split(200, 3)
+    assert np.array_equal(grouped.train, plain.train)
+    assert np.array_equal(grouped.test, plain.test)
+
+
+@given(data=st.data(), seed=st.integers(0, 2**32))
+def test_no_group_is_torn(data: st.DataObject, seed: int) -> None:
+    """Groups of any sizes in any order stay whole, and no part is empty."""
+    groups = np.array(data.draw(st.lists(st.integers(-3, 12), min_size=10, max_size=200)))
+    if len(np.unique(groups)) < 3:
+        return
+    parts = random_split(len(groups), seed, groups=groups)
+    assert_sound(parts, len(groups))
+    assert min(sizes(parts)) > 0
+    held = [set(groups[part].tolist()) for part in (parts.train, parts.validation, parts.test)]
+    assert sum(map(len, held)) == len(set().union(*held))
+
+
+def presses(classes: int, groups: int, frames: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Number the presses and classes of a regular recording, class by class."""
+    rows = np.arange(classes * groups * frames)
+    return rows // frames, rows // (frames * groups)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_grouped_parts_are_as_near_to_the_tenths_as_groups_allow(seed: int) -> None:
+    """Seven sizes of 25 presses of 4 frames: 700 rows, so 560, and 68 or 72 for each of the others."""
+    groups, classes = presses(7, 25, 4)
+    parts = random_split(700, seed, groups=groups, classes=classes)
+    assert sizes(parts) == (560, 68, 72)
+    for part in (parts.validation, parts.test):
+        assert np.bincount(classes[part], minlength=7).min() >= 8  # two whole presses of each size
+
+
+def test_grouped_split_follows_its_seed() -> None:
+    """Another seed takes other presses."""
+    groups, classes = presses(7, 25, 4)
+    first, second = (random_split(700, seed, groups=groups, classes=classes) for seed in (0, 1))
+    assert not np.array_equal(first.test, second.test)
+
+
+def test_names_of_groups_do_not_matter_within_their_order() -> None:
+    """Groups are told apart by their numbers, and nothing is made of the gaps between them."""
+    groups, _ = presses(1, 12, 3)
+    assert np.array_equal(random_split(36, 0, groups=groups).test, random_split(36, 0, groups=groups * 100 - 7).test)
+
+
+def test_few_large_groups_still_fill_every_part() -> None:
+    """Three sessions give one for each part, although none is a tenth."""
+    assert sizes(random_split(30, 0, groups=np.arange(30) // 10)) == (10, 10, 10)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_one_huge_group_leaves_no_part_empty(seed: int) -> None:
+    """Whichever part it falls to, the others get one of the small groups each."""
+    parts = random_split(100, seed, groups=np.array([0] * 97 + [1, 2, 3]))
+    assert_sound(parts, 100)
+    assert min(sizes(parts)) >= 1
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_class_is_in_every_part_however_groups_are_numbered(seed: int) -> None:
+    """Twelve presses of each of three classes, numbered without regard to their class."""
+    groups, classes = presses(3, 12, 3)
+    numbers = np.random.Generator(np.random.Philox(0)).permutation(36)
+    parts = random_split(108, seed, groups=numbers[groups], classes=classes)
+    for part in (parts.train, parts.validation, parts.test):
+        assert np.bincount(classes[part], minlength=3).min() > 0
+
+
+def test_two_groups_are_refused() -> None:
+    """Two groups cannot fill three parts."""
+    with pytest.raises(DataError, match=r"at least 3 groups.*got 2; record more groups"):
+        random_split(20, 0, groups=np.arange(20) // 10)
+
+
+def test_ordered_split_takes_60_20_20() -> None:
+    """The release rounds both boundaries; 25 presses give 15, 5 and 5 in their order."""
+    parts = ordered_split(np.arange(25))
+    assert (parts.train.tolist(), parts.validation.tolist()) == (list(range(15)), list(range(15, 20)))
+    assert sizes(ordered_split(np.arange(11))) == (7, 2, 2)
+    assert ordered_split(np.array([9, 8, 7, 6, 5])).test.tolist() == [5]
+
+
+@pytest.mark.parametrize("part", ["train", "validation", "test"])
+def test_class_that_a_part_lacks_is_named(part: str) -> None:
+    """A class must be learnt, chosen by and measured; the message names part and class."""
+    parts = {"train": [0, 1], "validation": [2, 3], "test": [4, 5]}
+    rows = {name: np.array(numbers) for name, numbers in parts.items()}
+    classes = np.array([0, 1, 0, 1, 0, 1])
+    refuse_unbalanced(Split(**rows), classes, ("wood", "felt"))
+    classes[parts[part][1]] = 0
+    with pytest.raises(DataError, match=rf"the {part} split has no images of 1 of 2 classes \(felt\); take more"):
+        refuse_unbalanced(Split(**rows), classes, ("wood", "felt"))

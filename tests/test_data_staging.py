@@ -1,0 +1,110 @@
+"""A staged folder is whole or absent, made by one process at a time, and leaves nothing behind when that fails."""
+
+import errno
+import fcntl
+import threading
+from pathlib import Path
+
+import pytest
+
+from tacevo.data.staging import LOCK, PART, staged
+from tacevo.errors import DataError
+
+
+def visible(parent: Path) -> list[str]:
+    """Name what a reader sees."""
+    return sorted(path.name for path in parent.iterdir() if not path.name.startswith("."))
+
+
+def test_folder_appears_only_when_it_is_whole(tmp_path: Path) -> None:
+    """While it is filled nobody sees it; afterwards it has everything, and the parent is made on the way."""
+    with staged(tmp_path / "cache" / "set") as stage:
+        assert stage is not None
+        (stage / "a").write_text("half")
+        assert visible(tmp_path / "cache") == []
+        (stage / "b").write_text("whole")
+    assert {path.name: path.read_text() for path in (tmp_path / "cache" / "set").iterdir()} == {
+        "a": "half",
+        "b": "whole",
+    }
+
+
+def fill_half(folder: Path, error: type[BaseException]) -> None:
+    """Fail while a folder is filled."""
+    with staged(folder) as stage:
+        assert stage is not None
+        (stage / "a").write_text("half")
+        raise error
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, DataError])
+def test_failure_leaves_no_folder(tmp_path: Path, error: type[BaseException]) -> None:
+    """Whatever ends the filling, nothing of it stays, and the error passes."""
+    with pytest.raises(error):
+        fill_half(tmp_path / "set", error)
+    assert [path for path in tmp_path.iterdir() if path.is_dir()] == []
+
+
+def test_who_comes_second_waits_and_has_nothing_to_do(tmp_path: Path) -> None:
+    """The second maker is offered no folder, and only once the first one's is whole."""
+    offered: list[Path | None] = []
+    seen: list[bool] = []
+
+    def second() -> None:
+        with staged(tmp_path / "set") as stage:
+            offered.append(stage)
+            seen.append((tmp_path / "set" / "a").exists())
+
+    with staged(tmp_path / "set") as stage:
+        assert stage is not None
+        waiting = threading.Thread(target=second)
+        waiting.start()
+        waiting.join(0.2)
+        assert offered == []
+        (stage / "a").write_text("whole")
+    waiting.join()
+    assert (offered, seen) == ([None], [True])
+
+
+def test_leftovers_go_and_folders_in_the_making_stay(tmp_path: Path) -> None:
+    """A hidden folder whose lock is free belongs to nobody; one whose lock is held, and any other folder, is kept."""
+    for name in ("dead", "alive"):
+        (tmp_path / f".{name}{PART}").mkdir()
+        (tmp_path / f".{name}{PART}" / "images.npy").write_text("half")
+    (tmp_path / ".other").mkdir()
+    with (tmp_path / f".alive{LOCK}").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with staged(tmp_path / "set"):
+            pass
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == {f".alive{PART}", ".other", "set"}
+
+
+def test_own_leftover_is_cleared_before_it_is_filled_again(tmp_path: Path) -> None:
+    """What a killed process wrote for the same folder does not get into it."""
+    (tmp_path / f".set{PART}").mkdir()
+    (tmp_path / f".set{PART}" / "old").write_text("half")
+    with staged(tmp_path / "set") as stage:
+        assert stage is not None
+        (stage / "new").write_text("whole")
+    assert [path.name for path in (tmp_path / "set").iterdir()] == ["new"]
+
+
+def test_parent_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    """The message names what cannot be written to."""
+    (tmp_path / "file").write_text("")
+    message = r"/file cannot be written to \(File exists\); choose another folder"
+    with pytest.raises(DataError, match=message), staged(tmp_path / "file" / "set"):
+        pass
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_disk_that_fills_later_is_told_too(tmp_path: Path, number: int) -> None:
+    """The small files beside the images can be what is too much."""
+    with pytest.raises(DataError, match=rf"{tmp_path} has no room .*; make room there"), staged(tmp_path / "set"):
+        raise OSError(number, "No space left")
+
+
+def test_other_failures_of_the_system_pass_unchanged(tmp_path: Path) -> None:
+    """An error of the disk is not called a lack of room."""
+    with pytest.raises(OSError, match="broken"), staged(tmp_path / "set"):
+        raise OSError(errno.EIO, "broken")

@@ -1,0 +1,105 @@
+"""The settings of a run reach their source, and data that do not suit the task are refused before they are decoded."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
+
+from tacevo.composition import compose
+from tacevo.data.dataset import Dataset
+from tacevo.errors import ConfigError, DataError
+from tacevo.wiring import load_data
+
+
+def load(tmp_path: Path, *overrides: str) -> Dataset:
+    """Load what lies in the folder `recording` with small images."""
+    settings = [f"data.root={tmp_path / 'recording'}", f"store.root={tmp_path / 'cache'}", "data.image_size=16"]
+    return load_data(compose([*settings, *overrides]), progress=None)
+
+
+def rows_of(name: str, values: int, *, count: int = 20) -> str:
+    """Write rows of a table, each label different."""
+    numbers = [[(row * step) % count for step in (1, 3, 7)[:values]] for row in range(count)]
+    return "".join(f"{name.format(row)},{','.join(map(str, labels))}\n" for row, labels in enumerate(numbers))
+
+
+def test_every_setting_of_a_table_arrives(tmp_path: Path) -> None:
+    """Table, columns and the leave to skip come from the configuration."""
+    save_table(tmp_path / "recording", rows_of("{}.png", 3), images=15, header="picture,a,b,c\n")
+    (tmp_path / "recording" / "labels.csv").rename(tmp_path / "recording" / "forces.csv")
+    dataset = load(
+        tmp_path,
+        "data=csv",
+        "data.table=forces.csv",
+        "data.image_column=picture",
+        "data.target_columns=[c,a,b]",
+        "data.skip_missing=true",
+    )
+    assert dataset.facts.names == ("c", "a", "b")
+    assert sum(dataset.facts.counts) == 15
+
+
+def test_release_is_loaded_by_its_own_split(tmp_path: Path) -> None:
+    """`data=tacverse` alone reads the forces of the ViTacTip, 60/20/20 in their order."""
+    save_forces(tmp_path / "recording", rows_of("image_{}.png", 3), images=20)
+    dataset = load(tmp_path, "data=tacverse")
+    assert dataset.facts.names == ("Fx", "Fy", "Fz")
+    assert dataset.validation.tolist() == [12, 13, 14, 15]
+
+
+def test_sensor_and_pattern_of_a_release_arrive(tmp_path: Path) -> None:
+    """Both are folders; the classes are the sizes below them."""
+    save_gratings(tmp_path / "recording", *(f"{size}_{press}.png" for size in (0.5, 1.5) for press in range(10)))
+    parent = tmp_path / "recording" / "Grating_Classification"
+    (parent / "ViTacTip" / "Blackdot").rename(parent / "ViTacTip" / "Tran")
+    (parent / "ViTacTip").rename(parent / "TacTip")
+    overrides = ["data=tacverse", "task=grating", "task.outputs=2", "data.sensor=TacTip", "data.pattern=Tran"]
+    assert load(tmp_path, *overrides).facts.names == ("0.5 mm", "1.5 mm")
+
+
+def test_archive_is_loaded(tmp_path: Path) -> None:
+    """`data=numpy` reads the file that `data.root` names."""
+    save_arrays(tmp_path / "recording", labels=np.arange(36.0).reshape(12, 3))
+    (tmp_path / "recording.npz").rename(tmp_path / "recording")
+    assert load(tmp_path, "data=numpy").facts.counts == (10, 1, 1)
+
+
+@pytest.mark.parametrize("source", ["simulated", "tacverse"])
+def test_task_that_a_source_does_not_know_is_refused(tmp_path: Path, source: str) -> None:
+    """The message lists the tasks that it knows."""
+    message = rf"data={source} knows the tasks force, grating, hardness; got task.name=pose; choose other data"
+    with pytest.raises(ConfigError, match=message):
+        load(tmp_path, f"data={source}", "task.name=pose")
+
+
+def cut_all_images(folder: Path) -> None:
+    """Leave only the headers of images, so that any decoding fails."""
+    for path in folder.rglob("*.png"):
+        path.write_bytes(path.read_bytes()[:45])
+
+
+def test_data_that_do_not_suit_the_task_are_refused_before_decoding(tmp_path: Path) -> None:
+    """No image can be decoded, but what is told is the number of outputs or the kind of the labels."""
+    save_folder(tmp_path / "recording", *(f"{number % 2}/{number}.png" for number in range(40)))
+    cut_all_images(tmp_path / "recording")
+    with pytest.raises(ConfigError, match=r"task.outputs is 7, but the data set has 2 \(0, 1\); set task.outputs=2"):
+        load(tmp_path, "data=folder", "task=grating")
+    with pytest.raises(ConfigError, match=r"task.kind is regression, but the data set's labels are for classification"):
+        load(tmp_path, "data=folder", "task=force")
+    with pytest.raises(DataError, match=r"some images cannot be read \(40 found\)"):
+        load(tmp_path, "data=folder", "task=grating", "task.outputs=2")
+
+
+@pytest.mark.parametrize(
+    ("labels", "task"), [(np.arange(12) % 3, "force"), (np.arange(36.0).reshape(12, 3), "grating")]
+)
+def test_archive_of_the_other_kind_is_refused(
+    tmp_path: Path, labels: np.ndarray[tuple[int, ...], np.dtype[np.generic]], task: str
+) -> None:
+    """Whole numbers are no forces, and floats no classes."""
+    save_arrays(tmp_path / "recording", labels=labels)
+    (tmp_path / "recording.npz").rename(tmp_path / "recording")
+    message = r"data=numpy what the type of its labels says \(floats or whole numbers\)"
+    with pytest.raises(ConfigError, match=message):
+        load(tmp_path, "data=numpy", f"task={task}")
