@@ -22,6 +22,15 @@ examples:
   tacevo search experiment=demo seed=1        another one
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
+  tacevo data check task=grating              what a data set holds, and a contact sheet of it
+"""
+
+_DATA_EPILOG = """\
+examples:
+  tacevo data check task=force
+  tacevo data check task=force data=tacverse data.root=FOLDER
+  tacevo data show task=grating -o gratings.pdf
+  tacevo data simulate task=force n=3000 out=simulated
 """
 
 
@@ -33,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except KeyboardInterrupt:
-        print("\ninterrupted; what was computed is kept, and the same command continues", file=sys.stderr)
+        print(f"\ninterrupted; {options.interrupted}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         with contextlib.suppress(OSError):
@@ -52,8 +61,19 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+_OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
+
+
 class _Parser(argparse.ArgumentParser):
-    """A parser whose `search` command lists the choices of every config group, read only when somebody asks."""
+    """A parser whose `search` command lists the choices of every config group, read only when somebody asks.
+
+    A file of overrides (`@FILE`) may have empty lines and comments.
+    """
+
+    def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
+        """Read one line of a file of overrides."""
+        text = arg_line.strip()
+        return [] if text.startswith("#") or not text else [text]
 
     def format_help(self) -> str:
         """Write the help."""
@@ -76,14 +96,16 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
+    parser.set_defaults(interrupted="what was computed is kept, and the same command continues")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     search = commands.add_parser(
         "search",
         help="run a search, or continue one that was stopped",
         description="Run a search. The same command continues a stopped run, and repeats a finished one in seconds.",
+        fromfile_prefix_chars="@",
     )
-    search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help="GROUP=CHOICE or KEY=VALUE, as in Hydra")
+    search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
     search.set_defaults(command=_search)
 
     replay = commands.add_parser(
@@ -120,9 +142,58 @@ def _parser() -> argparse.ArgumentParser:
     track.add_argument("--uri", help="MLflow tracking URI (default: the run's own)")
     track.set_defaults(command=_track)
 
+    _add_data(commands)
+
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
     return parser
+
+
+def _add_data(commands: "argparse._SubParsersAction[_Parser]") -> None:
+    """Describe `tacevo data` and its commands."""
+    data = commands.add_parser(
+        "data",
+        help="look at a data set, or write a simulated one as files",
+        description="Look at a data set before a search, or write a simulated one as files.",
+        epilog=_DATA_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    data.set_defaults(interrupted="nothing half-made is left")
+    choices = data.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    check = choices.add_parser(
+        "check",
+        help="load a data set as a search would, count it, and draw a contact sheet",
+        description="Load a data set as a search would, count it, and draw a contact sheet. "
+        "The exit status is 1 where equal images straddle the splits.",
+        fromfile_prefix_chars="@",
+    )
+    check.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
+    check.add_argument("-o", "--output", metavar="FILE", help="the contact sheet: .png, .pdf or .svg")
+    check.add_argument("--json", action="store_true", help="the findings as one JSON object")
+    check.set_defaults(command=_data_check)
+
+    show = choices.add_parser(
+        "show",
+        help="draw a few samples with their labels, for a paper",
+        description="Draw a few samples with their labels: one of each class or level, or from the least to the most.",
+        fromfile_prefix_chars="@",
+    )
+    show.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
+    show.add_argument("-o", "--output", metavar="FILE", required=True, help="the figure: .png, .pdf or .svg")
+    show.add_argument("--width", choices=["single", "double"], default="double", help="columns of a paper")
+    show.set_defaults(command=_data_show)
+
+    simulate = choices.add_parser(
+        "simulate",
+        help="write a simulated data set as images and labels, in TacVerse's layout",
+        description="Write a simulated data set as images and labels, in TacVerse's layout; the folder is whole or "
+        "absent.",
+        fromfile_prefix_chars="@",
+    )
+    settings = "out=FOLDER, n=IMAGES, or an override: " + _OVERRIDE
+    simulate.add_argument("overrides", nargs="+", metavar="SETTING", help=settings)
+    simulate.set_defaults(command=_data_simulate)
 
 
 def _search(options: argparse.Namespace) -> int:
@@ -181,6 +252,37 @@ def _check(options: argparse.Namespace) -> int:
 
     for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
         print(line, flush=True)
+    return DONE
+
+
+def _data_check(options: argparse.Namespace) -> int:
+    import json
+
+    from rich.console import Console
+
+    from tacevo.findings import describe, report
+    from tacevo.inspecting import check
+
+    found = check(options.overrides, options.output, Console(stderr=True))
+    print(json.dumps(describe(found), indent=2) if options.json else report(found))
+    return DIFFERENT if found.survey.leaks else DONE
+
+
+def _data_show(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.inspecting import show
+
+    print(f"look: {show(options.overrides, options.output, options.width, Console(stderr=True))}")
+    return DONE
+
+
+def _data_simulate(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.inspecting import simulate
+
+    print(simulate(options.overrides, Console(stderr=True)))
     return DONE
 
 

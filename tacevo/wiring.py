@@ -52,7 +52,7 @@ def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
         ConfigError: it does not suit the task.
     """
     return load(
-        _source(config),
+        source_of(config),
         split=config.data.split,
         split_seed=config.data.split_seed,
         normalisation=config.data.normalisation,
@@ -66,7 +66,12 @@ def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
     )
 
 
-def _source(config: RunConfig) -> Source:
+def source_of(config: RunConfig) -> Source:
+    """Name where a configuration's images come from; nothing is read yet.
+
+    Raises:
+        ConfigError: the source does not know the task.
+    """
     data = config.data
     root = Path(data.root or "")
     match data.source:

@@ -123,6 +123,7 @@ def test_missing_images_are_left_out_only_where_that_is_asked_for(tmp_path: Path
         source.catalogue()
     lenient = replace(source, skip_missing=True)
     assert lenient.catalogue().labels.tolist() == [[2.0, 1.0], [6.0, 5.0]]
+    assert lenient.catalogue().skipped == 1
 
 
 def test_rows_that_are_left_out_enter_the_key(tmp_path: Path) -> None:

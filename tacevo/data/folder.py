@@ -55,6 +55,7 @@ class Folder:
             image_size=self.image_size,
             pictures=tuple(partial(decode, path, self.image_size) for path in images),
             recorded_size=common_size([(path.relative_to(self.root).as_posix(), path) for path in images]),
+            files=images,
         )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -37,6 +38,10 @@ class Catalogue:
     release: Split | None = None
     #: Width and height of the images before they are resized, in pixels; None where they are drawn to size.
     recorded_size: tuple[int, int] | None = None
+    #: The file of every picture; None where they come from no files of their own.
+    files: Sequence[Path] | None = None
+    #: How many labelled rows were left out because their image is missing.
+    skipped: int = 0
 
 
 class Source(Protocol):

@@ -38,7 +38,7 @@ class Table:
         Raises:
             DataError: the folder, the table or an image is missing, or the table is broken.
         """
-        rows = self._read()
+        rows, _ = self._read()
         return {
             "source": "table",
             "decoding": DECODING,
@@ -57,7 +57,7 @@ class Table:
             DataError: the folder, the table or an image is missing, unreadable or of another size than the rest, or
                 the table is broken.
         """
-        rows = self._read()
+        rows, skipped = self._read()
         return Catalogue(
             kind=Kind.regression,
             names=self.target_columns,
@@ -65,9 +65,11 @@ class Table:
             image_size=self.image_size,
             pictures=pictures(rows, self.image_size),
             recorded_size=common_size([(row.place, row.path) for row in rows]),
+            files=[row.path for row in rows],
+            skipped=skipped,
         )
 
-    def _read(self) -> list["Row"]:
+    def _read(self) -> tuple[list["Row"], int]:
         if not self.root.is_dir():
             raise DataError(f"data.root is no folder: {self.root}; give the folder that holds the recording")
         table = self.root / self.table
@@ -112,7 +114,7 @@ def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture
 
 def read_rows(
     table: Path, *, image_column: str, target_columns: Sequence[str], folders: Sequence[Path], skip_missing: bool
-) -> list[Row]:
+) -> tuple[list[Row], int]:
     """Read and check a whole table.
 
     Outer spaces of column names do not matter, nor does their case where no column has exactly the asked name.
@@ -125,7 +127,8 @@ def read_rows(
         skip_missing: leave out rows whose image is missing, instead of refusing the table.
 
     Returns:
-        The rows in the order of the table; every image exists and every label is finite.
+        The rows in the order of the table, of which every image exists and every label is finite; and how many were
+        left out.
 
     Raises:
         DataError: the table is no such table, or a row is faulty: all rows with the same fault are named at once.
@@ -152,7 +155,7 @@ def read_rows(
         if not math.isfinite(_number(text))
     ]
     refuse(f"{table.name} has labels that are not finite numbers", wrong, "Correct or remove these lines.")
-    return present
+    return present, len(rows) - len(present)
 
 
 def _rows(table: Path, names: Sequence[str], folders: Sequence[Path]) -> Iterator[Row]:

@@ -74,7 +74,7 @@ class TacVerse:
             frames = self._frames()
             presses = [[frame.size, frame.group, frame.frame] for frame in frames]
             return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
-        rows = self._rows()
+        rows, _ = self._rows()
         labels = [[row.path.name, list(row.labels)] for row in rows]
         return {**described, "labels": labels, "images": files_hash(row.path for row in rows)}
 
@@ -87,7 +87,7 @@ class TacVerse:
         return self._gratings() if self.task is TacVerseTask.grating else self._regression()
 
     def _regression(self) -> Catalogue:
-        rows = self._rows()
+        rows, skipped = self._rows()
         return Catalogue(
             kind=Kind.regression,
             names=OUTPUTS[self.task],
@@ -96,6 +96,8 @@ class TacVerse:
             pictures=pictures(rows, self.image_size),
             release=ordered_split(np.arange(len(rows))) if self.task is TacVerseTask.force else None,
             recorded_size=common_size([(row.place, row.path) for row in rows]),
+            files=[row.path for row in rows],
+            skipped=skipped,
         )
 
     def _gratings(self) -> Catalogue:
@@ -113,15 +115,16 @@ class TacVerse:
             groups=groups,
             release=_split_of_presses(presses, groups),
             recorded_size=common_size([(frame.path.name, frame.path) for frame in frames]),
+            files=[frame.path for frame in frames],
         )
 
-    def _rows(self) -> list[Row]:
+    def _rows(self) -> tuple[list[Row], int]:
         """Read the table in the order of the image numbers, which is that of time."""
         folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
         table = folder / f"{self.sensor}.csv"
         if not table.is_file():
             raise DataError(f"there is no table {table.name} in {folder}; it belongs beside the images")
-        rows = read_rows(
+        rows, skipped = read_rows(
             table,
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
@@ -131,7 +134,7 @@ class TacVerse:
         numbered = [row for row in rows if _number(row) is not None]
         faults = [row.place for row in rows if _number(row) is None]
         refuse(f"{table.name} names images without a number", faults, "Names end in their number, as image_12.png.")
-        return sorted(numbered, key=lambda row: (_number(row), row.name))
+        return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
 
     def _frames(self) -> list["Frame"]:
         """Find the images of all presses, ordered by size, press and frame."""

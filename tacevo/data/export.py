@@ -1,0 +1,162 @@
+"""A simulated data set as files that anybody can read: images and labels in TacVerse's layout.
+
+Promises: `tacevo.data.tacverse` reads the same images and labels back, in the same order; the folder is whole or
+absent (a kill leaves a hidden sibling, which nobody reads and anybody may delete). The layout is that of
+`tacevo.data.tacverse`, which also names the folder and the columns of each task.
+"""
+
+import csv
+import json
+import shlex
+import shutil
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.source import Catalogue, Picture
+from tacevo.data.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, TacVerseTask
+from tacevo.data.workers import CHUNK, Progress, mapper
+from tacevo.errors import ConfigError, DataError
+
+#: What the exported folders are called: the sensor, and the specimens of the gratings.
+SENSOR, PATTERN = "SimViTacTip", "Ridges"
+
+#: zlib's quickest: images with camera noise hardly get smaller with more, and take four times as long.
+COMPRESSION = 1
+
+_README = """\
+# Simulated tactile images
+
+{images} images of the task `{task}`, {size} x {size} pixels, computed by TacEvo's simulated ViTacTip. Nothing here
+was recorded with a real sensor. `simulation.json` holds every parameter; the same parameters give the same files
+under the same version of the simulator. TacEvo's licence is Apache-2.0.
+
+The layout is that of TacVerse. To search on it, with the same split as on the simulation itself:
+
+    tacevo search {overrides}
+"""
+
+
+def export(source: Simulated, out: Path, *, workers: int, progress: Progress | None = None) -> int:
+    """Write a simulated data set as PNG images and labels.
+
+    Args:
+        source: what to simulate.
+        out: the folder to make; it may exist if it is empty.
+        workers: processes that draw; 1, or a small data set, draws in this one.
+        progress: told after every chunk of images.
+
+    Returns:
+        The number of images.
+
+    Raises:
+        DataError: `out` exists and is no empty folder.
+        ConfigError: the gratings are not in ascending order, in which their classes would be read back.
+        OSError: the files cannot be written.
+    """
+    if list(source.spacings_mm) != sorted(source.spacings_mm):
+        raise ConfigError(f"an export needs data.spacings_mm in ascending order; got {list(source.spacings_mm)}")
+    catalogue = source.catalogue()
+    names = image_names(source, catalogue)
+    with _staged(out) as stage:
+        folder = stage / _place(source.task)
+        folder.mkdir(parents=True)
+        _write_images(catalogue, [folder / name for name in names], workers, progress)
+        if source.task is not SimulatedTask.grating:
+            _write_table(folder / f"{SENSOR}.csv", COLUMNS[TacVerseTask(source.task)], names, catalogue)
+        (stage / "simulation.json").write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
+        (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
+    return len(names)
+
+
+def overrides_for(source: Simulated, catalogue: Catalogue, out: Path) -> list[str]:
+    """Name the settings with which `tacevo search` reads an exported folder."""
+    gratings = [f"data.pattern={PATTERN}", f"task.outputs={len(catalogue.names)}"]
+    return [
+        f"task={source.task}",
+        "data=tacverse",
+        f"data.root={out}",
+        f"data.sensor={SENSOR}",
+        *(gratings if source.task is SimulatedTask.grating else []),
+        "data.split=random",
+        f"data.image_size={source.image_size}",
+    ]
+
+
+def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
+    """Name every image: by its number, or by size, press and frame, each press having one frame."""
+    if source.task is not SimulatedTask.grating:
+        return [f"image_{number:05d}.png" for number in range(1, len(catalogue.labels) + 1)]
+    presses = [0] * len(source.spacings_mm)
+    names = []
+    for kind in catalogue.labels.astype(np.int64):
+        presses[kind] += 1
+        size = np.format_float_positional(source.spacings_mm[kind], trim="-")
+        names.append(f"{size}_{presses[kind]:05d}_1.png")
+    return names
+
+
+def _place(task: SimulatedTask) -> Path:
+    """Find the folder of a task's images."""
+    folder = Path(FOLDERS[TacVerseTask(task)]) / SENSOR
+    return folder / PATTERN if task is SimulatedTask.grating else folder
+
+
+@contextmanager
+def _staged(out: Path) -> Iterator[Path]:
+    """Offer a hidden sibling to fill; on success it becomes `out` in one step, else it is removed.
+
+    Unlike the cache's, no lock file stays behind: this is the user's own folder.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise DataError(f"out={out} exists and is no empty folder; remove it or choose another name")
+    stage = out.absolute().with_name(f".{out.absolute().name}-{uuid.uuid4().hex[:12]}")
+    stage.mkdir(parents=True)
+    try:
+        yield stage
+        stage.rename(out)  # atomic, and refused by the system where `out` has been filled in the meantime
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _write_images(catalogue: Catalogue, paths: Sequence[Path], workers: int, progress: Progress | None) -> None:
+    """Draw and write every image."""
+    count = len(paths)
+    starts = range(0, count, CHUNK)
+    pictures = [catalogue.pictures[start : start + CHUNK] for start in starts]
+    places = [paths[start : start + CHUNK] for start in starts]
+    with mapper(workers, count) as run:
+        for done, _ in enumerate(run(_write_chunk, places, pictures), start=1):
+            if progress is not None:
+                progress(min(done * CHUNK, count), count)
+
+
+def _write_chunk(paths: Sequence[Path], pictures: Sequence[Callable[[], Picture]]) -> None:
+    """Draw and write some images."""
+    for path, picture in zip(paths, pictures, strict=True):
+        pixels = np.ascontiguousarray(picture().transpose(1, 2, 0))
+        Image.fromarray(pixels).save(path, compress_level=COMPRESSION)
+
+
+def _write_table(path: Path, columns: Sequence[str], names: Sequence[str], catalogue: Catalogue) -> None:
+    """Write the labels so that every bit of them survives."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([IMAGE_COLUMN, *columns])
+        for name, labels in zip(names, catalogue.labels.tolist(), strict=True):
+            writer.writerow([name, *map(repr, labels)])
+
+
+def _readme(source: Simulated, catalogue: Catalogue, out: Path) -> str:
+    """Say what an exported folder is."""
+    return _README.format(
+        images=len(catalogue.labels),
+        task=source.task,
+        size=source.image_size,
+        overrides=shlex.join(overrides_for(source, catalogue, Path(out.name))),
+    )

@@ -1,0 +1,130 @@
+"""`tacevo data`: looking at a data set before a search, and writing a simulated one as files."""
+
+import contextlib
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from tacevo.composition import compose, load_task
+from tacevo.config import RunConfig
+from tacevo.data.dataset import Dataset
+from tacevo.data.export import export, overrides_for
+from tacevo.data.sheet import contact_sheet, format_of, sample_figure, save
+from tacevo.data.simulator import Simulated
+from tacevo.data.survey import survey
+from tacevo.data.workers import Progress
+from tacevo.errors import ConfigError
+from tacevo.findings import Inspection
+from tacevo.progress import PlainView
+from tacevo.wiring import load_data, source_of
+
+
+def check(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
+    """Load a data set as a search would, count it and write a contact sheet.
+
+    Args:
+        overrides: as for a search.
+        output: the sheet's file; None for `contact-sheet-<fingerprint>.png` in the current folder.
+        console: where progress is shown.
+
+    Raises:
+        TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
+    """
+    sheet = None if output is None else _writable(output)
+    config = compose(overrides)
+    dataset = _load(config, console)
+    catalogue = source_of(config).catalogue()
+    path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
+    counts = " / ".join(map(str, dataset.facts.counts))
+    title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
+    save(contact_sheet(dataset, title=title), path)
+    return Inspection(
+        config=config,
+        dataset=dataset,
+        survey=survey(dataset),
+        catalogue=catalogue,
+        sheet=path,
+    )
+
+
+def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:
+    """Draw the sample pictures of a data set; return the file.
+
+    Raises:
+        TacevoError: as `check`.
+    """
+    path = _writable(output)
+    save(sample_figure(_load(compose(overrides), console), width=width), path)
+    return path
+
+
+def simulate(settings: Sequence[str], console: Console) -> str:
+    """Write a simulated data set as files.
+
+    Args:
+        settings: overrides as for a search, and two of its own: `out=FOLDER`, and `n=IMAGES` for `data.images`.
+        console: where progress is shown.
+
+    Returns:
+        What was written, and the command that reads it.
+
+    Raises:
+        TacevoError: a setting is missing or wrong, or the folder exists.
+    """
+    out, overrides = _taken_out(settings)
+    config = compose(overrides)
+    source = source_of(config)
+    if not isinstance(source, Simulated):
+        raise ConfigError(f"only simulated data can be written as files; got data={config.data.source}")
+    with _shown(console) as progress:
+        count = export(source, out, workers=config.executor.workers, progress=progress)
+    command = shlex.join(overrides_for(source, source.catalogue(), out))
+    return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
+
+
+def _load(config: RunConfig, console: Console) -> Dataset:
+    """Load a data set and see that it suits its task, as a search does."""
+    with _shown(console) as progress:
+        dataset = load_data(config, progress)
+    load_task(config, dataset.facts)
+    return dataset
+
+
+def _writable(name: str) -> Path:
+    """Check the name of a picture before any work is done for it."""
+    path = Path(name)
+    format_of(path)
+    if not path.absolute().parent.is_dir():
+        raise ConfigError(f"-o names a file in {path.parent}, which is no folder; make it first")
+    return path
+
+
+def _taken_out(settings: Sequence[str]) -> tuple[Path, list[str]]:
+    """Part `out=` from the overrides, and give `n=` its long name."""
+    outs = [setting.removeprefix("out=") for setting in settings if setting.startswith("out=")]
+    if len(outs) != 1 or not outs[0]:
+        raise ConfigError(f"out=FOLDER must say once where the files go; got {outs}")
+    others = [setting for setting in settings if not setting.startswith("out=")]
+    return Path(outs[0]), [f"data.images={own[2:]}" if own.startswith("n=") else own for own in others]
+
+
+@contextlib.contextmanager
+def _shown(console: Console) -> Iterator[Progress]:
+    """Show how many images are made: a bar with rate and time left on a terminal, one line elsewhere."""
+    if not console.is_terminal:
+        yield PlainView(console).data
+        return
+    columns = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())
+    with Bars(TextColumn("images"), BarColumn(), *columns, console=console) as bars:
+        task = bars.add_task("images", total=None, rate="", visible=False)
+
+        def told(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total, visible=True)
+            speed = bars.tasks[task].speed
+            bars.update(task, rate="" if speed is None else f"{speed:.0f}/s")
+
+        yield told

@@ -1,0 +1,192 @@
+"""`tacevo data` as a user gives it: what is found is told, every mistake is one line, and nothing half-made stays."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tacevo.app import main
+
+COMMAND = [sys.executable, "-m", "tacevo.app"]
+
+SMALL = ["task=force", "data.images=40", "data.image_size=16"]
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in a folder of the test's own."""
+    monkeypatch.chdir(tmp_path)
+
+
+def write_classes(root: Path, *, leaking: bool) -> list[str]:
+    """Write 40 different images of two classes, or 40 equal ones; return the overrides that read them."""
+    for number in range(40):
+        path = root / "ab"[number % 2] / f"{number:02d}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        image = Image.new("RGB", (20, 24), (9, 9, 9) if leaking else (number, 9, 9))
+        image.putpixel((3, 3), (200, 0, 0))
+        image.save(path)
+    return ["task=grating", "data=folder", f"data.root={root}", "task.outputs=2", "data.image_size=16"]
+
+
+def test_check_reports_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
+    """Counts, ranges with units, fingerprint and the sheet's name are told; the sheet is there."""
+    assert main(["data", "check", *SMALL]) == 0
+    out = capsys.readouterr().out
+    assert "40: 32 training, 4 validation, 4 test" in out
+    assert "Fz [N]  validation" in out
+    assert "no two images are equal" in out
+    (sheet,) = Path.cwd().glob("contact-sheet-*.png")
+    assert f"look:        {sheet.name}" in out
+    with Image.open(sheet) as image:
+        assert image.width == 2148
+
+
+def test_check_in_json_is_for_machines(capsys: pytest.CaptureFixture[str]) -> None:
+    """One object with the same facts, and nothing else on standard output."""
+    overrides = write_classes(Path("photos"), leaking=False)
+    assert main(["data", "check", *overrides, "--json", "-o", "sheet.svg"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["images"] == {"all": 40, "train": 32, "validation": 4, "test": 4}
+    assert (found["recorded_size"], found["image_size"]) == ([20, 24], 16)
+    assert [sum(part["classes"]) for part in found["parts"]] == [32, 4, 4]
+    assert found["duplicates"] == []
+    assert found["sheet"] == "sheet.svg"
+    assert (Path(found["cache"]) / "images.npy").is_file()
+
+
+def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str]) -> None:
+    """Equal images in two splits are named with their files."""
+    overrides = write_classes(Path("photos"), leaking=True)
+    assert main(["data", "check", *overrides]) == 1
+    out = capsys.readouterr().out
+    assert "1 groups of equal images; 1 of these straddle splits, which is a leak" in out
+    assert "leak: row 0 photos/a/00.png (" in out
+
+
+def test_check_tells_how_many_rows_were_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    """A table that lacks images, loaded as asked for, says so in the report and in the JSON."""
+    for number in range(20):
+        Image.new("RGB", (20, 20), (number, 9, 9)).save(f"{number}.png")
+    rows = "".join(f"{number}.png,{number},{number % 3},{number % 5}\n" for number in range(23))
+    Path("labels.csv").write_text("image,a,b,c\n" + rows)
+    settings = [
+        "data=csv",
+        "data.root=.",
+        "data.target_columns=[a,b,c]",
+        "data.image_size=16",
+        "data.skip_missing=true",
+    ]
+    assert main(["data", "check", *settings]) == 0
+    assert "left out:    3 rows whose image is missing" in capsys.readouterr().out
+    assert main(["data", "check", *settings, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["skipped"] == 3
+
+
+def test_check_uses_the_entry_of_a_search(capsys: pytest.CaptureFixture[str]) -> None:
+    """What was loaded once is not made again, and is found where a search looks."""
+    assert main(["data", "check", *SMALL]) == 0
+    assert "40 images made" in capsys.readouterr().err
+    assert main(["data", "show", *SMALL, "-o", "figure.pdf"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert captured.out == "look: figure.pdf\n"
+    assert Path("figure.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize("task", ["force", "grating", "hardness"])
+def test_printed_command_reads_the_export(task: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """What `simulate` prints works as it stands, and gives the fingerprint of the simulation."""
+    images = 350  # gratings: enough for every class in every part of the split
+    assert main(["data", "simulate", f"task={task}", f"n={images}", "out=made", "data.image_size=16"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == f"{images} images and their labels: made"
+    fingerprints = []
+    for command in (
+        second.split()[3:],
+        ["data", "check", f"task={task}", f"data.images={images}", "data.image_size=16"],
+    ):
+        assert main([*command, "--json"]) == 0
+        fingerprints.append(json.loads(capsys.readouterr().out)["fingerprint"])
+    assert fingerprints[0] == fingerprints[1]
+
+
+def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    """A file has one override a line, and may have comments and empty lines."""
+    Path("mine.txt").write_text("# a small set\n\n" + "\n".join(SMALL) + "\n")
+    assert main(["data", "check", "@mine.txt", "data.images=50", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["images"]["all"] == 50
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", "task=grating", "data=folder", "data.root=absent"], "absent"),
+        (["check", *SMALL, "task.outputs=2"], "set task.outputs=3"),
+        (["check", *SMALL, "-o", "sheet.gif"], "must end in one of .png, .pdf, .svg"),
+        (["show", *SMALL, "-o", "absent/figure.pdf"], "-o names a file in absent, which is no folder"),
+        (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
+        (["simulate", "task=force", "n=40"], "out=FOLDER must say once where the files go; got []"),
+        (["simulate", "task=force", "n=4", "out=made"], "data.images needs a value >= 10"),
+        (["simulate", "data=folder", "data.root=x", "out=made"], "only simulated data can be written as files"),
+    ],
+)
+def test_mistake_is_one_line_and_leaves_nothing(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message names the setting as it was written, and no picture or folder appears."""
+    assert main(["data", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert [path.name for path in Path.cwd().iterdir() if path.name != "cache"] == []
+
+
+def test_misfit_is_told_again_from_the_cache(capsys: pytest.CaptureFixture[str]) -> None:
+    """A data set that was loaded for one task is still refused for another."""
+    assert main(["data", "check", *SMALL]) == 0
+    assert main(["data", "check", *SMALL, "task.outputs=2"]) == 2
+    assert "set task.outputs=3" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
+    """Interrupted by a terminal while processes draw, neither a process nor a file remains."""
+    arguments = ["data", "simulate", "task=force", "n=20000", "data.image_size=64", "out=made", "executor.workers=2"]
+    making = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    deadline = time.monotonic() + 60
+    while len(list(tmp_path.glob(".made-*/*/*/*.png"))) < 100 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert making.poll() is None
+    os.killpg(making.pid, signal.SIGINT)
+    _, errors = making.communicate(timeout=60)
+    assert making.returncode == 130
+    assert errors.strip() == "interrupted; nothing half-made is left"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "listed"),
+    [(["--help"], ["data"]), (["data", "--help"], ["check", "show", "simulate"]), (["data", "check", "--help"], [])],
+)
+def test_help_is_complete_without_any_library(arguments: list[str], listed: list[str]) -> None:
+    """Help lists every command, and imports nothing that would make it slow."""
+    script = (
+        "import sys, contextlib\nfrom tacevo.app import main\n"
+        f"with contextlib.suppress(SystemExit): main({arguments})\n"
+        "print('slow:', sorted({'numpy', 'matplotlib', 'PIL', 'scipy', 'hydra', 'rich'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert "slow: []" in out
+    for command in listed:
+        assert f"    {command} " in out
+
+
+def test_search_imports_no_drawing() -> None:
+    """Only the commands that draw load Matplotlib."""
+    script = "import sys, tacevo.session\nprint('drawing:', 'matplotlib' in sys.modules)"
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert "drawing: False" in out

@@ -1,0 +1,168 @@
+"""Exported simulations: the loader reads the same tensors back, and the folder is whole or absent."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pytest
+
+from tacevo.choices import LightScene, Normalisation, TargetScaling
+from tacevo.data.dataset import Dataset
+from tacevo.data.export import PATTERN, SENSOR, export
+from tacevo.data.loading import load
+from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.source import Source
+from tacevo.data.tacverse import TacVerse, TacVerseTask
+from tacevo.data.workers import FEW_PICTURES
+from tacevo.errors import ConfigError, DataError
+
+#: Enough of each class for every part of the split.
+IMAGES = {SimulatedTask.force: 24, SimulatedTask.grating: 61, SimulatedTask.hardness: 24}
+
+
+def simulated(task: SimulatedTask, *, images: int | None = None, spacings: tuple[float, ...] = (0.3, 2.0)) -> Simulated:
+    """Describe a small simulation."""
+    return Simulated(
+        task=task,
+        images=images or IMAGES[task],
+        image_size=20,
+        seed=5,
+        sensor_seed=1,
+        light=LightScene.standard,
+        spacings_mm=spacings,
+    )
+
+
+def loaded(source: Source, cache: Path) -> Dataset:
+    """Load with the default protocol."""
+    return load(
+        source,
+        split_seed=0,
+        normalisation=Normalisation.standardise,
+        target_scaling=TargetScaling.minmax,
+        cache=cache,
+        workers=1,
+    )
+
+
+def exported(root: Path, task: SimulatedTask) -> TacVerse:
+    """Name an exported folder as a source."""
+    return TacVerse(root=root, task=TacVerseTask(task), sensor=SENSOR, pattern=PATTERN, image_size=20)
+
+
+@pytest.mark.parametrize("task", SimulatedTask)
+def test_loading_an_export_gives_the_same_tensors(task: SimulatedTask, tmp_path: Path) -> None:
+    """Images, targets, split, names and statistics are equal, hence the fingerprint."""
+    source = simulated(task)
+    export(source, tmp_path / "out", workers=1)
+    ours = loaded(source, tmp_path / "cache")
+    theirs = loaded(exported(tmp_path / "out", task), tmp_path / "cache")
+    assert np.array_equal(np.load(theirs.images), np.load(ours.images))
+    for name in ("targets", "train", "validation", "test"):
+        assert np.array_equal(getattr(theirs, name), getattr(ours, name)), name
+    assert theirs.facts == ours.facts
+
+
+def test_every_bit_of_a_label_survives(tmp_path: Path) -> None:
+    """The table holds the labels as Python writes floats, which is exact."""
+    source = simulated(SimulatedTask.force)
+    export(source, tmp_path / "out", workers=1)
+    with (tmp_path / "out" / "Force_Regression" / SENSOR / f"{SENSOR}.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert header == ["image_name", "fx", "fy", "fz"]
+    assert np.array_equal([[float(text) for text in row[1:]] for row in rows], source.catalogue().labels)
+
+
+def test_gratings_are_named_after_their_size(tmp_path: Path) -> None:
+    """Each press is a group of one frame, and no size loses a digit or becomes an exponent."""
+    source = simulated(SimulatedTask.grating, images=20, spacings=(0.00001, 1.1000000000000001, 2.0))
+    export(source, tmp_path / "out", workers=1)
+    names = {path.name for path in (tmp_path / "out" / "Grating_Classification" / SENSOR / PATTERN).iterdir()}
+    assert len(names) == 20
+    assert {"0.00001_00001_1.png", "1.1_00007_1.png", "2_00006_1.png"} <= names
+
+
+def test_export_says_what_it_is(tmp_path: Path) -> None:
+    """Parameters and a command that reads the folder lie beside the images."""
+    source = simulated(SimulatedTask.grating)
+    export(source, tmp_path / "out", workers=1)
+    assert json.loads((tmp_path / "out" / "simulation.json").read_text()) == source.describe()
+    text = (tmp_path / "out" / "README.md").read_text()
+    assert "data=tacverse data.root=out data.sensor=SimViTacTip data.pattern=Ridges task.outputs=2" in text
+
+
+def test_workers_change_no_byte(tmp_path: Path) -> None:
+    """Two processes write the files of one."""
+    source = simulated(SimulatedTask.force, images=FEW_PICTURES + 40)  # more than one process from there on
+    for workers in (1, 2):
+        assert export(source, tmp_path / "out", workers=workers) == FEW_PICTURES + 40
+        (tmp_path / "out").rename(tmp_path / str(workers))
+    files = [sorted(path for path in (tmp_path / str(number)).rglob("*") if path.is_file()) for number in (1, 2)]
+    assert len(files[0]) == FEW_PICTURES + 43
+    assert [file.read_bytes() for file in files[0]] == [file.read_bytes() for file in files[1]]
+
+
+def test_progress_counts_up_to_all_images(tmp_path: Path) -> None:
+    """Progress is told per chunk and ends with everything done."""
+    seen: list[tuple[int, int]] = []
+    source = simulated(SimulatedTask.force, images=40)
+    export(source, tmp_path / "out", workers=1, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(32, 40), (40, 40)]
+
+
+def stop(done: int, total: int) -> NoReturn:
+    """Interrupt as Ctrl-C does."""
+    raise KeyboardInterrupt
+
+
+def test_interrupted_export_leaves_nothing(tmp_path: Path) -> None:
+    """Neither the folder nor a hidden part of it."""
+    with pytest.raises(KeyboardInterrupt):
+        export(simulated(SimulatedTask.force), tmp_path / "out", workers=1, progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+def fill(out: Path) -> None:
+    """Put a file into a folder."""
+    out.mkdir()
+    (out / "mine.txt").write_text("mine")
+
+
+def make_file(out: Path) -> None:
+    """Make a file instead of a folder."""
+    out.write_text("mine")
+
+
+@pytest.mark.parametrize("occupy", [fill, make_file])
+def test_occupied_folder_is_refused_and_kept(occupy: Callable[[Path], None], tmp_path: Path) -> None:
+    """Nothing of the user's is overwritten."""
+    occupy(tmp_path / "out")
+    with pytest.raises(DataError, match="exists and is no empty folder; remove it or choose another name"):
+        export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == ["mine"]
+
+
+def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
+    """Whoever is first keeps the name."""
+    out = tmp_path / "out"
+    source = simulated(SimulatedTask.force)
+    with pytest.raises(OSError, match="not empty"):
+        export(source, out, workers=1, progress=lambda done, total: fill(out) if done == total else None)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert [path.name for path in out.iterdir()] == ["mine.txt"]
+
+
+def test_empty_folder_is_filled(tmp_path: Path) -> None:
+    """A folder made beforehand is no obstacle."""
+    (tmp_path / "out").mkdir()
+    export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    assert (tmp_path / "out" / "simulation.json").is_file()
+
+
+def test_gratings_out_of_order_are_refused(tmp_path: Path) -> None:
+    """Classes are read back in the order of their sizes, so any other order would change the labels."""
+    with pytest.raises(ConfigError, match=r"ascending order; got \[2\.0, 0\.5\]"):
+        export(simulated(SimulatedTask.grating, spacings=(2.0, 0.5)), tmp_path / "out", workers=1)

@@ -1,0 +1,243 @@
+"""Pictures for people: the right samples in the right order, equal bytes for equal data, no half-written file."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+
+from tacevo.choices import Normalisation, TargetScaling
+from tacevo.data.dataset import Dataset
+from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, unit_of
+from tacevo.data.loading import load
+from tacevo.data.sheet import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
+from tacevo.data.source import Catalogue, Picture
+from tacevo.data.survey import survey
+from tacevo.errors import ConfigError
+from tacevo.records import Json, Kind
+
+
+def grey(value: int, size: int) -> Picture:
+    """Make a picture of one grey value with one other pixel."""
+    picture = np.full((3, size, size), value, dtype=np.uint8)
+    picture[:, 0, 0] = 255 - value
+    return picture
+
+
+@dataclass(frozen=True)
+class Greys:
+    """A source of grey pictures, whose labels are given; a row's grey value is its number unless `greys` says."""
+
+    labels: tuple[tuple[float, ...], ...]
+    names: tuple[str, ...] = ("Fx", "Fz")
+    kind: Kind = Kind.regression
+    size: int = 16
+    greys: tuple[int, ...] | None = None
+
+    def describe(self) -> Json:
+        """Name the content."""
+        return {"source": "greys", "fields": repr(self)}
+
+    def catalogue(self) -> Catalogue:
+        """List the pictures."""
+        greys = self.greys or tuple(range(len(self.labels)))
+        labels = np.array(self.labels, dtype=np.float64)
+        return Catalogue(
+            kind=self.kind,
+            names=self.names,
+            labels=labels[:, 0].astype(np.int64) if self.kind is Kind.classification else labels,
+            image_size=self.size,
+            pictures=[partial(grey, value, self.size) for value in greys],
+        )
+
+
+FORCES = Greys(labels=tuple((0.03 * number, -0.1 * number) for number in range(40, 0, -1)))
+LEVELS = Greys(labels=tuple((17.5 + 2.5 * (number % 3),) for number in range(60)), names=("shore",))
+CLASSES = Greys(
+    labels=tuple((float(number % 4),) for number in range(200)), names=("a", "b", "c", "d"), kind=Kind.classification
+)
+
+
+def loaded(source: Greys, cache: Path) -> Dataset:
+    """Load with the default protocol."""
+    return load(
+        source,
+        split_seed=0,
+        normalisation=Normalisation.standardise,
+        target_scaling=TargetScaling.minmax,
+        cache=cache,
+        workers=1,
+    )
+
+
+def shown(figure: Figure) -> list[int]:
+    """List the grey values of a figure's pictures, in the order in which they were drawn."""
+    images = [child for axes in figure.axes for child in axes.get_children() if isinstance(child, AxesImage)]
+    return [int(np.asarray(image.get_array())[1, 1, 0]) for image in images]
+
+
+def written(figure: Figure) -> list[str]:
+    """List a figure's texts."""
+    return [text.get_text() for text in figure.texts]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "plain"),
+    [("Fx", "N", "Fx"), ("shear_yaw_deg", "deg", "shear yaw"), ("N", "", "N"), ("mass", "", "mass")],
+)
+def test_units_are_those_that_a_name_tells(name: str, unit: str, plain: str) -> None:
+    """A unit is read from the name, and never guessed."""
+    assert unit_of(name) == unit
+    assert plain_name(name) == plain
+
+
+def test_forces_are_ordered_by_magnitude(tmp_path: Path) -> None:
+    """Components with one unit count together; the least comes first."""
+    dataset = loaded(FORCES, tmp_path)
+    assert in_order(dataset).tolist() == list(range(39, -1, -1))
+
+
+def test_outputs_of_different_units_are_ordered_by_the_first(tmp_path: Path) -> None:
+    """Millimetres and degrees have no common magnitude."""
+    labels = tuple((float(number), 100.0 * (20 - number)) for number in range(20))
+    dataset = loaded(Greys(labels=labels, names=("depth_mm", "roll_deg")), tmp_path)
+    assert in_order(dataset).tolist() == list(range(20))
+
+
+def test_labels_come_back_in_their_units(tmp_path: Path) -> None:
+    """The scaling of the targets is undone, and outputs of one unit have equal decimals."""
+    dataset = loaded(FORCES, tmp_path)
+    assert labels_of(dataset) == pytest.approx(np.array(FORCES.labels), abs=1e-5)
+    assert texts_of(dataset)[0] == ("Fx 1.20 N", "Fz -4.00 N")
+
+
+def test_zero_has_no_sign(tmp_path: Path) -> None:
+    """A value that rounds to zero from below is written as zero."""
+    labels = tuple((-1e-9 if number == 0 else float(number),) for number in range(20))
+    assert texts_of(loaded(Greys(labels=labels, names=("Fx",)), tmp_path))[0] == ("Fx 0.0 N",)
+
+
+def test_sample_figure_shows_one_of_each_level(tmp_path: Path) -> None:
+    """Three levels give three samples, ascending, from the training split."""
+    dataset = loaded(LEVELS, tmp_path)
+    figure = sample_figure(dataset, width="single")
+    assert written(figure) == ["17.5 Shore A", "20.0 Shore A", "22.5 Shore A"]
+    assert set(shown(figure)) <= set(dataset.train.tolist())
+
+
+def test_sample_figure_shows_one_of_each_class(tmp_path: Path) -> None:
+    """Every class is there, in the order of the outputs."""
+    assert written(sample_figure(loaded(CLASSES, tmp_path), width="double")) == ["a", "b", "c", "d"]
+
+
+def test_sample_figure_goes_from_the_least_to_the_most(tmp_path: Path) -> None:
+    """The training split's extremes are the first and the last sample."""
+    dataset = loaded(FORCES, tmp_path)
+    values = shown(sample_figure(dataset, width="double"))
+    assert (values[0], values[-1]) == (dataset.train.max(), dataset.train.min())
+    assert values == sorted(values, reverse=True)
+
+
+def test_large_pictures_are_magnified(tmp_path: Path) -> None:
+    """From 96 pixels on every sample has a second picture, a third as wide in pixels."""
+    dataset = loaded(Greys(labels=LEVELS.labels, names=("shore",), size=96), tmp_path)
+    axes = sample_figure(dataset, width="single").axes
+    shapes = [np.asarray(place.images[0].get_array()).shape for place in axes]
+    assert shapes == [(96, 96, 3), (32, 32, 3)] * 3
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_figure_has_the_width_of_its_columns(width: str, tmp_path: Path) -> None:
+    """A paper's column is filled, and no picture or text leaves it."""
+    figure = sample_figure(loaded(FORCES, tmp_path), width=width)
+    assert figure.get_size_inches()[0] == WIDTHS[width]
+    for axes in figure.axes:
+        box = axes.get_position()
+        assert min(box.x0, box.y0) >= 0
+        assert max(box.x1, box.y1) <= 1
+    assert min(text.get_position()[1] for text in figure.texts) > 0
+
+
+def test_contact_sheet_names_split_and_row(tmp_path: Path) -> None:
+    """Every picture can be found again, and all splits are shown."""
+    dataset = loaded(FORCES, tmp_path)
+    texts = written(contact_sheet(dataset, title="sheet"))
+    assert texts[0] == "sheet"
+    assert {f"train {row}" for row in dataset.train} <= set(texts)
+    assert {f"test {row}" for row in dataset.test} <= set(texts)
+
+
+def test_contact_sheet_is_bounded(tmp_path: Path) -> None:
+    """However many images there are, a sheet stays a sheet."""
+    assert len(contact_sheet(loaded(CLASSES, tmp_path), title="sheet").axes) == SHEET_IMAGES
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+def test_equal_data_give_equal_bytes(ending: str, tmp_path: Path) -> None:
+    """No date and no random identifier is in the file; other data give another one."""
+    dataset = loaded(LEVELS, tmp_path / "cache")
+    for name, width in (("first", "single"), ("second", "single"), ("other", "double")):
+        save(sample_figure(dataset, width=width), tmp_path / f"{name}.{ending}")
+    first, second, other = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("first", "second", "other"))
+    assert first == second
+    assert first != other
+
+
+def test_unknown_format_is_refused(tmp_path: Path) -> None:
+    """The message lists the endings that are known."""
+    with pytest.raises(ConfigError, match=r"must end in one of \.png, \.pdf, \.svg; got 'a\.bmp'"):
+        save(Figure(), tmp_path / "a.bmp")
+
+
+def test_failed_save_leaves_the_old_picture_alone(tmp_path: Path) -> None:
+    """A figure that cannot be drawn leaves neither a part nor a changed file."""
+    path = tmp_path / "a.png"
+    path.write_text("old")
+    broken = Figure()
+    broken.text(0, 0, r"$\nonsense$")
+    with pytest.raises(ValueError, match="nonsense"):
+        save(broken, path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_survey_counts_ranges_of_each_split(tmp_path: Path) -> None:
+    """Minimum, maximum, mean and deviation are those of the labels."""
+    dataset = loaded(FORCES, tmp_path)
+    for part, rows in zip(survey(dataset).parts, (dataset.train, dataset.validation, dataset.test), strict=True):
+        column = np.array(FORCES.labels)[rows, 1]
+        found = part.ranges[1]
+        assert (part.images, found.name, found.unit) == (len(rows), "Fz", "N")
+        assert (found.minimum, found.maximum) == pytest.approx((column.min(), column.max()), abs=1e-5)
+        assert (found.mean, found.deviation) == pytest.approx((column.mean(), column.std()), abs=1e-5)
+
+
+def test_survey_counts_classes_of_each_split(tmp_path: Path) -> None:
+    """The counts of all splits add up to the classes."""
+    parts = survey(loaded(CLASSES, tmp_path)).parts
+    assert np.sum([part.classes for part in parts], axis=0).tolist() == [50, 50, 50, 50]
+
+
+def test_survey_finds_equal_images_and_which_of_them_leak(tmp_path: Path) -> None:
+    """Equal pixels in one split are duplicates; in two splits they are a leak."""
+    parts = loaded(FORCES, tmp_path)
+    greys = list(range(40))
+    greys[parts.train[1]] = greys[parts.train[0]]
+    greys[parts.test[0]] = greys[parts.train[2]]
+    found = survey(loaded(Greys(labels=FORCES.labels, greys=tuple(greys)), tmp_path))
+    within = tuple(parts.train[:2].tolist())
+    across = tuple(sorted([int(parts.test[0]), int(parts.train[2])]))
+    assert {group.rows for group in found.duplicates} == {within, across}
+    assert [group.rows for group in found.leaks] == [across]
+    assert set(found.leaks[0].parts) == {"train", "test"}
+
+
+def test_survey_finds_constant_images(tmp_path: Path) -> None:
+    """A picture of one colour is listed; one other pixel is enough not to be."""
+    dataset = loaded(FORCES, tmp_path)
+    images = np.load(dataset.images, mmap_mode="r+")
+    images[7] = np.array([1, 2, 3], dtype=np.uint8)[:, None, None]
+    assert survey(dataset).constant == (7,)
