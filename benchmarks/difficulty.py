@@ -99,7 +99,7 @@ class Training:
         torch.manual_seed(seed)
         self.network = build(source).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=1e-3, fused=True)
-        self.images = torch.from_numpy(np.load(data.images, mmap_mode="r+"))
+        self.images = torch.from_numpy(np.load(data.images, mmap_mode="c"))
         self.targets = torch.from_numpy(data.targets)
         self.mean = torch.tensor(data.mean).view(1, -1, 1, 1)
         self.deviation = torch.tensor(data.deviation).view(1, -1, 1, 1)
@@ -223,16 +223,23 @@ def main() -> None:
     simulated(options.task, options.size, options.workers)
     for result in _trained([job for job in wanted if asdict(job) not in done], options.workers):
         results.append(result)
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(json.dumps(results))
+        _write(options.out, results)
         at_ten, last = result["losses"][:SHORT][-1], result["losses"][-1]
         print(
             f"network {result['network']} seed {result['seed']}: loss {at_ten:.5f} at {SHORT}, {last:.5f} at the end; "
             f"test {headline(result):.4f}; {result['seconds']:.0f} s",
             flush=True,
         )
-    if options.networks > 1:
+    if options.networks > 1 and options.epochs > SHORT:
         print(rank_agreement([result for result in results if result["seed"] == 0]))
+
+
+def _write(path: Path, results: list[dict[str, Any]]) -> None:
+    """Replace the results in one step: hours of training stand in them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(results))
+    part.replace(path)
 
 
 def _trained(jobs: list[Job], workers: int) -> Iterator[dict[str, Any]]:

@@ -20,6 +20,7 @@ from tacevo.data.contact import (
     normal_force,
     shear_field,
     slip_limit,
+    stick_radius,
     tangential_force,
 )
 
@@ -85,9 +86,7 @@ def test_slope_is_the_derivative_of_the_displacement(reach: float, radius: float
 
 def test_no_contact_moves_nothing() -> None:
     """A contact of radius 0 leaves the skin at rest, wherever one looks."""
-    x, y = np.array([1e-6, 3.0]), np.array([0.0, 4.0])
-    assert np.array_equal(normal_field(np.hypot(x, y), 0.0, 4.0), np.zeros((2, 2)))
-    assert np.array_equal(shear_field(x, y, 0.0, (0.3, 0.1), 0.49), np.zeros((2, 2)))
+    assert np.array_equal(normal_field(np.array([1e-6, 5.0]), 0.0, 4.0), np.zeros((2, 2)))
 
 
 def test_far_field_is_that_of_a_point_force() -> None:
@@ -99,45 +98,67 @@ def test_far_field_is_that_of_a_point_force() -> None:
     )
 
 
-def test_shear_moves_the_contact_as_one_piece_and_fades_outside() -> None:
-    """Inside, the skin follows; far away it rests; along the shear it moves more than across."""
-    x, y = np.array([1e-6, 0.5, 100.0, 3.0, 0.0]), np.array([0.0, 0.5, 0.0, 0.0, 3.0])
-    along, across = shear_field(x, y, 1.0, (0.2, 0.0), 0.5)
-    assert along[:2] == pytest.approx(0.2)
-    assert across == pytest.approx(0.0)
-    assert along[2] < 0.005
-    assert 0 < along[4] < along[3] < 0.2
+def sheared(x: float, y: float, stick: float, poisson: float = 0.4) -> list[float]:
+    """Give the displacement (x, y) at one point, with a contact of 1.5 mm radius and a slip limit of 0.3 mm along x."""
+    fields = shear_field(np.array([x]), np.array([y]), 1.5, stick=stick, limit=(0.3, 0.0), poisson=poisson)
+    return [float(field[0]) for field in fields]
 
 
-def test_far_field_of_shear_is_that_of_a_point_force() -> None:
-    """Far away Q / (2 pi G r) ahead and (1 - nu) of it aside, Cerruti's solution, for nu = 0.4."""
-    poisson, shear_modulus, displacement, far = 0.4, 0.05, 0.2, 1_000.0
-    force = 8 * shear_modulus * 1.0 / (2 - poisson) * displacement
-    along, _ = shear_field(np.array([far, 0.0]), np.array([0.0, far]), 1.0, (displacement, 0.0), poisson)
+@pytest.mark.parametrize("stick", [0.0, 0.8, 1.2])
+@pytest.mark.parametrize(("x", "y"), [(2.5, 0.0), (1.2, 1.4), (0.3, 0.2), (0.0, 3.0)])
+def test_shear_is_what_the_traction_causes(x: float, y: float, stick: float) -> None:
+    """Cerruti's point forces, summed over Cattaneo and Mindlin's traction, give the same field, inside and outside."""
+    reach, poisson, shear_modulus, limit = 1.5, 0.4, 0.05, 0.3
+    friction = limit * 16 * shear_modulus * reach / (3 * (2 - poisson))  # mu F
+
+    def traction(distance: float) -> float:
+        sliding = math.sqrt(max(1 - (distance / reach) ** 2, 0))
+        sticking = stick / reach * math.sqrt(max(1 - (distance / stick) ** 2, 0)) if stick else 0.0
+        return 3 * friction / (2 * math.pi * reach**2) * (sliding - sticking)
+
+    def summed(along: bool) -> float:
+        def contribution(length: float, angle: float) -> float:
+            # In polar coordinates around the point of interest the kernel's 1 / length and the area's factor cancel.
+            cosine, sine = math.cos(angle), math.sin(angle)
+            kernel = 1 - poisson + poisson * cosine**2 if along else poisson * cosine * sine
+            return traction(math.hypot(x + length * cosine, y + length * sine)) * kernel / (2 * math.pi * shear_modulus)
+
+        return dblquad(contribution, 0, 2 * math.pi, 0, math.hypot(x, y) + reach, epsabs=1e-5, epsrel=1e-4)[0]
+
+    assert sheared(x, y, stick) == pytest.approx([summed(True), summed(False)], abs=3e-4)
+
+
+def test_sticking_disc_moves_as_one_piece_and_the_edge_lags() -> None:
+    """Within the stick radius the skin follows the indenter; towards the edge it slips back; far away it rests."""
+    stick = stick_radius(0.2, 0.3, 1.5)
+    assert [sheared(x, 0.0, stick)[0] for x in (1e-6, 0.4, 0.8)] == pytest.approx([0.2] * 3)
+    assert 0 < sheared(1.5, 0.0, stick)[0] < 0.15
+    assert sheared(100.0, 0.0, stick)[0] < 0.005
+    assert sheared(0.0, 3.0, stick)[0] < sheared(3.0, 0.0, stick)[0]
+
+
+def test_contact_without_shear_moves_nothing_sideways() -> None:
+    """A stick radius of the whole contact means that nothing was pushed."""
+    assert sheared(0.7, 0.3, stick_radius(0.0, 0.3, 1.5)) == [0.0, 0.0]
+
+
+@given(stroke=st.floats(0, 0.5))
+def test_stick_radius_follows_the_force(stroke: float) -> None:
+    """It is a (1 - Q / mu F)^(1/3), as Cattaneo and Mindlin write it, and no disc sticks once all slides."""
+    force = tangential_force(stroke, 0.3, 1.0, 0.66)
+    assert stick_radius(stroke, 0.3, 1.5) == pytest.approx(1.5 * max(1 - force / 0.66, 0) ** (1 / 3), abs=1e-6)
+
+
+@pytest.mark.parametrize("stick", [0.0, 1.0])
+def test_far_field_of_shear_is_that_of_a_point_force(stick: float) -> None:
+    """Far away Q / (2 pi G r) ahead and (1 - nu) of it aside, with the very Q of the label, whatever has slipped."""
+    poisson, shear_modulus, limit, reach, far = 0.4, 0.05, 0.3, 1.5, 1_000.0
+    friction = limit * 16 * shear_modulus * reach / (3 * (2 - poisson))
+    force = tangential_force(limit * (1 - (stick / reach) ** 2), limit, friction, 1.0)
     point = force / (2 * math.pi * shear_modulus * far)
-    assert along == pytest.approx([point, (1 - poisson) * point], rel=1e-4)
-
-
-def test_shear_is_what_the_traction_causes() -> None:
-    """Cerruti's point forces, summed over the traction q0 (1 - r^2/a^2)^-1/2 of a rigid shear, give the same field."""
-    reach, poisson, shear_modulus, moved = 1.5, 0.4, 0.05, 0.2
-    force = 8 * shear_modulus * reach / (2 - poisson) * moved
-    peak = force / (2 * math.pi * reach**2)
-    for x, y in ((2.5, 0.0), (1.2, 1.4), (0.0, 3.0)):
-
-        def summed(along: bool, x: float = x, y: float = y) -> float:
-            def contribution(polar: float, angle: float) -> float:
-                # With r = a sin(polar) the traction's singularity at the edge cancels.
-                right = x - reach * math.sin(polar) * math.cos(angle)
-                up = y - reach * math.sin(polar) * math.sin(angle)
-                far = math.hypot(right, up)
-                kernel = (1 - poisson) / far + poisson * right**2 / far**3 if along else poisson * right * up / far**3
-                return peak * reach**2 * math.sin(polar) * kernel / (2 * math.pi * shear_modulus)
-
-            return dblquad(contribution, 0, 2 * math.pi, 0, math.pi / 2, epsabs=1e-7)[0]
-
-        found = shear_field(np.array([x]), np.array([y]), reach, (moved, 0.0), poisson)
-        assert [field[0] for field in found] == pytest.approx([summed(True), summed(False)], abs=1e-5)
+    assert [sheared(far, 0.0, stick)[0], sheared(0.0, far, stick)[0]] == pytest.approx(
+        [point, (1 - poisson) * point], rel=1e-3
+    )
 
 
 @given(stroke=st.floats(0, 3), depth=st.floats(0.1, 3))

@@ -15,12 +15,12 @@ from tacevo.data.portable import Field, arctan, exp_minus
 def contact_modulus(
     modulus: float, poisson: float, other_modulus: float = math.inf, other_poisson: float = 0.0
 ) -> float:
-    """Combine two bodies' moduli: 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 (Johnson, eq. 4.6); the other may be rigid."""
+    """Combine two bodies' moduli: 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 (Johnson, section 4.2)."""
     return 1 / ((1 - poisson * poisson) / modulus + (1 - other_poisson * other_poisson) / other_modulus)
 
 
 def combined_radius(radius: float, other: float) -> float:
-    """Combine the radii of two convex surfaces in contact: 1/R = 1/R1 + 1/R2 (Johnson, eq. 4.4)."""
+    """Combine the radii of two convex surfaces in contact: 1/R = 1/R1 + 1/R2 (Johnson, section 4.2)."""
     return 1 / (1 / radius + 1 / other)
 
 
@@ -79,35 +79,53 @@ def tangential_force(displacement: float, limit: float, normal: float, friction:
     return friction * normal * (1 - sticking * math.sqrt(sticking))
 
 
-def shear_field(
-    x: Field, y: Field, contact_radius: float, shear: tuple[float, float], poisson: float
-) -> tuple[Field, Field]:
-    """Find the tangential displacement around a contact that moves sideways as one piece (Johnson, section 3.7).
+def stick_radius(displacement: float, limit: float, contact_radius: float) -> float:
+    """Find the radius within which a sheared contact still sticks: a sqrt(1 - d/limit), 0 where all of it slides.
 
-    It is uniform inside the contact and decays outside, as under a traction q0 (1 - r^2/a^2)^-1/2. Cattaneo's slip
-    at the edge is left out: it changes the field by less than the displacement's own share of slip.
+    Cattaneo and Mindlin's c = a (1 - Q / mu F)^(1/3) (Johnson, eq. 7.42), with Q expressed by the displacement.
+    """
+    return contact_radius * math.sqrt(max(1 - displacement / limit, 0.0))
+
+
+def shear_field(
+    x: Field, y: Field, contact_radius: float, *, stick: float, limit: tuple[float, float], poisson: float
+) -> tuple[Field, Field]:
+    """Find the tangential displacement around a contact that slips from its edge down to a stick radius.
+
+    The traction is friction on the whole contact, mu p(r), less the same law on the sticking disc (Johnson, section
+    7.2); each part's field is that of eqs. 3.91 and 3.92, whose sum is uniform within the sticking disc.
 
     Args:
         x: from the centre of the contact, any shape; nowhere 0 together with y.
         y: as `x`.
-        contact_radius: a >= 0; 0 is no contact.
-        shear: displacement (x, y) of the contact.
+        contact_radius: a > 0.
+        stick: c in [0, a]; a means no shear, 0 that all of the contact slides.
+        limit: displacement (x, y) of the centre at which all slides, see `slip_limit`.
         poisson: ratio nu of the skin.
 
     Returns:
         Displacement in x and in y, in the shape of `x`.
     """
     squared = x * x + y * y
-    share = contact_radius / np.maximum(np.sqrt(squared), contact_radius)
-    cosine = np.sqrt(1 - share * share)
-    common = arctan(share / (1 + cosine)) * (4 / math.pi)
-    twist = share * cosine * (poisson / ((2 - poisson) * math.pi / 2))
+    outer, inner = (_friction_field(squared, radius, poisson) for radius in (contact_radius, stick))
+    factor = 1 / (math.pi * (2 - poisson) * contact_radius * contact_radius)
+    common, twist = ((one - other) * factor for one, other in zip(outer, inner, strict=True))
     double_cosine, double_sine = (x * x - y * y) / squared, 2 * x * y / squared  # of twice the polar angle
-    along, across = shear
+    along, across = limit
     return (
         along * (common + twist * double_cosine) + across * twist * double_sine,
         across * (common - twist * double_cosine) + along * twist * double_sine,
     )
+
+
+def _friction_field(squared: Field, radius: float, poisson: float) -> tuple[Field, Field]:
+    """Field of the traction (1 - r^2/a^2)^1/2, apart from factors: its mean part, and that of twice the polar angle."""
+    area = radius * radius
+    share = radius / np.maximum(np.sqrt(squared), max(radius, 1e-12))
+    cosine = np.sqrt(1 - share * share)
+    angle, root = 2 * arctan(share / (1 + cosine)), share * cosine
+    mean = (2 - poisson) * ((2 * area - squared) * angle + squared * root)
+    return mean, (poisson / 2) * (squared * angle + (2 * area - squared) * root)
 
 
 def conforming_pressure(amplitude: float, period: float, modulus: float) -> float:
@@ -126,5 +144,8 @@ def imprint_at_depth(period: float, depth: float) -> float:
 
 
 def modulus_of_shore(shore: float) -> float:
-    """Young's modulus in MPa of a rubber of Shore A hardness 10 to 90 (Gent 1958, doi:10.5254/1.3542351)."""
+    """Young's modulus in MPa of a rubber of a Shore A hardness (Gent 1958, doi:10.5254/1.3542351).
+
+    Measured for 40 and above; below, where the specimens of the hardness task are, it is a smooth continuation.
+    """
     return 0.0981 * (56 + 7.62336 * shore) / (0.137505 * (254 - 2.54 * shore))

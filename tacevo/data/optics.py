@@ -28,7 +28,7 @@ def pixels_per_radian(size: int) -> float:
 
 
 def seen_points(size: int) -> tuple[Field, Field]:
-    """Follow each pixel's ray to the dome: the nearer intersection of a line and a sphere.
+    """Follow each pixel's ray to the dome: the intersection with a sphere that lies before the lens.
 
     Returns:
         x and y of the points, float64, shape (size, size).
@@ -57,7 +57,8 @@ def transfer(period: float, size: int) -> float:
     """Find the share of a pattern's contrast that reaches the image at the dome's centre.
 
     Gaussian blur passes exp(-2 pi^2 s^2 / l^2) of a period l, and averaging over a pixel of width p the modulus of
-    sin(pi p / l) / (pi p / l) (Goodman, Introduction to Fourier Optics, sections 6.3 and 2.4).
+    sin(pi p / l) / (pi p / l) (the Fourier transforms of both spread functions; Goodman,
+    Introduction to Fourier Optics, chapter 6).
     """
     ratio = BLUR / period
     cycles = LENS_DISTANCE / pixels_per_radian(size) / period

@@ -24,6 +24,8 @@ from tacevo.randomness import stream
 #: Radius of the dome's rim, where the skin is held, and of what is in sight of it.
 RIM_RADIUS, SIGHT_RADIUS = 20.0, 19.7
 MARKER_RINGS, MARKER_PITCH, MARKER_PIXELS = 6, 2.0, 2.75
+#: Width of a marker's soft edge, in pixels of the image at hand.
+EDGE = 0.45
 #: Length of the pins that carry the markers; a slope of the skin tilts them.
 PIN_LENGTH = 1.6
 SKIN_THICKNESS = 1.0
@@ -51,8 +53,9 @@ class Grating:
     #: Unit vector across the ridges, and the place of the first ridge, in periods.
     across: tuple[float, float]
     phase: float
-    #: How dark a groove is, in [0, 1]; the amplitude of the imprint in the skin's outside; side of the plate.
-    contrast: float
+    #: Brightness of a groove's bottom, that of a ridge being 1; amplitude of the imprint in the skin's outside; side of
+    #: the plate.
+    groove: float
     imprint: float
     side: float
 
@@ -68,8 +71,9 @@ class Press:
     #: Radius of the combined surfaces, and the skin's share in [0, 1] of the approach.
     radius: float
     share: float
-    #: Sideways displacement (x, y) of the skin.
-    shear: tuple[float, float]
+    #: Sideways displacement (x, y) of the skin at which the whole contact slides, and the radius that still sticks.
+    slip_limit: tuple[float, float]
+    stick_radius: float
     #: Grey values that a touching object adds, and the gap at which it has faded to 1/e.
     brightness: float
     fading: float
@@ -78,7 +82,15 @@ class Press:
 
 #: The sensor at rest.
 NO_CONTACT = Press(
-    x=0.0, y=0.0, contact_radius=0.0, radius=1.0, share=0.0, shear=(0.0, 0.0), brightness=0.0, fading=1.0
+    x=0.0,
+    y=0.0,
+    contact_radius=1e-6,
+    radius=1.0,
+    share=0.0,
+    slip_limit=(0.0, 0.0),
+    stick_radius=1e-6,
+    brightness=0.0,
+    fading=1.0,
 )
 
 
@@ -102,11 +114,12 @@ class Sensor:
 class _Conditions:
     """What varies from image to image beside the press."""
 
-    #: Of the light: gain, tilt over the dome's radius in x and y, direction that shades a slope.
+    #: Of the light: gain, tilt over the rim's radius in x and y, direction that shades a slope.
     gain: float
     tilt: tuple[float, float]
     light: tuple[float, float]
-    #: Grey values of the dirt; share of the light that a marker takes; deviation of the grain in grey values.
+    #: Grey values of the dirt; share of the light that a marker takes; deviation of the grain in grey values at the
+    #: reference size, of which larger pixels average more out.
     wear: float
     darkness: float
     noise: float
@@ -148,7 +161,7 @@ def picture(sensor: Sensor, press: Press, rng: np.random.Generator, scene: Light
     grey += sensor.dirt * conditions.wear
     grey += sensor.sight * _contact_light(sensor, press, conditions.light)
     grey *= 1 - conditions.darkness * _marker_cover(sensor, press, rng)
-    grey += conditions.noise * grain(rng, sensor.size)
+    grey += conditions.noise * sensor.size / REFERENCE_SIZE * grain(rng, sensor.size)
     tint = np.array(conditions.tint, dtype=np.float32)
     coloured: Field = np.clip(tint[:, None, None] * grey, 0, BRIGHTEST)
     return np.rint(coloured).astype(np.uint8)
@@ -190,36 +203,44 @@ def _contact_light(sensor: Sensor, press: Press, light: tuple[float, float]) -> 
     """Light that a contact adds: shading of the bent skin, and the object seen through it."""
     x, y = sensor.x - press.x, sensor.y - press.y
     squared = x * x + y * y
-    distance = np.maximum(np.sqrt(squared), 1e-6)
-    _, slope = normal_field(distance, press.contact_radius, press.radius)
-    slope *= press.share * _clamp(sensor.x, sensor.y)
-    shading = SHADING * slope * (light[0] * x + light[1] * y)
+    _, (slope_x, slope_y) = _bent_skin(press, sensor.x, sensor.y)
+    shading = SHADING * (light[0] * slope_x + light[1] * slope_y)
     gap = np.maximum(squared - press.contact_radius * press.contact_radius, 0) * (0.5 / press.radius)
     nearness = exp_minus(gap * (1 / press.fading))
     if press.grating is None:
         return shading + press.brightness * nearness
-    plate, wave = _ridges(press.grating, x, y, sensor.size)
+    plate, wave = _plate(press.grating, x, y), _ridges(press.grating, x, y, sensor.size)
     towards_light = light[0] * press.grating.across[0] + light[1] * press.grating.across[1]
     bent = SHADING * towards_light * _imprint_slope(press.grating, x, y)
     return shading + nearness * plate * (press.brightness * wave + bent)
 
 
-def _ridges(grating: Grating, x: Field, y: Field, size: int) -> tuple[Field, Field]:
-    """Draw a grating's plate, 1 where it is, and its brightness, 1.5 on a ridge.
+def _bent_skin(press: Press, x: Field, y: Field) -> tuple[Field, tuple[Field, Field]]:
+    """Find the skin's displacement towards the camera at points of the sensor, and its gradient (x, y)."""
+    right, down = x - press.x, y - press.y
+    distance = np.maximum(np.sqrt(right * right + down * down), 1e-6)
+    displacement, slope = normal_field(distance, press.contact_radius, press.radius)
+    clamp = _clamp(x, y)
+    inwards = press.share * displacement * (clamp > 0) * (-2 / RIM_RADIUS**2)  # the clamp's gradient, along (x, y)
+    steep = press.share * slope * clamp
+    return press.share * displacement * clamp, (steep * right + inwards * x, steep * down + inwards * y)
 
-    The pattern is a square wave's first two harmonics after blur and pixel averaging; a wider groove is darker because
-    less light leaves it.
-    """
+
+def _plate(grating: Grating, x: Field, y: Field) -> Field:
+    """Draw a grating's plate: 1 where it is, 0 elsewhere."""
     cosine_of, sine_of = grating.across
     along = np.abs(y * cosine_of - x * sine_of)
     across = np.abs(x * cosine_of + y * sine_of)
-    plate = step((grating.side / 2 - np.maximum(across, along)) * (1 / 0.12))
+    return step((grating.side / 2 - np.maximum(across, along)) * (1 / 0.12))
+
+
+def _ridges(grating: Grating, x: Field, y: Field, size: int) -> Field:
+    """Draw a grating's brightness, 1 on a ridge: a square wave's first two harmonics after blur and pixel averaging."""
     first = cosine(_periods(grating, x, y))
     third = first * (4 * first * first - 3)  # cos 3t from cos t
     first_part, third_part = (2 / math.pi * transfer(grating.period / odd, size) / odd for odd in (1, 3))
     wave = 0.5 + first_part * first - third_part * third
-    depth = grating.contrast * (1 - float(exp_minus(grating.period / 1.6)))
-    return plate, 1.5 * (1 - depth + depth * wave)
+    return grating.groove + (1 - grating.groove) * wave
 
 
 def _imprint_slope(grating: Grating, x: Field, y: Field) -> Field:
@@ -244,27 +265,41 @@ def _marker_cover(sensor: Sensor, press: Press, rng: np.random.Generator) -> npt
     pixels = np.rint(centres).astype(np.int64)[:, :, None] + window
     right, down = (pixels - centres[:, :, None]).astype(np.float32)
     radius = (MARKER_PIXELS * scale * (1 + 0.03 * lift)).astype(np.float32)
-    cover = step((radius[:, None] - np.sqrt(right * right + down * down)) * (1 / 0.45))
+    cover = step((radius[:, None] - np.sqrt(right * right + down * down)) * (1 / EDGE))
+    cover *= _thinning(sensor.size)
     column, row = np.clip(pixels, 0, sensor.size - 1)  # markers never reach the border, so nothing smears there
     total = np.zeros((sensor.size, sensor.size), dtype=np.float32)
-    np.maximum.at(total, (row, column), cover)
-    return total
+    np.add.at(total, (row, column), cover)
+    return np.minimum(total, 1)
+
+
+@lru_cache(maxsize=4)
+def _thinning(size: int) -> float:
+    """Find how much larger a marker's circle is than its soft disc at an image size, as a ratio of areas below 1.
+
+    A disc with a soft edge covers more than its circle, the more the smaller it is. With this factor a small picture
+    has as much of each marker as a large one that is averaged down.
+    """
+    radius, width = MARKER_PIXELS * size / REFERENCE_SIZE, 1e-3
+    distance = (np.arange(20_000) + 0.5) * width
+    rings = distance * step((radius - distance) / EDGE)
+    return radius * radius / (2 * width * float(np.cumsum(rings)[-1]))  # added one by one: a sum's order may differ
 
 
 def _marker_pixels(sensor: Sensor, press: Press) -> tuple[Field, Field, Field]:
     """Find column, row and lift (mm towards the camera) of every marker: shear, pin tilt, then perspective."""
     x, y = sensor.marker_x - press.x, sensor.marker_y - press.y
-    distance = np.maximum(np.sqrt(x * x + y * y), 1e-9)
     clamp = _clamp(sensor.marker_x, sensor.marker_y)
-    displacement, slope = normal_field(distance, press.contact_radius, press.radius)
-    lift = press.share * displacement * clamp
-    shear_x, shear_y = shear_field(x, y, press.contact_radius, press.shear, SKIN_POISSON)
-    # A pin tilts with the skin it stands on, so its tip moves down the slope: outwards around a contact.
-    slope_x, slope_y = press.share * slope * clamp * x, press.share * slope * clamp * y
+    lift, (slope_x, slope_y) = _bent_skin(press, sensor.marker_x, sensor.marker_y)
+    shear_x, shear_y = shear_field(
+        x, y, press.contact_radius, stick=press.stick_radius, limit=press.slip_limit, poisson=SKIN_POISSON
+    )
     if press.grating is not None:
         across = press.grating.across
-        ridge = _imprint_slope(press.grating, x, y) * (distance < press.contact_radius)
+        pressed = _plate(press.grating, x, y) * (x * x + y * y < press.contact_radius * press.contact_radius)
+        ridge = _imprint_slope(press.grating, x, y) * pressed
         slope_x, slope_y = slope_x + ridge * across[0], slope_y + ridge * across[1]
+    # A pin tilts with the skin it stands on, so its tip moves down the slope: outwards around a contact.
     moved_x = sensor.marker_x + clamp * shear_x - PIN_LENGTH * slope_x
     moved_y = sensor.marker_y + clamp * shear_y - PIN_LENGTH * slope_y
     columns, rows = project(moved_x, moved_y, lift, sensor.size)

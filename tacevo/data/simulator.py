@@ -11,6 +11,7 @@ from enum import StrEnum
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from tacevo.choices import LightScene
 from tacevo.data.contact import (
@@ -22,10 +23,11 @@ from tacevo.data.contact import (
     modulus_of_shore,
     normal_force,
     slip_limit,
+    stick_radius,
     tangential_force,
 )
 from tacevo.data.optics import DOME_RADIUS
-from tacevo.data.portable import cosine, normal, normal_number, sine
+from tacevo.data.portable import cosine, exp_minus, normal, normal_number, sine
 from tacevo.data.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
 from tacevo.errors import ConfigError
@@ -40,8 +42,9 @@ SHORE_LEVELS = (17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
 FRICTION = 0.66
 #: What the force sensor adds to a force: noise in N, and hysteresis as a share of the force.
 FORCE_NOISE, HYSTERESIS = 0.02, 0.04
-#: Yaw of a grating, as a standard deviation in radians, and how dark its grooves may be, in [0, 1].
-GRATING_YAW, GRATING_CONTRAST = 0.15, (0.8, 1.0)
+#: Of gratings: yaw as a standard deviation in radians; side of the plate, which is wider than any contact, depth of a
+#: groove, and width at which its bottom has faded to 1/e, in mm.
+GRATING_YAW, PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING = 0.15, 16.0, 0.5, 2.0
 #: Grey values by which specimens of one hardness differ, as a standard deviation.
 SPECIMEN_NOISE = 2.5
 #: Effective Young's modulus of the sensor in MPa; for hardness the stiffer of two published calibrations, because
@@ -117,6 +120,7 @@ class Simulated:
         return Catalogue(
             kind=Kind.regression,
             names=("Fx", "Fy", "Fz") if self.task is SimulatedTask.force else ("shore",),
+            units=("N", "N", "N") if self.task is SimulatedTask.force else ("Shore A",),
             labels=np.array(labels, dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures,
@@ -162,11 +166,10 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     depth, stroke = rng.uniform(0.15, 2.6), rng.uniform(0, 1.6)
     radius = combined_radius(4.0, DOME_RADIUS)
     reach = contact_radius(depth, radius)
-    modulus = SOFT_SKIN / (1 + 0.5 * (x * x + y * y) / 15**2)  # the dome is softer towards its rim
+    modulus = SOFT_SKIN * rim_softness(x, y)
     pressed = normal_force(depth, radius, contact_modulus(modulus, SKIN_POISSON))
     limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
     dragged = tangential_force(stroke, limit, pressed, FRICTION)
-    followed = min(stroke, limit)
     along_x, along_y = _direction(rng.uniform())
     press = Press(
         x=x,
@@ -174,7 +177,8 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
         contact_radius=reach,
         radius=radius,
         share=1.0,
-        shear=(followed * along_x, followed * along_y),
+        slip_limit=(limit * along_x, limit * along_y),
+        stick_radius=stick_radius(stroke, limit, reach),
         brightness=normal_number(rng, 55, 4) * (0.2 + 0.55 * depth),  # deeper, more of the rough surface touches
         fading=0.35,
     )
@@ -184,36 +188,45 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     return press, tuple(round(hysteresis * part + float(error), 4) for part, error in zip(truth, errors, strict=True))
 
 
-def _grating(rng: np.random.Generator, spacing: float) -> Press:
-    """Press a plate with ridges onto the dome, nearly upright.
+def rim_softness(x: float, y: float) -> float:
+    """Share of the skin's modulus that a contact at (x, y) meets: a dome of its kind is softer towards its rim.
 
-    Grooves are half as deep as wide, so the first harmonic of their profile has an amplitude of spacing / pi. The
-    skin follows it as far as its mean pressure goes towards closing the groove.
+    1 / (1 + 0.5 (rho / 15 mm)^2), after the sensitivity map of TacEva's ViTacTip (5 at the centre to 8 at the rim).
+    """
+    return 1 / (1 + 0.5 * (x * x + y * y) / 15**2)
+
+
+def _grating(rng: np.random.Generator, spacing: float) -> Press:
+    """Press a rigid plate with ridges onto the dome, nearly upright.
+
+    The skin follows a groove as far as its mean pressure goes towards closing it; of a square profile the amplitude
+    of the first harmonic counts, 2 / pi of its depth. A wider groove is darker, because its walls send less light back.
     """
     x, y = _position(rng, 3.0)
     depth = rng.uniform(0.5, 1.6)
     reach = contact_radius(depth, DOME_RADIUS)
     modulus = contact_modulus(SOFT_SKIN, SKIN_POISSON)
-    pressure = mean_pressure(normal_force(depth, DOME_RADIUS, modulus), reach)
-    period, amplitude = 2 * spacing, spacing / math.pi
-    conformity = min(1.0, pressure / conforming_pressure(amplitude, period, modulus))
+    pressed = normal_force(depth, DOME_RADIUS, modulus)
+    period, amplitude = 2 * spacing, 2 / math.pi * GROOVE_DEPTH
+    conformity = min(1.0, mean_pressure(pressed, reach) / conforming_pressure(amplitude, period, modulus))
     grating = Grating(
         period=period,
         across=_direction(normal_number(rng, 0, GRATING_YAW / (2 * math.pi))),
         phase=rng.uniform(),
-        contrast=rng.uniform(*GRATING_CONTRAST),
+        groove=float(exp_minus(spacing / GROOVE_FADING)),
         imprint=amplitude * conformity,
-        side=12.0,
+        side=PLATE_SIDE,
     )
-    sideways = normal(rng, 0.15, (2,))
+    slid, stick = _slid(normal(rng, 0.15, (2,)), pressed, reach, SOFT_SKIN)
     return Press(
         x=x,
         y=y,
         contact_radius=reach,
         radius=DOME_RADIUS,
-        share=0.6,
-        shear=(float(sideways[0]), float(sideways[1])),
-        brightness=normal_number(rng, 55, 4),
+        share=1.0,
+        slip_limit=slid,
+        stick_radius=stick,
+        brightness=normal_number(rng, 50, 3),
         fading=0.5,
         grating=grating,
     )
@@ -225,20 +238,33 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     x, y = _position(rng, 2.0)
     depth = rng.uniform(1.3, 1.9)
     radius = combined_radius(8.0, DOME_RADIUS)
+    reach = contact_radius(depth, radius)
     rigid = contact_modulus(STIFF_SKIN, SKIN_POISSON)
-    share = contact_modulus(STIFF_SKIN, SKIN_POISSON, modulus_of_shore(shore), SKIN_POISSON) / rigid
-    sideways = normal(rng, 0.1, (2,))
+    both = contact_modulus(STIFF_SKIN, SKIN_POISSON, modulus_of_shore(shore), SKIN_POISSON)
+    slid, stick = _slid(normal(rng, 0.1, (2,)), normal_force(depth, radius, both), reach, STIFF_SKIN)
     press = Press(
         x=x,
         y=y,
-        contact_radius=contact_radius(depth, radius),
+        contact_radius=reach,
         radius=radius,
-        share=share,
-        shear=(float(sideways[0]), float(sideways[1])),
+        share=both / rigid,
+        slip_limit=slid,
+        stick_radius=stick,
         brightness=40 + 3.2 * (shore - SHORE_LEVELS[0]) + normal_number(rng, 0, SPECIMEN_NOISE),
         fading=0.25,
     )
     return press, (shore,)
+
+
+def _slid(
+    sideways: npt.NDArray[np.float64], pressed: float, reach: float, modulus: float
+) -> tuple[tuple[float, float], float]:
+    """Shear a contact by a displacement (x, y) in mm; give its slip limit in that direction, and its stick radius."""
+    along_x, along_y = (float(part) for part in sideways)
+    displacement = math.sqrt(along_x * along_x + along_y * along_y)
+    limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
+    stretch = limit / max(displacement, 1e-9)
+    return (along_x * stretch, along_y * stretch), stick_radius(displacement, limit, reach)
 
 
 def _position(rng: np.random.Generator, reach: float) -> tuple[float, float]:
