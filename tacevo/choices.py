@@ -31,6 +31,7 @@ class Provider(StrEnum):
 
     grammar = "grammar"
     anthropic = "anthropic"
+    openai = "openai"
 
 
 class BoundsRule(StrEnum):

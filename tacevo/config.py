@@ -26,13 +26,17 @@ from tacevo.choices import (
     Tracking,
 )
 from tacevo.errors import ConfigError
-from tacevo.records import Json, Kind, Loss, Mode
+from tacevo.records import Delivery, Json, Kind, Loss, Mode
 
 
 def _require(holds: bool, key: str, expected: str, got: object) -> None:
     """Refuse an impossible value by the key that the user wrote."""
     if not holds:
         raise ConfigError(f"{key} needs {expected}; got {got!r}")
+
+
+#: Sampling settings that reach a request only where they are set.
+OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
 
 
 def _is_positive(value: float) -> bool:
@@ -141,6 +145,18 @@ class LLMConfig:
     concurrency: int
     #: Grammar: the part of its answers that carries a fault real models make.
     slip_rate: float
+    #: `batch`: a generation as one Message Batch of `llm=anthropic`.
+    delivery: Delivery = Delivery.direct
+    #: Further sampling settings; what is null or empty is not sent.
+    top_p: float | None = None
+    top_k: int | None = None
+    stop_sequences: list[str] = field(default_factory=list)
+    #: Tokens of `max_tokens` that the model may think with before it answers.
+    thinking_tokens: int | None = None
+    #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.
+    budget_usd: float | None = None
+    #: The price table: a file below conf/, or absolute.
+    prices: str = "prices.yaml"
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -148,6 +164,24 @@ class LLMConfig:
         _require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
         _require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
         _require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
+        self._check_sampling()
+        batches = self.delivery is Delivery.direct or self.provider is Provider.anthropic
+        _require(batches, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
+        budget = self.budget_usd
+        sound = budget is None or 0 <= budget < math.inf
+        _require(sound, "llm.budget_usd", "a finite value >= 0, or null", budget)
+
+    def _check_sampling(self) -> None:
+        top_p, top_k, thinking = self.top_p, self.top_k, self.thinking_tokens
+        _require(top_p is None or 0 < top_p <= 1, "llm.top_p", "a value in (0, 1], or null", top_p)
+        _require(top_k is None or top_k >= 1, "llm.top_k", "a value >= 1, or null", top_k)
+        _require(all(self.stop_sequences), "llm.stop_sequences", "texts that are not empty", self.stop_sequences)
+        fits = thinking is None or 1 <= thinking < self.max_tokens
+        _require(fits, "llm.thinking_tokens", f"a value from 1 to below llm.max_tokens={self.max_tokens}", thinking)
+        if self.provider is Provider.grammar:
+            for key in OPTIONAL_SAMPLING:
+                value = getattr(self, key)
+                _require(not value, f"llm.{key}", "null or [] for llm=grammar, which has no such setting", value)
 
 
 @dataclass(kw_only=True)
@@ -214,12 +248,16 @@ class ProposalsConfig:
     parents: ParentPolicy
     #: With `parents=best`: how many of the best elites are parents.
     best: int
+    #: How often an answer that the gate turned away goes back with the reason; the paper discards it.
+    repair_attempts: int = 0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         p_m = self.mutation_probability
         _require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
         _require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
+        attempts = self.repair_attempts
+        _require(attempts >= 0, "proposals.repair_attempts", "a value >= 0", attempts)
 
 
 @dataclass(kw_only=True)
@@ -351,11 +389,15 @@ def identity(config: RunConfig) -> dict[str, Json]:
 
     The number of generations is left out, so that a longer run begins with the very lines of a shorter one;
     data enter by their fingerprint, task files by their text; where a run is computed and written, and how it
-    is watched, does not enter.
+    is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
+    stays the run it was.
     """
     whole: dict[str, Any] = asdict(config)
     chosen = {key: whole[key] for key in ("seed", "archive", "temperature", "prompts", "proposals", "training", "gate")}
     chosen["search"] = {key: whole["search"][key] for key in ("candidates", "initial")}
     chosen["llm"] = {key: whole["llm"][key] for key in ("provider", "model", "max_tokens", "slip_rate")}
+    chosen["llm"] |= {key: whole["llm"][key] for key in OPTIONAL_SAMPLING if whole["llm"][key]}
+    if not config.proposals.repair_attempts:
+        del chosen["proposals"]["repair_attempts"]
     chosen["numerics"] = whole["numerics"]["kind"]
     return chosen

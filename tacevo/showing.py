@@ -23,7 +23,7 @@ def show_run(path: Path) -> str:
     with directory.believed():
         finished = bool(lines) and run["digest"] == lines[-1]["hash"]
         state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
-        return f"{summarise(run, lines, directory.read_elites())}\n{state}\n"
+        return f"{summarise(run, lines, directory.read_elites(), directory.read_spending())}\n{state}\n"
 
 
 def show_candidate(path: Path, name: str) -> str:

@@ -20,6 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tacevo.costs import Spending
 from tacevo.ledger import Ledger
 from tacevo.records import Json
 from tacevo.store import write_durably
@@ -29,6 +30,7 @@ from tacevo.tracking.entries import (
     candidate_measures,
     candidate_params,
     config_params,
+    cost_measures,
     generation_measures,
     shorten,
     without_password,
@@ -545,3 +547,23 @@ def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     assert "goes on by itself" in str(mirror.finish(0))
     assert mirror.finish(PATIENCE) is None
     assert contents(uri)["parent"][1] == "FINISHED"
+
+
+def test_cost_of_a_candidate_and_of_its_generation_reach_mlflow(tmp_path: Path) -> None:
+    """Tokens and dollars come from timings.jsonl, for each candidate and added up for the generation."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=20, usd=0.5)
+    assert cost_measures(spent, 3) == tuple(
+        Measure(key=key, value=value, step=3)
+        for key, value in (("answers", 1.0), ("input_tokens", 10.0), ("output_tokens", 20.0), ("usd", 0.5))
+    )
+    unpriced = cost_measures(Spending(answers=1, input_tokens=10, output_tokens=20, unpriced=1), 0)
+    assert "usd" not in {measure.key for measure in unpriced}
+    assert cost_measures(Spending(), 0) == ()
+
+
+def test_repairs_are_shown_apart() -> None:
+    """A repaired candidate says how often it was sent back, and a generation how many trained after that."""
+    line = {**MUTATION, "repairs": [{"answer": "0", "stage": "probe", "reason": "bad_output"}]}
+    assert candidate_params(line, INSTRUCTIONS)["repairs"] == "1"
+    measures = {measure.key: measure.value for measure in generation_measures({**SECOND_GENERATION, "repaired": 2})}
+    assert measures["repaired"] == 2
