@@ -1,4 +1,4 @@
-"""Promise: what answers cost is added up from the prices recorded beside them; a price that is unknown is said to be."""
+"""Promise: costs are added up from the prices recorded beside the answers; an unknown price is said to be unknown."""
 
 import pytest
 from hypothesis import given
