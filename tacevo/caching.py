@@ -1,5 +1,7 @@
 """`tacevo cache ls | verify | explain`: what lies in the stores, whether it is sound, and how two requests differ."""
 
+from __future__ import annotations
+
 import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,6 +34,26 @@ class Found:
     bytes: int
 
 
+_NOTHING = Spending()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tally:
+    """Files of one kind and model."""
+
+    entries: int = 0
+    bytes: int = 0
+    spent: Spending = _NOTHING
+
+    def plus(self, other: Tally) -> Tally:
+        """Add up."""
+        return Tally(
+            entries=self.entries + other.entries,
+            bytes=self.bytes + other.bytes,
+            spent=total([self.spent, other.spent]),
+        )
+
+
 def scan(root: Path, kinds: Sequence[str] = KINDS) -> Iterator[Found]:
     """Read every file of the stores, in the order of kinds and names; what a killed writer left is passed over."""
     for kind in kinds:
@@ -53,12 +75,12 @@ def list_stores(root: Path, *, kind: str | None, model: str | None) -> str:
     """
     _insist(root)
     chosen = KINDS if kind is None else (kind,)
-    groups: dict[tuple[str, str], list[Found]] = defaultdict(list)
+    groups: dict[tuple[str, str], Tally] = defaultdict(Tally)
     for found in scan(root, chosen if model is None else ("completions",)):
         name = _model(found)
         if model is None or model in name:
-            groups[found.kind, name].append(found)
-    rows = [_row(*key, members) for key, members in sorted(groups.items())]
+            groups[found.kind, name] = groups[found.kind, name].plus(_tallied(found))
+    rows = [_row(*key, tally) for key, tally in sorted(groups.items())]
     header = ["kind", "model", "entries", "size", "input tokens", "output tokens", "cost"]
     return table(header, rows) if rows else f"no such entries in {root}"
 
@@ -73,8 +95,8 @@ def verify(root: Path) -> tuple[list[str], int]:
         StoreError: there is no such folder.
     """
     _insist(root)
-    files = list(scan(root))
-    return [found.problem for found in files if found.problem], len(files)
+    problems = [found.problem for found in scan(root)]  # the entries themselves would fill the memory
+    return [problem for problem in problems if problem], len(problems)
 
 
 def explain(root: Path, what: str) -> str:
@@ -130,19 +152,18 @@ def _model(found: Found) -> str:
     return str(found.entry["request"]["model"]) if found.kind == "completions" else ""
 
 
-def _row(kind: str, model: str, members: Sequence[Found]) -> list[str]:
-    size = f"{sum(found.bytes for found in members) / 1e6:.2f} MB"
-    spent = _spent(kind, members)
+def _tallied(found: Found) -> Tally:
+    """Count one file; only completions cost money."""
+    spent = Spending()
+    if found.kind == "completions" and found.entry is not None:
+        spent = spending_on([Completion.from_json(found.entry["answer"])])
+    return Tally(entries=1, bytes=found.bytes, spent=spent)
+
+
+def _row(kind: str, model: str, tally: Tally) -> list[str]:
+    spent = tally.spent
     tokens = [f"{spent.input_tokens:,}", f"{spent.output_tokens:,}", usd(spent)] if spent.answers else ["", "", ""]
-    return [kind, model, str(len(members)), size, *tokens]
-
-
-def _spent(kind: str, members: Sequence[Found]) -> Spending:
-    """Add up what completions cost; other kinds cost no money."""
-    if kind != "completions":
-        return Spending()
-    sound = [found.entry for found in members if found.entry is not None]
-    return total([spending_on(Completion.from_json(entry["answer"]) for entry in sound)])
+    return [kind, model, str(tally.entries), f"{tally.bytes / 1e6:.2f} MB", *tokens]
 
 
 def _entry(root: Path, prefix: str) -> Found:

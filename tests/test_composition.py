@@ -317,3 +317,16 @@ def test_data_of_the_wrong_kind_are_refused(task: str, kind: Kind) -> None:
     config = compose([f"task={task}"])
     with pytest.raises(ConfigError, match=f"the data set's labels are for {kind}; data=csv gives regression"):
         load_task(config, replace(facts_of(config), kind=kind))
+
+
+def test_configuration_of_an_older_run_is_read() -> None:
+    """A run.json from before there were prices, budgets and repairs stands for a run without them."""
+    plain = to_plain(composed())
+    later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
+    older = {
+        **plain,
+        "llm": {key: value for key, value in plain["llm"].items() if key not in later},
+        "proposals": {key: value for key, value in plain["proposals"].items() if key != "repair_attempts"},
+    }
+    assert set(older["llm"]) < set(plain["llm"])
+    assert from_plain(older) == composed()

@@ -3,6 +3,7 @@
 The real SDK talks to a server in this process; the searches are real, and as small as they can be.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -151,6 +152,10 @@ def test_repaired_run_is_replayed(folder: Path, capsys: pytest.CaptureFixture[st
     assert digest(capsys.readouterr().out) == digest(recorded)
     assert main(["replay", "run"]) == 0
     assert digest(capsys.readouterr().out) == digest(recorded)
+    lines = map(json.loads, (folder / "run" / "ledger.jsonl").read_text().splitlines())
+    sent_back = next(line["id"] for line in lines if "repairs" in line)
+    assert main(["show", "run", sent_back]) == 0
+    assert "Answers that were sent back before this one: 1 (extract: no_class)" in capsys.readouterr().out
 
 
 def test_model_of_unknown_price_has_no_budget(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,7 +22,8 @@ from hypothesis import strategies as st
 
 from tacevo.costs import Spending
 from tacevo.ledger import Ledger
-from tacevo.records import Json
+from tacevo.records import Json, to_json
+from tacevo.rundir import RunDirectory
 from tacevo.store import write_durably
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
@@ -549,8 +550,21 @@ def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     assert contents(uri)["parent"][1] == "FINISHED"
 
 
-def test_cost_of_a_candidate_and_of_its_generation_reach_mlflow(tmp_path: Path) -> None:
-    """Tokens and dollars come from timings.jsonl, for each candidate and added up for the generation."""
+def test_cost_of_candidates_and_of_their_generation_reach_mlflow(run_dir: Path, uri: str) -> None:
+    """What timings.jsonl says of each candidate is on its run, and the sum on the search's, at its generation."""
+    for name, dollars in (("g00s01", 0.25), ("g00s02", 0.5)):
+        RunDirectory(run_dir).add_timing({"id": name, **to_json(Spending(answers=1, input_tokens=10, usd=dollars))})
+    mirror_once(run_dir, uri)
+    client, parent, nested = open_store(uri)
+    assert nested["g00s01"].data.metrics["usd"] == 0.25
+    assert "usd" not in nested["g00s00"].data.metrics
+    (point,) = client.get_metric_history(parent.info.run_id, "usd")
+    assert (point.step, point.value) == (0, 0.75)
+    assert parent.data.metrics["input_tokens"] == 20
+
+
+def test_cost_without_answers_or_price_is_absent() -> None:
+    """Nothing is shown as a cost of zero that is none."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=20, usd=0.5)
     assert cost_measures(spent, 3) == tuple(
         Measure(key=key, value=value, step=3)
