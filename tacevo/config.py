@@ -167,9 +167,8 @@ class LLMConfig:
         self._check_sampling()
         batches = self.delivery is Delivery.direct or self.provider is Provider.anthropic
         _require(batches, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
-        budget = self.budget_usd
-        sound = budget is None or 0 <= budget < math.inf
-        _require(sound, "llm.budget_usd", "a finite value >= 0, or null", budget)
+        sound = self.budget_usd is None or 0 <= self.budget_usd < math.inf
+        _require(sound, "llm.budget_usd", "a finite value >= 0, or null", self.budget_usd)
 
     def _check_sampling(self) -> None:
         top_p, top_k, thinking = self.top_p, self.top_k, self.thinking_tokens
@@ -179,8 +178,7 @@ class LLMConfig:
         fits = thinking is None or 1 <= thinking < self.max_tokens
         _require(fits, "llm.thinking_tokens", f"a value from 1 to below llm.max_tokens={self.max_tokens}", thinking)
         if self.provider is Provider.grammar:
-            for key in OPTIONAL_SAMPLING:
-                value = getattr(self, key)
+            for key, value in ((key, getattr(self, key)) for key in OPTIONAL_SAMPLING):
                 _require(not value, f"llm.{key}", "null or [] for llm=grammar, which has no such setting", value)
 
 
@@ -256,8 +254,7 @@ class ProposalsConfig:
         p_m = self.mutation_probability
         _require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
         _require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
-        attempts = self.repair_attempts
-        _require(attempts >= 0, "proposals.repair_attempts", "a value >= 0", attempts)
+        _require(self.repair_attempts >= 0, "proposals.repair_attempts", "a value >= 0", self.repair_attempts)
 
 
 @dataclass(kw_only=True)

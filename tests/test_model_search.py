@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import yaml
@@ -192,3 +193,50 @@ def test_optional_settings_reach_the_server(folder: Path) -> None:
     with_settings, without = server.bodies
     assert (with_settings["top_p"], with_settings["stop_sequences"]) == (0.9, ["END"])
     assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
+
+
+def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One digest for both deliveries, and a store of one serves the other."""
+    with serving(Script(answer=network, polls=0)) as server:
+        assert search(server, "run.dir=direct") == 0
+        direct = capsys.readouterr().out
+        assert search(server, "run.dir=batch", "store.root=other", "llm.delivery=batch") == 0
+        batch = capsys.readouterr().out
+        assert [len(made.requests) for made in server.batches] == [2, 3]
+        assert search(server, "run.dir=again", "llm.delivery=batch") == 0
+        assert len(server.batches) == 2
+    assert digest(batch) == digest(direct)
+    assert f"5 answers, 55 + 35 tokens, {5 * 11.5e-6:.4f} USD" in direct
+    assert f"5 answers, 55 + 35 tokens, {5 * 11.5e-6 / 2:.4f} USD" in batch
+
+
+class Moody(Script):
+    """Refuses, cuts off, says nothing and takes offence, in the order in which new requests come."""
+
+    moods: ClassVar[dict[str, str]] = {}
+
+    def fault(self, body: Body, tried: int) -> str:
+        """Give each request a mood of its own."""
+        faults = ("refusal", "max_tokens", "empty", "invalid")
+        return self.moods.setdefault(key_of(body), faults[len(self.moods) % len(faults)])
+
+
+def test_answers_that_are_none_are_typed_recorded_and_replayed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each way to give no answer has its reason in ledger and summary, costs what it cost, and is not asked again."""
+    with serving(Moody(answer=lambda body: "```python\nclass ImageRegressionCNN(nn.Module):\n")) as server:
+        overrides = ["search.generations=0", "search.initial=4", "llm.concurrency=1", "run.dir=run"]
+        assert search(server, *overrides) == 0
+        summary = capsys.readouterr().out
+        asked = sum(server.tried.values())
+        assert search(server, *overrides) == 0
+        assert sum(server.tried.values()) == asked
+    lines = [json.loads(line) for line in (folder / "run" / "ledger.jsonl").read_text().splitlines()]
+    reasons = {(line["stage"], line["reason"]) for line in lines if "stage" in line}
+    assert reasons == {("extract", reason) for reason in ("refused", "truncated", "empty", "invalid_request")}
+    assert "empty 1, invalid_request 1, refused 1, truncated 1" in summary
+    assert "4 answers, 33 + 21 tokens" in summary
+    capsys.readouterr()
+    assert main(["replay", "run"]) == 0
+    assert digest(capsys.readouterr().out) == digest(summary)
