@@ -34,6 +34,15 @@ class Provider(StrEnum):
     openai = "openai"
 
 
+#: Sampling settings that reach a request only where they are set, in the order of their names, and who knows them.
+OPTIONAL_SAMPLING = {
+    "stop_sequences": (Provider.anthropic, Provider.openai),
+    "thinking_tokens": (Provider.anthropic,),
+    "top_k": (Provider.anthropic, Provider.openai),
+    "top_p": (Provider.anthropic, Provider.openai),
+}
+
+
 class BoundsRule(StrEnum):
     """Which range of a descriptor maps to [0, 1]."""
 

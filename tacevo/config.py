@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from tacevo.choices import (
+    OPTIONAL_SAMPLING,
     BoundsRule,
     Confinement,
     DataSource,
@@ -33,10 +34,6 @@ def _require(holds: bool, key: str, expected: str, got: object) -> None:
     """Refuse an impossible value by the key that the user wrote."""
     if not holds:
         raise ConfigError(f"{key} needs {expected}; got {got!r}")
-
-
-#: Sampling settings that reach a request only where they are set.
-OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
 
 
 def _is_positive(value: float) -> bool:
@@ -171,15 +168,16 @@ class LLMConfig:
         _require(sound, "llm.budget_usd", "a finite value >= 0, or null", self.budget_usd)
 
     def _check_sampling(self) -> None:
+        for key, providers in OPTIONAL_SAMPLING.items():
+            value = getattr(self, key)
+            known = self.provider in providers or not value
+            _require(known, f"llm.{key}", f"to be left out for llm={self.provider}, which does not know it", value)
         top_p, top_k, thinking = self.top_p, self.top_k, self.thinking_tokens
         _require(top_p is None or 0 < top_p <= 1, "llm.top_p", "a value in (0, 1], or null", top_p)
         _require(top_k is None or top_k >= 1, "llm.top_k", "a value >= 1, or null", top_k)
         _require(all(self.stop_sequences), "llm.stop_sequences", "texts that are not empty", self.stop_sequences)
         fits = thinking is None or 1 <= thinking < self.max_tokens
         _require(fits, "llm.thinking_tokens", f"a value from 1 to below llm.max_tokens={self.max_tokens}", thinking)
-        if self.provider is Provider.grammar:
-            for key, value in ((key, getattr(self, key)) for key in OPTIONAL_SAMPLING):
-                _require(not value, f"llm.{key}", "null or [] for llm=grammar, which has no such setting", value)
 
 
 @dataclass(kw_only=True)

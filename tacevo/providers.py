@@ -3,9 +3,9 @@
 import threading
 from pathlib import Path
 
-from tacevo.choices import Provider
+from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.composition import load_prices
-from tacevo.config import OPTIONAL_SAMPLING, LLMConfig, RunConfig
+from tacevo.config import LLMConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
 from tacevo.llm.client import LLM
@@ -14,7 +14,7 @@ from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import RecordingLLM
-from tacevo.records import Mode, Price, Setting
+from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.store import Seen, Store
 
 
@@ -65,8 +65,18 @@ def _provider(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
 
 def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
     """Connect to Claude once, so that a missing key is told at once."""
-    from tacevo.llm.anthropic import connect  # a second to import the SDK, for the runs that need it
+    from tacevo.llm.anthropic import connect, connect_batches  # a second to import the SDK, for the runs that need it
+    from tacevo.llm.batches import BatchLLM
 
+    if llm.delivery is Delivery.batch:
+        connect_batches(llm.base_url).close()
+        return BatchLLM(
+            lambda: connect_batches(llm.base_url),
+            store=Store(root, "completions"),
+            folder=root / "batches",
+            name="llm=anthropic",
+            stop=stop,
+        )
     connect(llm.base_url, llm.concurrency)
     return HostedLLM(
         lambda: connect(llm.base_url, llm.concurrency),

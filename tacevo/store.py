@@ -112,6 +112,10 @@ class Store:
             self._seen(path)
         return answer
 
+    def holds(self, key: str) -> bool:
+        """Say whether there is an entry of a key, sound or not."""
+        return self._path(key).exists()
+
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
         key = self.key(request)
@@ -171,8 +175,9 @@ def write_durably(path: Path, content: str | bytes) -> None:
     """
     part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.part")  # nobody else's
     try:
-        made = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
-        path.parent.mkdir(parents=True, exist_ok=True)
+        made = list(itertools.takewhile(lambda folder: not folder.exists(), path.parents))
+        if made:
+            path.parent.mkdir(parents=True, exist_ok=True)
         with part.open("wb") as file:
             file.write(content if isinstance(content, bytes) else content.encode())
             file.flush()

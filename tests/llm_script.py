@@ -58,6 +58,11 @@ class Script:
     polls: int = 1
     #: Where the server stops answering, once: `submitted` (before a batch exists), `created`, `polled` or `results`.
     stall: str = ""
+    #: Where it cuts the connection, once; the same places.
+    cut: str = ""
+    #: How many calls about batches get this status first.
+    batch_faults: int = 0
+    batch_status: int = 529
 
     def fault(self, body: Body, tried: int) -> str:
         """Name the fault of a try, counted from 1; empty where it is answered."""

@@ -61,15 +61,16 @@ class LLMServer:
         #: Every body of a single request, in the order of arrival, and what was logged in with.
         self.bodies: list[Body] = []
         self.logins: set[str] = set()
-        #: The most requests that were open at once.
+        #: Requests that are open, and the most that were at once.
+        self.open = 0
         self.most = 0
         self.batches: list[Batch] = []
         #: Set where the script stalls.
         self.stalled = threading.Event()
         #: Answers that wait until the test sets their event, by the text of the request.
         self.held: dict[str, threading.Event] = {}
-        self._open = 0
-        self._stalls = {script.stall} - {""}
+        self._stalls, self._cuts = {script.stall} - {""}, {script.cut} - {""}
+        self._batch_faults = script.batch_faults
 
     async def serve(self, ready: threading.Event, ended: asyncio.Event) -> None:
         """Listen until it is ended."""
@@ -94,12 +95,12 @@ class LLMServer:
         elif call.path == "/counts":
             await _send(writer, 200, {"tried": self.tried, "billed": self.billed})
         else:
-            self._open += 1
-            self.most = max(self.most, self._open)
+            self.open += 1
+            self.most = max(self.most, self.open)
             try:
                 await self._answer_one(call, writer)
             finally:
-                self._open -= 1
+                self.open -= 1
 
     async def _answer_one(self, call: Call, writer: asyncio.StreamWriter) -> None:
         """Answer one request of the Messages or the chat-completions API, or misbehave."""
@@ -137,6 +138,10 @@ class LLMServer:
 
     async def _answer_batches(self, call: Call, writer: asyncio.StreamWriter) -> None:
         """Speak the Message Batches API."""
+        if self._batch_faults > 0:
+            self._batch_faults -= 1
+            await _send(writer, self.script.batch_status, error("some_error", f"not now, {call.login}"))
+            return
         path, _, query = call.path.removeprefix("/v1/messages/batches").partition("?")
         _, name, act = [*path.split("/"), "", ""][:3]
         if call.method == "POST" and not name:
@@ -161,7 +166,7 @@ class LLMServer:
             await _send(writer, 200, self._shown(batch))
 
     async def _send_results(self, batch: Batch, writer: asyncio.StreamWriter) -> None:
-        if "results" in self._stalls:
+        if "results" in self._stalls | self._cuts:
             data = _response(200, "\n".join(batch.lines) + "\n")
             writer.write(data[: 2 * len(data) // 3])
             await writer.drain()
@@ -209,7 +214,10 @@ class LLMServer:
         return {"data": page, "has_more": start + limit < len(latest), **ids}
 
     async def _stall(self, where: str) -> None:
-        """Stop here for good, the first time."""
+        """Stop here for good, or cut the connection, the first time."""
+        if where in self._cuts:
+            self._cuts.discard(where)
+            raise ConnectionResetError
         if where in self._stalls:
             self._stalls.discard(where)
             self.stalled.set()

@@ -17,6 +17,7 @@ CHOICES = [(group, choice) for group, choices in groups().items() for choice in 
 
 #: What a choice needs beside itself.
 NEEDED = {
+    ("llm", "openai"): ["llm.model=some-model"],
     ("data", "csv"): ["data.root=images", "data.target_columns=[fx,fy,fz]"],
     ("data", "folder"): ["data.root=images"],
 }

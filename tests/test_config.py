@@ -111,7 +111,7 @@ def keys(record: Any = CONFIG, prefix: str = "") -> list[str]:
 def test_impossible_value_is_refused_by_its_key(key: str, value: Json) -> None:
     """The message begins with the key as the user wrote it, and ends with what came."""
     with pytest.raises(ConfigError, match=rf"^{key} needs .*; got "):
-        changed(key, value)
+        changed(key, value, HOSTED)
 
 
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key in POSSIBLE for value in POSSIBLE[key]])
@@ -140,7 +140,12 @@ def test_message_says_what_was_expected_and_what_came() -> None:
         (["data=csv", "data.root=x"], r"^data\.target_columns needs the different columns of the labels, .*; got \[\]"),
         (["archive.niches=30", "archive.samples=29"], r"^archive\.niches needs a value from 1 to archive.samples=29"),
         (["llm.delivery=batch"], r"^llm\.delivery needs direct for llm=grammar; got 'batch'"),
-        (["llm.top_p=0.9"], r"^llm\.top_p needs null or \[\] for llm=grammar, which has no such setting; got 0.9"),
+        (["llm.top_p=0.9"], r"^llm\.top_p needs to be left out for llm=grammar, which does not know it; got 0.9"),
+        (
+            ["llm=openai", "llm.model=m", "llm.thinking_tokens=9"],
+            r"^llm\.thinking_tokens needs to be left out for llm=op",
+        ),
+        (["llm=openai"], r"^llm\.model needs a model name; got ''"),
         (
             ["llm=anthropic", "llm.max_tokens=10", "llm.thinking_tokens=10"],
             r"from 1 to below llm\.max_tokens=10; got 10",

@@ -1,6 +1,8 @@
 """Claude through the official SDK and the Messages API; the key comes from the environment only."""
 
+import contextlib
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import anthropic
@@ -16,7 +18,7 @@ from tacevo.records import Completion, Delivery, Json, Request
 TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 
 #: What the SDK raises, or lets through, where there is no usable answer.
-_FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
+FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
 
 #: How to get past a missing key.
 _REMEDY = "set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
@@ -25,11 +27,11 @@ _REMEDY = "set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
 class AnthropicServer:
     """The Messages API (see `tacevo.llm.hosted.Server`)."""
 
-    sampling = ("temperature",)
+    sampling: tuple[str, ...] = ("temperature",)
 
     def __init__(self, client: anthropic.AsyncAnthropic) -> None:
         self._client = client
-        self.secrets = secrets_of(client)
+        self.secrets: tuple[str, ...] = secrets_of(client)
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
@@ -37,7 +39,7 @@ class AnthropicServer:
         named = {name: body.pop(name) for name in ("model", "system", "messages", "max_tokens")}
         try:
             message = await self._client.messages.create(**named, extra_body=body)
-        except _FAILURES as error:
+        except FAILURES as error:
             raise FaultError(fault_of(error)) from error
         return completion_of(message, Delivery.direct)
 
@@ -57,25 +59,36 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
         ConfigError: the environment holds no key, or the address is none.
     """
     limits = httpx2.Limits(max_connections=concurrency, max_keepalive_connections=concurrency)
-    try:
-        client = anthropic.AsyncAnthropic(
-            base_url=base_url,
-            max_retries=0,  # `tacevo.llm.hosted` retries
-            timeout=TIMEOUT,
-            http_client=anthropic.DefaultAsyncHttpxClient(limits=limits, timeout=TIMEOUT),
-        )
-    except (anthropic.AnthropicError, httpx2.InvalidURL) as error:
-        raise ConfigError(f"llm=anthropic: {error}; {_REMEDY}") from error
-    insist_on_key(client)
-    return AnthropicServer(client)
+    with _explaining():
+        # The SDK's own retries are off: `tacevo.llm.faults` says why.
+        pool = anthropic.DefaultAsyncHttpxClient(limits=limits, timeout=TIMEOUT)
+        client = anthropic.AsyncAnthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=pool)
+        _insist_on_key(client)
+        return AnthropicServer(client)
 
 
-def insist_on_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
-    """Refuse a client without credentials; the SDK itself would only notice when it asks.
+def connect_batches(base_url: str | None) -> anthropic.Anthropic:
+    """Prepare to submit batches to Claude; otherwise like `connect`.
 
     Raises:
-        ConfigError: there are none.
+        ConfigError: the environment holds no key, or the address is none.
     """
+    with _explaining():
+        client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT)
+        _insist_on_key(client)
+        return client
+
+
+@contextlib.contextmanager
+def _explaining() -> Iterator[None]:
+    try:
+        yield
+    except (anthropic.AnthropicError, httpx2.InvalidURL) as error:
+        raise ConfigError(f"llm=anthropic: {error}; {_REMEDY}") from error
+
+
+def _insist_on_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
+    """Refuse a client without credentials; the SDK itself would only notice when it asks."""
     if not client.auth_headers and client.credentials is None:
         raise ConfigError(f"llm=anthropic needs an API key; {_REMEDY}")
 

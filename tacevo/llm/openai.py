@@ -42,12 +42,12 @@ class OpenAIServer:
         limit_name: what the server calls the token limit.
     """
 
-    sampling = ("temperature", "seed")
+    sampling: tuple[str, ...] = ("temperature", "seed")
 
     def __init__(self, client: openai.AsyncOpenAI, *, limit_name: str) -> None:
         self._client = client
         self._limit_name = limit_name
-        self.secrets = () if client.api_key == _NO_KEY else (client.api_key,)
+        self.secrets: tuple[str, ...] = () if client.api_key == _NO_KEY else (client.api_key,)
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
