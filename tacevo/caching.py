@@ -11,7 +11,7 @@ from pathlib import Path
 from tacevo.costs import Spending, spending_on, total, usd
 from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Json
-from tacevo.store import KINDS, Store, check_entry, value_at
+from tacevo.store import KINDS, Store, check_entry, content_hash, value_at
 from tacevo.summary import table
 
 #: Fewest digits that name an entry.
@@ -118,7 +118,9 @@ def explain(root: Path, what: str) -> str:
         begin = f"{kind} {key}: {'not recorded' if answer is None else 'recorded'}"
         return "\n".join([begin, *([] if answer is None else _answered(kind, answer)), _nearest(root, kind, request)])
     found = _entry(root, what)
-    entry = check_entry(found.path, found.path.read_bytes(), found.kind, found.path.stem)
+    entry = found.entry
+    if entry is None:
+        raise StoreError(found.problem)
     lines = [f"{found.kind} {entry['key']}: recorded in {found.path}", *_answered(found.kind, entry["answer"])]
     lines += [f"  {name}: {_brief(value)}" for name, value in sorted(entry["request"].items())]
     return "\n".join([*lines, _nearest(root, found.kind, entry["request"])])
@@ -136,13 +138,26 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
         data = path.read_bytes()
         size = len(data)
         entry = check_entry(path, data, kind, path.stem)
+        if kind == "completions":
+            _insist_on_completion(path, entry)
     except StoreError as error:
-        problem = str(error)
+        entry, problem = None, str(error)
     except OSError as error:
         problem = f"{path} cannot be read: {error.strerror}"
     if entry is not None and path != root / kind / path.stem[:2] / f"{path.stem}.json":
         entry, problem = None, f"{path} is not where an entry of its key belongs; move it, or delete it"
     return Found(kind=kind, path=path, entry=entry, problem=problem, bytes=size)
+
+
+def _insist_on_completion(path: Path, entry: Mapping[str, Json]) -> None:
+    """Refuse a completion that this version cannot read, although its checksum is right."""
+    try:
+        Completion.from_json(entry["answer"])
+        sound = isinstance(entry["request"]["model"], str)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise StoreError(f"{path} holds no completion ({type(error).__name__}: {error}); delete it") from error
+    if not sound:
+        raise StoreError(f"{path} holds no completion: its request names no model; delete it")
 
 
 def _model(found: Found) -> str:
@@ -186,10 +201,11 @@ def _asked(path: Path) -> tuple[str, Json]:
     """Read a request from a file: the request alone, or a mapping with its kind, such as a store's entry."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
+        content_hash(value)  # NaN and half characters, which no request holds
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path} is no JSON file with a request: {error}") from error
-    if not isinstance(value, dict):
-        raise ConfigError(f"{path} needs a JSON object with a request; got {type(value).__name__}")
+    if not isinstance(value, dict) or not isinstance(value.get("request", {}), dict):
+        raise ConfigError(f"{path} needs a JSON object with a request; got {_brief(value)}")
     if "request" not in value:
         return "completions", value
     kind = value.get("kind", "completions")

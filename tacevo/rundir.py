@@ -179,7 +179,7 @@ class RunDirectory:
         path = self.path / "timings.jsonl"
         spent: dict[str, Spending] = {}
         for text in path.read_bytes().splitlines() if path.exists() else ():
-            with contextlib.suppress(ValueError, TypeError, AttributeError):
+            with contextlib.suppress(ValueError, TypeError, AttributeError, ArithmeticError):
                 entry = json.loads(text)
                 if "id" in entry:
                     spent[entry["id"]] = Spending.from_json(entry)

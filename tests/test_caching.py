@@ -152,6 +152,18 @@ def test_every_damage_is_named_and_gives_status_1(
     assert capsys.readouterr().out.endswith("3 of 4 entries are sound\n")
 
 
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [({"of": "something else"}, {"x": 1}), ({"model": 5}, to_json(answer())), ({"model": "m"}, "text")],
+)
+def test_completion_that_is_none_is_found(asked: Json, said: Json, root: Path) -> None:
+    """A sound entry among the completions that is no completion is named, and stops no command."""
+    Store(root, "completions").write(asked, said)
+    (problem,) = verify(root)[0]
+    assert "holds no completion" in problem
+    assert "(damaged)" in list_stores(root, kind=None, model=None)
+
+
 def test_explain_tells_an_entry_and_its_neighbour(root: Path) -> None:
     """What was asked and answered, and the field in which the nearest other recording differs, with both values."""
     key = Store(root, "completions").key(to_json(request(1)))
@@ -197,11 +209,22 @@ def test_key_that_names_nothing_is_refused(what: str, words: str, root: Path) ->
         explain(root, what)
 
 
+def test_damaged_entry_is_not_explained(root: Path) -> None:
+    """What cannot be believed is named, and nothing of it is shown."""
+    path = path_of(root, request(1))
+    truncated(path)
+    with pytest.raises(StoreError, match=f"{path.name} is not a store entry"):
+        explain(root, path.stem)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         ("{", "is no JSON file with a request"),
-        ("[]", "needs a JSON object with a request; got list"),
+        ("[]", r"needs a JSON object with a request; got \[\]"),
+        ('{"request": 5}', "needs a JSON object with a request"),
+        ('{"temperature": NaN}', "is no JSON file with a request"),
+        ('{"system": "\\ud800"}', "is no JSON file with a request"),
         ('{"kind": "x", "request": {}}', "names the kind 'x'; there are answers, centroids, completions"),
     ],
 )

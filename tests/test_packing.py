@@ -75,6 +75,11 @@ def files(root: Path) -> list[Path]:
     return sorted(path for path in root.rglob("*") if path.is_file())
 
 
+def test_kinds_are_those_that_a_search_keeps(exported: Path) -> None:
+    """A store that a search begins to use must be listed, or nobody verifies or exports it; images are made anew."""
+    assert {path.name for path in (exported / "cache").iterdir()} == {*KINDS, "data"}
+
+
 def test_export_holds_what_the_run_needs_and_nothing_else(exported: Path) -> None:
     """Every entry of this run's stores, and not the one of another run."""
     cache = exported / "cache"
