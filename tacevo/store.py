@@ -26,8 +26,8 @@ Seen = Callable[[Path], object]
 #: The kinds of answers that a run keeps.
 KINDS = ("answers", "centroids", "completions", "evaluations", "probes")
 
-#: How many entries a miss is compared with, at most, to name the nearest.
-_COMPARED = 1_000
+#: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
+_COMPARED = 20_000
 
 
 def canonical(value: Json) -> str:
