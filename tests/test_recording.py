@@ -238,7 +238,7 @@ def test_full_disk_stops_the_asking(tmp_path: Path) -> None:
     threading.Timer(0.3, inner.go.release).start()
     with pytest.raises(StoreError, match="cannot be written"):
         list(RecordingLLM(inner, store, stop=stop).complete(REQUESTS))
-    assert inner.begun == 2
+    assert inner.begun <= 2  # the second may have begun before the first could not be stored
 
 
 def _until(condition: Callable[[], bool]) -> None:

@@ -1,8 +1,9 @@
 """Claude through the official SDK and the Messages API; the key comes from the environment only."""
 
 import contextlib
+import itertools
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import anthropic
@@ -12,6 +13,7 @@ from anthropic.types import Message
 from tacevo.errors import ConfigError
 from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
 from tacevo.llm.outcomes import checked
+from tacevo.llm.pools import shares
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -29,23 +31,25 @@ class AnthropicServer:
 
     sampling: tuple[str, ...] = ("temperature",)
 
-    def __init__(self, client: anthropic.AsyncAnthropic) -> None:
-        self._client = client
-        self.secrets: tuple[str, ...] = secrets_of(client)
+    def __init__(self, clients: Sequence[anthropic.AsyncAnthropic]) -> None:
+        self._clients = clients
+        self._turns = itertools.cycle(clients)
+        self.secrets: tuple[str, ...] = secrets_of(clients[0])
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
         body = body_of(request, dropped)
         named = {name: body.pop(name) for name in ("model", "system", "messages", "max_tokens")}
         try:
-            message = await self._client.messages.create(**named, extra_body=body)
+            message = await next(self._turns).messages.create(**named, extra_body=body)
         except FAILURES as error:
             raise FaultError(fault_of(error)) from error
         return completion_of(message, Delivery.direct)
 
     async def close(self) -> None:
         """Close the connections."""
-        await self._client.close()
+        for client in self._clients:
+            await client.close()
 
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
@@ -53,18 +57,24 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
 
     Args:
         base_url: another server than Anthropic's own.
-        concurrency: connections at once.
+        concurrency: requests at once.
 
     Raises:
         ConfigError: the environment holds no key, or the address is none.
     """
-    limits = httpx2.Limits(max_connections=concurrency, max_keepalive_connections=concurrency)
     with _explaining():
         # The SDK's own retries are off: `tacevo.llm.faults` says why.
-        pool = anthropic.DefaultAsyncHttpxClient(limits=limits, timeout=TIMEOUT)
-        client = anthropic.AsyncAnthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=pool)
-        _insist_on_key(client)
-        return AnthropicServer(client)
+        clients = [
+            anthropic.AsyncAnthropic(
+                base_url=base_url,
+                max_retries=0,
+                timeout=TIMEOUT,
+                http_client=anthropic.DefaultAsyncHttpxClient(**share),
+            )
+            for share in shares(concurrency, TIMEOUT)
+        ]
+        _insist_on_key(clients[0])
+        return AnthropicServer(clients)
 
 
 def connect_batches(base_url: str | None) -> anthropic.Anthropic:

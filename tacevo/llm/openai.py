@@ -4,8 +4,10 @@ The draw number is sent as `seed`: a server that honours it answers equal draws 
 key comes from OPENAI_API_KEY; a server of one's own may want none.
 """
 
+import itertools
 import json
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import httpx2
@@ -13,6 +15,7 @@ import httpx2
 from tacevo.errors import ConfigError
 from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
 from tacevo.llm.outcomes import checked
+from tacevo.llm.pools import shares
 from tacevo.records import Completion, Json, Request
 
 try:
@@ -38,22 +41,23 @@ class OpenAIServer:
     """The chat-completions API (see `tacevo.llm.hosted.Server`).
 
     Args:
-        client: the SDK's client.
+        clients: the SDK's clients, asked in turn.
         limit_name: what the server calls the token limit.
     """
 
     sampling: tuple[str, ...] = ("temperature", "seed")
 
-    def __init__(self, client: openai.AsyncOpenAI, *, limit_name: str) -> None:
-        self._client = client
+    def __init__(self, clients: Sequence[openai.AsyncOpenAI], *, limit_name: str) -> None:
+        self._clients = clients
+        self._turns = itertools.cycle(clients)
         self._limit_name = limit_name
-        self.secrets: tuple[str, ...] = () if client.api_key == _NO_KEY else (client.api_key,)
+        self.secrets: tuple[str, ...] = () if clients[0].api_key == _NO_KEY else (clients[0].api_key,)
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
         body = body_of(request, dropped, limit_name=self._limit_name)
         try:
-            chat = await self._client.chat.completions.create(
+            chat = await next(self._turns).chat.completions.create(
                 model=body.pop("model"), messages=body.pop("messages"), extra_body=body
             )
         except _FAILURES as error:
@@ -62,7 +66,8 @@ class OpenAIServer:
 
     async def close(self) -> None:
         """Close the connections."""
-        await self._client.close()
+        for client in self._clients:
+            await client.close()
 
 
 def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
@@ -70,7 +75,7 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
 
     Args:
         base_url: the server, e.g. `http://localhost:8000/v1`; None for OpenAI's own.
-        concurrency: connections at once.
+        concurrency: requests at once.
 
     Raises:
         ConfigError: OpenAI's own server is meant, and the environment holds no key.
@@ -82,19 +87,22 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
             "llm=openai needs an API key for OpenAI's own server; set OPENAI_API_KEY, name a server of yours by "
             "llm.base_url, or replay with llm.mode=replay"
         )
-    limits = httpx2.Limits(max_connections=concurrency, max_keepalive_connections=concurrency)
     try:
-        client = openai.AsyncOpenAI(
-            api_key=key,
-            base_url=base_url,
-            max_retries=0,  # `tacevo.llm.hosted` retries
-            timeout=TIMEOUT,
-            http_client=openai.DefaultAsyncHttpxClient(limits=limits, timeout=TIMEOUT),
-        )
+        # The SDK's own retries are off: `tacevo.llm.faults` says why.
+        clients = [
+            openai.AsyncOpenAI(
+                api_key=key,
+                base_url=base_url,
+                max_retries=0,
+                timeout=TIMEOUT,
+                http_client=openai.DefaultAsyncHttpxClient(**share),
+            )
+            for share in shares(concurrency, TIMEOUT)
+        ]
     except (openai.OpenAIError, httpx2.InvalidURL) as error:
         raise ConfigError(f"llm=openai: {error}; see llm.base_url") from error
     # OpenAI's newer models know only the one name, other servers may know only the other.
-    return OpenAIServer(client, limit_name="max_completion_tokens" if own else "max_tokens")
+    return OpenAIServer(clients, limit_name="max_completion_tokens" if own else "max_tokens")
 
 
 def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> dict[str, Json]:
