@@ -13,6 +13,7 @@ from PIL import Image
 from ribs.archives import CVTArchive
 from rich.console import Console
 
+from benchmarks.llm import asking, memory_of_many
 from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
@@ -179,7 +180,17 @@ def _silent() -> PlainView:
 
 def main() -> None:
     """Print one line a figure."""
-    for measure in (archive_insertions, candidate_processes, pictures, workers, replaying, tracking, memory):
+    for measure in (
+        archive_insertions,
+        candidate_processes,
+        pictures,
+        workers,
+        replaying,
+        tracking,
+        asking,
+        memory,
+        memory_of_many,
+    ):
         print(measure(), flush=True)
 
 

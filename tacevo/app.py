@@ -12,6 +12,7 @@ from types import FrameType
 
 from tacevo import __version__
 from tacevo.errors import DivergenceError, TacevoError
+from tacevo.store import KINDS
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
@@ -106,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         fromfile_prefix_chars="@",
     )
     search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
+    search.add_argument("--estimate", action="store_true", help="print requests, tokens and cost, and ask nobody")
     search.set_defaults(command=_search)
 
     replay = commands.add_parser(
@@ -143,6 +145,7 @@ def _parser() -> argparse.ArgumentParser:
     track.set_defaults(command=_track)
 
     _add_data(commands)
+    _add_cache(commands.add_parser("cache", help="look into the stores of answers, and move what a run needs"))
 
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
@@ -196,7 +199,39 @@ def _add_data(commands: "argparse._SubParsersAction[_Parser]") -> None:
     simulate.set_defaults(command=_data_simulate)
 
 
+def _add_cache(cache: argparse.ArgumentParser) -> None:
+    """Describe the commands on the stores."""
+    actions = cache.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    ls = actions.add_parser("ls", help="count entries by kind and model, with sizes, tokens and costs")
+    ls.add_argument("--kind", choices=KINDS, help="only these")
+    ls.add_argument("--model", metavar="TEXT", help="only completions of models whose name contains TEXT")
+
+    verify = actions.add_parser("verify", help="check every entry; status 1 where one is damaged")
+
+    explain = actions.add_parser(
+        "explain", help="what an entry is, or how a request differs from the nearest recording"
+    )
+    explain.add_argument("key", metavar="KEY", help="the first digits of a key, or a JSON file with a request")
+
+    export = actions.add_parser("export", help="write exactly the entries that a run needs into one file")
+    export.add_argument("run", metavar="RUN", help="the folder of a run")
+    export.add_argument("-o", "--output", required=True, metavar="FILE")
+    export.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    export.set_defaults(command=_cache_export)
+
+    import_ = actions.add_parser("import", help="verify such a file, then write its entries into the stores")
+    import_.add_argument("file", metavar="FILE")
+
+    commands = {ls: _cache_ls, verify: _cache_verify, explain: _cache_explain, import_: _cache_import}
+    for parser, command in commands.items():
+        parser.add_argument("--store", default="cache", metavar="DIR", help="the folder of the stores (default: cache)")
+        parser.set_defaults(command=command)
+
+
 def _search(options: argparse.Namespace) -> int:
+    if options.estimate:
+        return _estimate(options)
     from rich.console import Console
 
     from tacevo.composition import compose
@@ -219,6 +254,14 @@ def _search(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _estimate(options: argparse.Namespace) -> int:
+    from tacevo.composition import compose
+    from tacevo.estimating import describe
+
+    print(describe(compose(options.overrides)))
+    return DONE
+
+
 def _as_typed(command: str) -> str:
     """Spell a command of this environment so that the user's shell finds it, activated or not."""
     if shutil.which(command):
@@ -229,13 +272,15 @@ def _as_typed(command: str) -> str:
 def _replay(options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from tacevo.costs import in_words
     from tacevo.progress import PlainView
     from tacevo.replaying import replay
 
     with PlainView(Console(stderr=True)) as view:
-        digest, lines = replay(Path(options.run), options.store, view)
-    print(f"{lines} ledger lines, both archives and every candidate's source are as recorded")
-    print(f"digest: {digest}")
+        replayed = replay(Path(options.run), options.store, view)
+    print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
+    print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
+    print(f"digest: {replayed.digest}")
     return DONE
 
 
@@ -290,6 +335,50 @@ def _track(options: argparse.Namespace) -> int:
     from tacevo.session import track
 
     print(track(Path(options.run), options.uri))
+    return DONE
+
+
+def _cache_ls(options: argparse.Namespace) -> int:
+    from tacevo.caching import list_stores
+
+    print(list_stores(Path(options.store), kind=options.kind, model=options.model))
+    return DONE
+
+
+def _cache_verify(options: argparse.Namespace) -> int:
+    from tacevo.caching import verify
+
+    problems, files = verify(Path(options.store))
+    for problem in problems:
+        print(problem)
+    print(f"{files - len(problems)} of {files} entries are sound")
+    return DIFFERENT if problems else DONE
+
+
+def _cache_explain(options: argparse.Namespace) -> int:
+    from tacevo.caching import explain
+
+    print(explain(Path(options.store), options.key))
+    return DONE
+
+
+def _cache_export(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.packing import export
+    from tacevo.progress import PlainView
+
+    with PlainView(Console(stderr=True)) as view:
+        entries = export(Path(options.run), Path(options.output), options.store, view)
+    print(f"{entries} entries are in {options.output}")
+    return DONE
+
+
+def _cache_import(options: argparse.Namespace) -> int:
+    from tacevo.packing import import_file
+
+    written, standing = import_file(Path(options.file), Path(options.store))
+    print(f"{written} entries written, {standing} were there already")
     return DONE
 
 

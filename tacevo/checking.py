@@ -6,12 +6,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from tacevo.composition import compose, load_task
+from tacevo.composition import compose, facts_without_data, load_task
 from tacevo.config import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Admitted
 from tacevo.proposals import Task
-from tacevo.records import Completion, DataFacts, Json, Mode, Rejection
+from tacevo.records import Completion, Json, Mode, Rejection
 from tacevo.sandbox.client import Sandbox
 from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
@@ -51,16 +51,7 @@ def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Tas
         ConfigError: there is no such task, or it cannot have that image size.
     """
     config = compose([f"task={name}", *([] if image_size is None else [f"data.image_size={image_size}"])])
-    facts = DataFacts(
-        fingerprint="",
-        kind=config.task.kind,
-        counts=(0, 0, 0),
-        in_channels=3,
-        image_size=config.data.image_size,
-        outputs=config.task.outputs,
-        names=tuple(config.task.output_names),
-    )
-    return config, load_task(config, facts)
+    return config, load_task(config, facts_without_data(config))
 
 
 def _read(path: Path) -> Completion:

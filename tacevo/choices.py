@@ -49,6 +49,16 @@ class Provider(StrEnum):
 
     grammar = "grammar"
     anthropic = "anthropic"
+    openai = "openai"
+
+
+#: Sampling settings that reach a request only where they are set, in the order of their names, and who knows them.
+OPTIONAL_SAMPLING = {
+    "stop_sequences": (Provider.anthropic, Provider.openai),
+    "thinking_tokens": (Provider.anthropic,),
+    "top_k": (Provider.anthropic, Provider.openai),
+    "top_p": (Provider.anthropic, Provider.openai),
+}
 
 
 class BoundsRule(StrEnum):

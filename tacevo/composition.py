@@ -19,6 +19,7 @@ from tacevo.confdir import conf_root, groups
 from tacevo.config import RunConfig
 from tacevo.data.fitting import require_fit
 from tacevo.errors import ConfigError
+from tacevo.llm.prices import PriceTable, parse_prices
 from tacevo.proposals import Instruction, Task, system_prompt
 from tacevo.records import Contract, DataFacts, Json
 
@@ -69,6 +70,19 @@ def from_plain(value: Mapping[str, Json]) -> RunConfig:
         raise ConfigError(_explained(error)) from error
 
 
+def facts_without_data(config: RunConfig) -> DataFacts:
+    """Describe the data set that a task expects, for work that needs none of its images."""
+    return DataFacts(
+        fingerprint="",
+        kind=config.task.kind,
+        counts=(0, 0, 0),
+        in_channels=3,
+        image_size=config.data.image_size,
+        outputs=config.task.outputs,
+        names=tuple(config.task.output_names),
+    )
+
+
 def load_task(config: RunConfig, facts: DataFacts) -> Task:
     """Read a task's baseline and texts, and fit its contract to the data set.
 
@@ -102,8 +116,20 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
     )
 
 
+def load_prices(name: str) -> PriceTable:
+    """Read a price table, relative to conf/ or absolute.
+
+    Raises:
+        ConfigError: the file is missing or malformed.
+    """
+    try:
+        return parse_prices(yaml.safe_load(_read("llm.prices", name)), name)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"llm.prices names {name}, which is not YAML: {error}") from error
+
+
 def _read(key: str, name: str) -> str:
-    """Read a file of a task, relative to conf/ or absolute."""
+    """Read a file that a configuration names, relative to conf/ or absolute."""
     path = conf_root() / name
     try:
         return path.read_text(encoding="utf-8")

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from tacevo.choices import (
+    OPTIONAL_SAMPLING,
     BoundsRule,
     Confinement,
     DataSource,
@@ -28,7 +29,7 @@ from tacevo.choices import (
     Tracking,
 )
 from tacevo.errors import ConfigError
-from tacevo.records import Json, Kind, Loss, Mode
+from tacevo.records import Delivery, Json, Kind, Loss, Mode
 
 
 def _require(holds: bool, key: str, expected: str, got: object) -> None:
@@ -157,6 +158,18 @@ class LLMConfig:
     concurrency: int
     #: Grammar: the part of its answers that carries a fault real models make.
     slip_rate: float
+    #: `batch`: a generation as one Message Batch of `llm=anthropic`.
+    delivery: Delivery = Delivery.direct
+    #: Further sampling settings; what is null or empty is not sent.
+    top_p: float | None = None
+    top_k: int | None = None
+    stop_sequences: list[str] = field(default_factory=list)
+    #: Tokens of `max_tokens` that the model may think with before it answers.
+    thinking_tokens: int | None = None
+    #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.
+    budget_usd: float | None = None
+    #: The price table: a file below conf/, or absolute.
+    prices: str = "prices.yaml"
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -164,6 +177,23 @@ class LLMConfig:
         _require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
         _require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
         _require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
+        self._check_sampling()
+        batches = self.delivery is Delivery.direct or self.provider is Provider.anthropic
+        _require(batches, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
+        sound = self.budget_usd is None or 0 <= self.budget_usd < math.inf
+        _require(sound, "llm.budget_usd", "a finite value >= 0, or null", self.budget_usd)
+
+    def _check_sampling(self) -> None:
+        for key, providers in OPTIONAL_SAMPLING.items():
+            value = getattr(self, key)
+            known = self.provider in providers or not value
+            _require(known, f"llm.{key}", f"to be left out for llm={self.provider}, which does not know it", value)
+        top_p, top_k, thinking = self.top_p, self.top_k, self.thinking_tokens
+        _require(top_p is None or 0 < top_p <= 1, "llm.top_p", "a value in (0, 1], or null", top_p)
+        _require(top_k is None or top_k >= 1, "llm.top_k", "a value >= 1, or null", top_k)
+        _require(all(self.stop_sequences), "llm.stop_sequences", "texts that are not empty", self.stop_sequences)
+        fits = thinking is None or 1 <= thinking < self.max_tokens
+        _require(fits, "llm.thinking_tokens", f"a value from 1 to below llm.max_tokens={self.max_tokens}", thinking)
 
 
 @dataclass(kw_only=True)
@@ -230,12 +260,15 @@ class ProposalsConfig:
     parents: ParentPolicy
     #: With `parents=best`: how many of the best elites are parents.
     best: int
+    #: How often an answer that the gate turned away goes back with the reason; the paper discards it.
+    repair_attempts: int = 0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         p_m = self.mutation_probability
         _require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
         _require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
+        _require(self.repair_attempts >= 0, "proposals.repair_attempts", "a value >= 0", self.repair_attempts)
 
 
 @dataclass(kw_only=True)
@@ -367,11 +400,15 @@ def identity(config: RunConfig) -> dict[str, Json]:
 
     The number of generations is left out, so that a longer run begins with the very lines of a shorter one;
     data enter by their fingerprint, task files by their text; where a run is computed and written, and how it
-    is watched, does not enter.
+    is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
+    stays the run it was.
     """
     whole: dict[str, Any] = asdict(config)
     chosen = {key: whole[key] for key in ("seed", "archive", "temperature", "prompts", "proposals", "training", "gate")}
     chosen["search"] = {key: whole["search"][key] for key in ("candidates", "initial")}
     chosen["llm"] = {key: whole["llm"][key] for key in ("provider", "model", "max_tokens", "slip_rate")}
+    chosen["llm"] |= {key: whole["llm"][key] for key in OPTIONAL_SAMPLING if whole["llm"][key]}
+    if not config.proposals.repair_attempts:
+        del chosen["proposals"]["repair_attempts"]
     chosen["numerics"] = whole["numerics"]["kind"]
     return chosen

@@ -2,14 +2,14 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tacevo.gate.admission import Admitted
 from tacevo.llm.client import LLM
-from tacevo.proposals import Proposal
-from tacevo.records import Completion, Rejection, Training
+from tacevo.proposals import Proposal, repair_request
+from tacevo.records import Completion, Rejection, Request, Training
 
 #: Trains a source; a candidate that fails is a value.
 Evaluate = Callable[[str], Training | Rejection]
@@ -31,55 +31,111 @@ class Tools:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Attempt:
+    """An answer that the gate turned away and that was sent back."""
+
+    completion: Completion
+    rejection: Rejection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """What became of a proposal."""
 
     proposal: Proposal
-    #: None for the baseline, which no model was asked for.
+    #: The last answer; None for the baseline, which no model was asked for.
     completion: Completion | None
     #: None where the gate turned the answer away.
     admitted: Admitted | None
     result: Training | Rejection
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
+    #: The answers before it, each of them sent back with the gate's reason.
+    attempts: tuple[Attempt, ...] = ()
+
+    @property
+    def completions(self) -> tuple[Completion, ...]:
+        """Every answer that was had for the proposal, in order."""
+        last = () if self.completion is None else (self.completion,)
+        return (*(attempt.completion for attempt in self.attempts), *last)
 
 
-def develop(proposals: Sequence[Proposal], tools: Tools) -> Iterator[Outcome]:
+def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once; each answer goes through the gate and into training as soon as it arrives, and
-    equal sources are trained once.
+    equal sources are trained once. What the gate turned away is then sent back together, up to `repairs` times.
+
+    Args:
+        proposals: the slots of a generation.
+        tools: the effects.
+        repairs: how often an answer may be corrected.
 
     Raises:
         LLMError: an answer could not be had.
         SandboxError: the sandbox is broken.
     """
-    evaluate = _Once(tools.evaluate)
+    tools = replace(tools, evaluate=_Once(tools.evaluate))
     futures: dict[int, Future[Outcome]] = {}
-    asked = []
+    asked: dict[int, Request] = {}
     for index, proposal in enumerate(proposals):
         if proposal.request is None:
-            futures[index] = tools.executor.submit(_develop_one, proposal, None, tools, evaluate)
+            futures[index] = tools.executor.submit(_develop_one, proposal, None, tools)
         else:
-            asked.append((index, proposal.request))
-    for position, completion in tools.llm.complete([request for _, request in asked]):
-        index = asked[position][0]
-        futures[index] = tools.executor.submit(_develop_one, proposals[index], completion, tools, evaluate)
+            asked[index] = proposal.request
+    _ask(asked, proposals, tools, futures)
+    for _ in range(repairs):
+        asked = _sent_back(asked, futures)
+        _ask(asked, proposals, tools, futures)
     for index in range(len(proposals)):
         yield futures[index].result()
 
 
-def _develop_one(proposal: Proposal, completion: Completion | None, tools: Tools, evaluate: Evaluate) -> Outcome:
+def _ask(
+    asked: Mapping[int, Request], proposals: Sequence[Proposal], tools: Tools, futures: dict[int, Future[Outcome]]
+) -> None:
+    """Make requests at once, and develop each answer as it arrives; one of an earlier round becomes an attempt."""
+    places = list(asked)
+    for position, completion in tools.llm.complete(list(asked.values())):
+        index = places[position]
+        before = futures[index].result() if index in futures else None
+        futures[index] = tools.executor.submit(_develop_one, proposals[index], completion, tools, before)
+
+
+def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
+    """Wait for the answers of a round, and write the requests that send rejected ones back."""
+    again: dict[int, Request] = {}
+    for index, request in asked.items():
+        outcome = futures[index].result()
+        if outcome.admitted is None and outcome.completion is not None and isinstance(outcome.result, Rejection):
+            repair = repair_request(request, outcome.completion.text, outcome.result)
+            if repair is not None:
+                again[index] = repair
+    return again
+
+
+def _develop_one(
+    proposal: Proposal, completion: Completion | None, tools: Tools, before: Outcome | None = None
+) -> Outcome:
     """Take one answer through the gate and, where it passes, through training."""
     began = time.perf_counter()
     gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
+    result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
     return Outcome(
         proposal=proposal,
         completion=completion,
         admitted=None if isinstance(gated, Rejection) else gated,
-        result=gated if isinstance(gated, Rejection) else evaluate(gated.source),
-        seconds=time.perf_counter() - began,
+        result=result,
+        seconds=time.perf_counter() - began + (0.0 if before is None else before.seconds),
+        attempts=() if before is None else _with_attempt(before),
     )
+
+
+def _with_attempt(before: Outcome) -> tuple[Attempt, ...]:
+    """Turn an outcome whose answer was sent back into the attempts of the one that follows."""
+    if before.completion is None or not isinstance(before.result, Rejection):
+        raise ValueError(f"{before.proposal.id} has no rejected answer that could have been sent back")
+    return (*before.attempts, Attempt(completion=before.completion, rejection=before.result))
 
 
 class _Once:

@@ -7,6 +7,7 @@
     ├── RunError             a run directory cannot be used as asked
     ├── DivergenceError      a recomputed ledger line differs from the recorded one
     ├── LLMError
+    │   ├── BudgetError      the next request could cost more than the user allows
     │   ├── CacheMissError   replay met a request that was never recorded
     │   └── TransportError   the model could not be reached, after all retries
     └── SandboxError         the sandbox itself is broken (never: a candidate is)
@@ -42,6 +43,10 @@ class DivergenceError(TacevoError):
 
 class LLMError(TacevoError):
     """A completion could not be had."""
+
+
+class BudgetError(LLMError):
+    """No further request fits the budget; what was asked before is recorded."""
 
 
 class CacheMissError(LLMError):

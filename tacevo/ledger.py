@@ -13,7 +13,7 @@ from typing import IO, Self
 
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json
-from tacevo.store import canonical, content_hash, differences
+from tacevo.store import canonical, content_hash, differences, value_at
 
 #: The hash before the first line.
 GENESIS = "0" * 64
@@ -141,20 +141,12 @@ def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
     field = differences(was, now)[0]
     place = f"generation {recorded['generation']}" if "generation" in recorded else "the run's header"
     place += f", slot {recorded['slot']}" if "slot" in recorded else ""
-    raise DivergenceError(
-        f"{place}: field {field!r} was recorded as {_brief(_at(was, field))} and is now {_brief(_at(now, field))}"
-    )
+    before, after = (_brief(value_at(line, field)) for line in (was, now))
+    raise DivergenceError(f"{place}: field {field!r} was recorded as {before} and is now {after}")
 
 
 def _unsealed(line: dict[str, Json]) -> dict[str, Json]:
     return {key: value for key, value in line.items() if key not in {"previous", "hash"}}
-
-
-def _at(value: Json, field: str) -> Json:
-    """Look a field such as `config.seed` or `parents.0` up; None where it is missing."""
-    for name in field.split("."):
-        value = value[int(name)] if isinstance(value, list) else value.get(name)
-    return value
 
 
 def _brief(value: Json, limit: int = 200) -> str:

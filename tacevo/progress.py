@@ -72,8 +72,10 @@ class PlainView:
         if line["kind"] == "candidate":
             self._done += 1
         elif line["kind"] == "generation":
+            repaired = f" and {line['repaired']} after repair" if "repaired" in line else ""
             self.say(
-                f"generation {line['generation']}: {line['trained']} of {line['candidates']} candidates trained, best "
+                f"generation {line['generation']}: {line['trained']} of {line['candidates']} candidates trained"
+                f"{repaired}, best "
                 f"{best:.4g}, coverage {coverage:.0%} ({self._done}{self._of_total} candidates done)"
             )
 

@@ -5,15 +5,18 @@ Pure: `plan_initial` and `plan_generation` turn the state of a search into propo
 
 import string
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tacevo.choices import ParentPolicy, PromptPolicy
 from tacevo.prompts import PromptArchive, draw_prompt, draw_weighted
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import Contract, Message, Operator, Request
+from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting
 from tacevo.temperature import clip
+
+#: Rejections that no further turn can mend.
+_NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +70,7 @@ class Settings:
     model: str
     max_tokens: int
     #: Further settings of the provider, for every request.
-    llm: tuple[tuple[str, float], ...] = ()
+    llm: tuple[tuple[str, Setting], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,6 +194,34 @@ def crossover_text(first: str, second: str, instruction: str) -> str:
     return (
         f"First parent network:\n\n{_fenced(first)}\n\nSecond parent network:\n\n{_fenced(second)}\n\n"
         f"Instruction: {instruction}\n"
+    )
+
+
+def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
+    """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
+
+    Temperature and draw number are those of the first request; the longer conversation makes it another request.
+
+    Args:
+        request: what was asked last.
+        answer: what the model said.
+        rejection: the gate's reason.
+
+    Returns:
+        The request, or None where there is nothing to correct: no answer, a refusal, or one too long to send back.
+    """
+    if rejection.reason in _NOT_REPAIRED or not answer.strip():
+        return None
+    turns = (Message(role="assistant", content=answer), Message(role="user", content=repair_text(rejection)))
+    return replace(request, messages=(*request.messages, *turns))
+
+
+def repair_text(rejection: Rejection) -> str:
+    """Write the user message that sends an answer back."""
+    return (
+        f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
+        f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and answer with the whole class "
+        "again.\n"
     )
 
 

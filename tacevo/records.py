@@ -15,6 +15,9 @@ from typing import Any, Self
 #: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
 Json = Any
 
+#: A provider's setting: a number, a word, or several words.
+Setting = float | str | tuple[str, ...]
+
 
 class Kind(StrEnum):
     """What a task asks of a network. Member names are what users write in a config."""
@@ -36,6 +39,13 @@ class Mode(StrEnum):
     live = "live"
     record = "record"
     replay = "replay"
+
+
+class Delivery(StrEnum):
+    """How requests reach a provider: `direct` one by one, or a generation as one `batch`, slower and cheaper."""
+
+    direct = "direct"
+    batch = "batch"
 
 
 class Operator(StrEnum):
@@ -60,6 +70,7 @@ class Reason(StrEnum):
 
     # extract: from the model's answer to source text
     empty = "empty"
+    invalid_request = "invalid_request"
     refused = "refused"
     truncated = "truncated"
     too_long = "too_long"
@@ -123,7 +134,24 @@ class Request:
     #: Which of several draws of an otherwise equal request this is, so that equal prompts give distinct answers.
     draw: int
     #: Further settings of the provider, by name, in the order of their names.
-    settings: tuple[tuple[str, float], ...] = ()
+    settings: tuple[tuple[str, Setting], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Price:
+    """What a provider asked for a model's tokens when it was asked."""
+
+    #: US dollars for a million tokens.
+    input_usd: float
+    output_usd: float
+    #: The day of the price table, as `YYYY-MM-DD`.
+    dated: str
+    #: What the delivery multiplies both by, e.g. 0.5 for a batch.
+    factor: float = 1.0
+
+    def cost(self, input_tokens: float, output_tokens: float) -> float:
+        """Give what so many tokens cost, in US dollars."""
+        return self.factor * (self.input_usd * input_tokens + self.output_usd * output_tokens) / 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,15 +161,39 @@ class Completion:
     text: str
     #: The model's name as the provider returned it.
     model: str
-    #: `end_turn`, `max_tokens` (cut off) or `refusal`, as in Anthropic's Messages API.
+    #: `end_turn`, `max_tokens` (cut off) or `refusal`, as in Anthropic's Messages API; `invalid_request` where the
+    #: provider refuses the request itself, e.g. because it is too long.
     stop_reason: str
     input_tokens: int
     output_tokens: int
+    #: Sampling settings of the request that the model refuses, and that were therefore not sent.
+    dropped: tuple[str, ...] = ()
+    delivery: Delivery = Delivery.direct
+    #: None where the price table does not know the model.
+    price: Price | None = None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(**value)
+        """Read what `to_json` wrote, now or before answers had a delivery and a price."""
+        price = value.get("price")
+        return cls(
+            **{
+                **value,
+                "dropped": tuple(value.get("dropped", ())),
+                "delivery": Delivery(value.get("delivery", Delivery.direct)),
+                "price": None if price is None else Price(**price),
+            }
+        )
+
+    @property
+    def cost(self) -> float | None:
+        """What the answer cost, in US dollars; None where its price is not known."""
+        return None if self.price is None else self.price.cost(self.input_tokens, self.output_tokens)
+
+    def content(self) -> Json:
+        """Give what the model said, for the ledger: neither how it was delivered nor what it cost."""
+        said = ("text", "model", "stop_reason", "input_tokens", "output_tokens")
+        return {name: getattr(self, name) for name in said}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

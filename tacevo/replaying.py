@@ -1,10 +1,12 @@
 """Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.composition import from_plain
 from tacevo.config import RunConfig
+from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
 from tacevo.errors import DivergenceError, RunError
@@ -14,10 +16,22 @@ from tacevo.proposals import Instruction, Task
 from tacevo.records import Contract, DataFacts, Json, Mode, Rejection
 from tacevo.rundir import RunDirectory, rejected_text
 from tacevo.search import Plan, SearchState, run_search
+from tacevo.store import Seen
 from tacevo.wiring import build_plan, open_tools
 
 
-def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replayed:
+    """A run that was found to be as recorded."""
+
+    digest: str
+    #: Ledger lines that were compared.
+    lines: int
+    #: What the recorded answers cost when they were had; the replay itself asks nobody.
+    spent: Spending
+
+
+def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Replayed:
     """Run a recorded search again from its stores alone, and compare every line and file of it.
 
     Neither the data set nor a model nor a sandbox is used.
@@ -26,9 +40,7 @@ def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
         path: the run directory.
         store: where the stores lie, if not where the run had them.
         view: who is told.
-
-    Returns:
-        The digest, and the number of ledger lines that were compared.
+        seen: told of every store entry that the replay reads, from any thread.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.
@@ -42,14 +54,15 @@ def replay(path: Path, store: str | None, view: View) -> tuple[str, int]:
     recorded = directory.read_ledger()
     if not recorded or directory.read_run().get("digest") != recorded[-1]["hash"]:
         raise RunError(f"{path} is not finished, or its digest was edited; the command that began it continues it")
-    plan = build_plan(config, task, Mode.replay)
-    with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay) as tools:
+    plan = build_plan(config, task, Mode.replay, seen=seen)
+    with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay, seen=seen) as tools:
         ledger.commit(run_header(config, task, facts, plan))
-        state = run_search(plan, tools, ledger, _Verifier(directory, plan, view))
+        verifier = _Verifier(directory, plan, view)
+        state = run_search(plan, tools, ledger, verifier)
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)
-        return ledger.digest, ledger.committed
+        return Replayed(digest=ledger.digest, lines=ledger.committed, spent=total(verifier.spent))
 
 
 def read_run(directory: RunDirectory) -> tuple[RunConfig, Task, DataFacts]:
@@ -101,6 +114,8 @@ class _Verifier(Watcher):
     def __init__(self, directory: RunDirectory, plan: Plan, view: View) -> None:
         super().__init__(plan, view)
         self._directory = directory
+        #: What each candidate's answers cost.
+        self.spent: list[Spending] = []
 
     def developed(self, outcome: Outcome) -> None:
         """Compare the source of an admitted candidate, or the answer of a rejected one.
@@ -109,6 +124,7 @@ class _Verifier(Watcher):
             DivergenceError: the file was edited, or is missing.
         """
         name = outcome.proposal.id
+        self.spent.append(spending_on(outcome.completions))
         if outcome.admitted is not None:
             expected = outcome.admitted.source
         elif isinstance(outcome.result, Rejection) and outcome.completion is not None:

@@ -2,7 +2,7 @@
 
 run.json        the resolved configuration, the task's texts, data facts, versions, machine, digest
 ledger.jsonl    every decision, one line each (tacevo.ledger)
-timings.jsonl   wall times, which no ledger may hold
+timings.jsonl   wall times and costs, which no ledger may hold
 archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 candidates/     the source of every admitted candidate, and the answer and the reason behind every rejected one
@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json, Rejection
@@ -165,9 +166,24 @@ class RunDirectory:
             write_durably(path, text)
 
     def add_timing(self, entry: dict[str, Json]) -> None:
-        """Append a line to timings.jsonl, with the present time."""
-        with (self.path / "timings.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps({**entry, "at": datetime.now(UTC).isoformat(timespec="milliseconds")}) + "\n")
+        """Append a line to timings.jsonl, with the present time; a line torn by a kill is ended first."""
+        line = json.dumps({**entry, "at": datetime.now(UTC).isoformat(timespec="milliseconds")}) + "\n"
+        path = self.path / "timings.jsonl"
+        with path.open("ab+") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
+            torn = file.read(1) not in (b"", b"\n")
+            file.write(f"\n{line}".encode() if torn else line.encode())
+
+    def read_spending(self) -> dict[str, Spending]:
+        """Read what each candidate's answers cost, by id; a line torn by a kill is left out."""
+        path = self.path / "timings.jsonl"
+        spent: dict[str, Spending] = {}
+        for text in path.read_bytes().splitlines() if path.exists() else ():
+            with contextlib.suppress(ValueError, TypeError, AttributeError, ArithmeticError):
+                entry = json.loads(text)
+                if "id" in entry:
+                    spent[entry["id"]] = Spending.from_json(entry)
+        return spent
 
 
 def rejected_text(rejection: Rejection, answer: str) -> str:

@@ -20,7 +20,7 @@ from typing import Protocol
 from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Tessellation, coverage, qd_score
 from tacevo.choices import PromptPolicy, Scale, TemperatureRule
 from tacevo.descriptors import Descriptor, describe
-from tacevo.development import Outcome, Tools, develop
+from tacevo.development import Attempt, Outcome, Tools, develop
 from tacevo.errors import ConfigError
 from tacevo.ledger import Ledger
 from tacevo.prompts import PromptArchive, Trial, curiosity
@@ -47,6 +47,8 @@ class Plan:
     temperature_rule: TemperatureRule
     temperature_start: float
     temperature_step: float
+    #: How often an answer that the gate turned away is sent back.
+    repairs: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +105,7 @@ def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer:
     proposals = propose(state, plan)
     lines: list[dict[str, Json]] = []
     before = state
-    for outcome in develop(proposals, tools):
+    for outcome in develop(proposals, tools, repairs=plan.repairs):
         _insist_on_baseline(outcome, plan.task)
         observer.developed(outcome)
         state, entry = commit(state, plan, outcome, tools.evaluation_key)
@@ -170,7 +172,8 @@ def close(
 ) -> tuple[SearchState, dict[str, Json]]:
     """End a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
 
-    Generation 0 leaves T_1 as it is: there is no generation before it to compare with.
+    Generation 0 leaves T_1 as it is: there is no generation before it to compare with. `trained` counts first answers
+    only, as the paper has it; those that were corrected are counted apart, where any was sent back.
     """
     elites = state.networks.archive.elites
     best = min((-elite.objective for elite in elites.values()), default=math.inf)
@@ -181,13 +184,14 @@ def close(
         )
     bounds = state.networks.bounds
     fitnesses = [line["fitness"] for line in lines if "fitness" in line]
+    repaired = [line for line in lines if "fitness" in line and "repairs" in line]
     entry: dict[str, Json] = {
         "kind": "generation",
         "generation": state.generation,
         "temperature": state.temperature,
         "next_temperature": temperature,
         "candidates": len(lines),
-        "trained": len(fitnesses),
+        "trained": len(fitnesses) - len(repaired),
         "best": best if math.isfinite(best) else None,
         "generation_best": min(fitnesses, default=None),
         "generation_median": round(statistics.median(fitnesses), 12) if fitnesses else None,
@@ -198,6 +202,8 @@ def close(
         "archive": content_hash({str(niche): to_json(elites[niche]) for niche in elites}),
         "prompt_archive": content_hash({str(niche): to_json(trial) for niche, trial in state.prompts.trials.items()}),
     }
+    if any("repairs" in line for line in lines):
+        entry["repaired"] = len(repaired)
     return replace(state, generation=state.generation + 1, temperature=temperature, best=best), entry
 
 
@@ -239,13 +245,24 @@ def _entry(outcome: Outcome) -> dict[str, Json]:
         "prompt": proposal.prompt,
         "request": None if proposal.request is None else content_hash(to_json(proposal.request)),
         "temperature": None if proposal.request is None else proposal.request.temperature,
-        "answer": None if outcome.completion is None else content_hash(to_json(outcome.completion)),
+        "answer": None if outcome.completion is None else content_hash(outcome.completion.content()),
     }
+    if outcome.attempts:
+        entry["repairs"] = [_attempted(attempt) for attempt in outcome.attempts]
     if outcome.admitted is not None:
         entry["source"] = hashlib.sha256(outcome.admitted.source.encode()).hexdigest()
     if isinstance(outcome.result, Rejection):
         entry |= {"stage": outcome.result.stage.value, "reason": outcome.result.reason.value}
     return entry
+
+
+def _attempted(attempt: Attempt) -> dict[str, Json]:
+    """Write down an answer that was sent back."""
+    return {
+        "answer": content_hash(attempt.completion.content()),
+        "stage": attempt.rejection.stage.value,
+        "reason": attempt.rejection.reason.value,
+    }
 
 
 def _measured(profile: Profile, descriptor: Descriptor) -> dict[str, Json]:

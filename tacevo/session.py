@@ -8,12 +8,14 @@ from pathlib import Path
 from tacevo.choices import Tracking
 from tacevo.composition import load_task, to_plain
 from tacevo.config import RunConfig
+from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Task
+from tacevo.providers import build_llm
 from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
 from tacevo.rundir import SCHEMA, RunDirectory, machine, versions
 from tacevo.sandbox.confinement import report, require
@@ -23,7 +25,7 @@ from tacevo.summary import summarise
 from tacevo.tracking.entries import without_password
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import check_machine
-from tacevo.wiring import build_llm, build_plan, load_data, open_tools
+from tacevo.wiring import build_plan, load_data, open_tools
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -162,7 +164,7 @@ def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, dige
     run |= {"config": _publishable(config), "digest": digest}
     directory.write_json("run.json", run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
-    summary = summarise(run, directory.read_ledger(), names)
+    summary = summarise(run, directory.read_ledger(), names, directory.read_spending())
     directory.write_text("summary.md", summary)
     return summary
 
@@ -192,6 +194,9 @@ class _Recorder(Watcher):
         super().__init__(plan, view)
         self._directory = directory
         self._ledger = ledger
+        self._spent = directory.read_spending()
+        #: What the candidates of the present generation cost.
+        self._generation: list[Spending] = []
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
@@ -200,12 +205,18 @@ class _Recorder(Watcher):
             self._directory.keep_candidate(name, outcome.admitted.source)
         elif isinstance(outcome.result, Rejection) and outcome.completion is not None:
             self._directory.keep_rejected(name, outcome.result, outcome.completion.text)
-        if self._ledger.committed >= self._ledger.recorded:
-            self._directory.add_timing({"id": name, "seconds": round(outcome.seconds, 3)})
+        spent = spending_on(outcome.completions)
+        self._generation.append(spent)
+        if self._spent.get(name) != spent:
+            self._directory.add_timing({"id": name, "seconds": round(outcome.seconds, 3), **to_json(spent)})
 
     def committed(self, line: dict[str, Json], state: SearchState) -> None:
         """Show a line, and write the archives at the end of each generation that was not complete before."""
         super().committed(line, state)
-        if line["kind"] == "generation" and self._ledger.committed >= self._ledger.recorded:
+        if line["kind"] != "generation":
+            return
+        spent, self._generation = total(self._generation), []
+        if self._ledger.committed >= self._ledger.recorded:
+            self._directory.add_timing({"generation": line["generation"], **to_json(spent)})
             for name, content in archive_files(self._plan, state).items():
                 self._directory.write_json(name, content)

@@ -9,7 +9,7 @@ from tacevo.rundir import RunDirectory
 from tacevo.summary import summarise, table
 
 #: Ledger fields of a candidate that are shown elsewhere, or to nobody.
-_HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses"}
+_HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses", "repairs"}
 
 
 def show_run(path: Path) -> str:
@@ -23,7 +23,7 @@ def show_run(path: Path) -> str:
     with directory.believed():
         finished = bool(lines) and run["digest"] == lines[-1]["hash"]
         state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
-        return f"{summarise(run, lines, directory.read_elites())}\n{state}\n"
+        return f"{summarise(run, lines, directory.read_elites(), directory.read_spending())}\n{state}\n"
 
 
 def show_candidate(path: Path, name: str) -> str:
@@ -41,6 +41,9 @@ def show_candidate(path: Path, name: str) -> str:
     with directory.believed():
         line = found[0]
         parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
+        if "repairs" in line:
+            reasons = ", ".join(f"{sent['stage']}: {sent['reason']}" for sent in line["repairs"])
+            parts.append(f"Answers that were sent back before this one: {len(line['repairs'])} ({reasons})")
         if "validation_losses" in line:
             parts.append(_losses(line))
         return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"

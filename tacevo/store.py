@@ -20,8 +20,14 @@ from tacevo.records import Json, Mode
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
 
-#: How many entries a miss is compared with, at most, to name the nearest.
-_COMPARED = 1_000
+#: Is told the path of an entry that was read.
+Seen = Callable[[Path], object]
+
+#: The kinds of answers that a run keeps.
+KINDS = ("answers", "centroids", "completions", "evaluations", "probes")
+
+#: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
+_COMPARED = 20_000
 
 
 def canonical(value: Json) -> str:
@@ -45,16 +51,18 @@ class Store:
         root: the folder that holds all kinds.
         kind: the name of this kind; part of every key.
         mode: see `Mode`.
+        seen: told of every entry that `read` finds, from whichever thread reads.
     """
 
-    def __init__(self, root: Path, kind: str, mode: Mode = Mode.record) -> None:
+    def __init__(self, root: Path, kind: str, mode: Mode = Mode.record, *, seen: Seen | None = None) -> None:
         self._folder = root / kind
         self._kind = kind
         self._mode = mode
+        self._seen = seen
 
     def key(self, request: Json) -> str:
         """Name a request: SHA-256 of its canonical JSON with the kind and the schema."""
-        return content_hash({"schema": SCHEMA, "kind": self._kind, "request": request})
+        return _key(self._kind, request)
 
     def recall(self, request: Json, compute: Callable[[], Json]) -> Json:
         """Answer a request from the store, or by `compute` where the mode allows it.
@@ -99,7 +107,14 @@ class Store:
             data = path.read_bytes()
         except FileNotFoundError:
             return None
-        return _checked(path, data, key)["answer"]
+        answer = check_entry(path, data, self._kind, key)["answer"]
+        if self._seen is not None:
+            self._seen(path)
+        return answer
+
+    def holds(self, key: str) -> bool:
+        """Say whether there is an entry of a key, sound or not."""
+        return self._path(key).exists()
 
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
@@ -115,13 +130,26 @@ class Store:
             StoreError: an entry is damaged or of another schema.
         """
         for path in sorted(self._folder.glob("*/*.json")):
-            yield _checked(path, path.read_bytes(), path.stem)
+            yield check_entry(path, path.read_bytes(), self._kind, path.stem)
 
-    def _sound(self) -> Iterator[Json]:
+    def nearest(self, request: Json, most: int | None = None) -> tuple[Json, list[str]] | None:
+        """Find the recording that differs from a request in the fewest fields, but in at least one.
+
+        Args:
+            request: what was asked.
+            most: how many recordings to compare, in the order of their keys; None for all.
+
+        Returns:
+            The entry and the names of the fields, or None where there is no other sound entry.
+        """
+        compared = ((entry, differences(entry["request"], request)) for entry in self._sound(most))
+        return min((pair for pair in compared if pair[1]), key=lambda pair: len(pair[1]), default=None)
+
+    def _sound(self, most: int | None) -> Iterator[Json]:
         """Give entries to compare with; a damaged one is not what a miss is about."""
-        for path in itertools.islice(sorted(self._folder.glob("*/*.json")), _COMPARED):
+        for path in itertools.islice(sorted(self._folder.glob("*/*.json")), most):
             with contextlib.suppress(StoreError, OSError):
-                yield _checked(path, path.read_bytes(), path.stem)
+                yield check_entry(path, path.read_bytes(), self._kind, path.stem)
 
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}.json"
@@ -129,28 +157,29 @@ class Store:
     def _explain_miss(self, request: Json) -> str:
         """Say which recording comes nearest and in which field it differs first."""
         missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]} in {self._folder}"
-        nearest = min(self._sound(), key=lambda entry: len(differences(entry["request"], request)), default=None)
-        if nearest is None:
+        found = self.nearest(request, _COMPARED)
+        if found is None:
             return f"{missed}; that store is empty or not there: name it by store.root (in a replay, --store)"
-        field = differences(nearest["request"], request)[0]
+        nearest, fields = found
         return (
-            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {field!r} differs. Replay with "
+            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {fields[0]!r} differs. Replay with "
             "the configuration of the recording, or record anew with llm.mode=record."
         )
 
 
-def write_durably(path: Path, text: str) -> None:
-    """Write a whole text file in one step: a reader sees the old content or the new, even after a crash.
+def write_durably(path: Path, content: str | bytes) -> None:
+    """Write a whole file (text as UTF-8) in one step: a reader sees the old content or the new, even after a crash.
 
     Raises:
         StoreError: the disk is full or the folder cannot be written; the old content stays.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.part")  # nobody else's
     try:
-        made = [folder for folder in (path.parent, *path.parent.parents) if not folder.exists()]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
+        made = list(itertools.takewhile(lambda folder: not folder.exists(), path.parents))
+        if made:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with part.open("wb") as file:
+            file.write(content if isinstance(content, bytes) else content.encode())
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)  # atomic: a reader never sees half an entry
@@ -171,8 +200,22 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _checked(path: Path, data: bytes, key: str) -> dict[str, Json]:
-    """Parse an entry and hold it against its own key and checksum."""
+def _key(kind: str, request: Json) -> str:
+    return content_hash({"schema": SCHEMA, "kind": kind, "request": request})
+
+
+def check_entry(path: Path, data: bytes, kind: str, key: str) -> dict[str, Json]:
+    """Parse an entry and hold it against its checksum, its place and its question.
+
+    Args:
+        path: where it stands, for messages.
+        data: what stands there.
+        kind: the kind of the store.
+        key: what the file's name says.
+
+    Raises:
+        StoreError: it is damaged, of another schema, or answers another question than its key stands for.
+    """
     remedy = "restore the file from a copy, or delete it so that it is computed again"
     try:
         entry: dict[str, Json] = json.loads(data)
@@ -184,6 +227,8 @@ def _checked(path: Path, data: bytes, key: str) -> dict[str, Json]:
         raise StoreError(f"{path} has schema {entry.get('schema')!r}; this version reads {SCHEMA}; {remedy}")
     if not sound:
         raise StoreError(f"{path} does not match its checksum; {remedy}")
+    if entry["kind"] != kind or _key(kind, entry["request"]) != key:
+        raise StoreError(f"{path} holds another question than its name stands for; {remedy}")
     return entry
 
 
@@ -200,3 +245,10 @@ def differences(recorded: Json, asked: Json, name: str = "") -> list[str]:
         pairs = enumerate(zip(recorded, asked, strict=True))
         return [d for i, (a, b) in pairs for d in differences(a, b, f"{name}.{i}".lstrip("."))]
     return [] if canonical(recorded) == canonical(asked) else [name or "request"]  # 1 and 1.0 are two keys
+
+
+def value_at(value: Json, field: str) -> Json:
+    """Look a field up by the name that `differences` gives it; None where it is missing."""
+    for name in field.split("."):
+        value = value[int(name)] if isinstance(value, list) else value.get(name)
+    return value

@@ -3,28 +3,37 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
+from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Json, Stage
 
 #: How many elites the summary lists.
 TOP = 5
 
 
-def summarise(run: Mapping[str, Json], lines: Sequence[Mapping[str, Json]], elites: Sequence[str]) -> str:
+def summarise(
+    run: Mapping[str, Json],
+    lines: Sequence[Mapping[str, Json]],
+    elites: Sequence[str],
+    spent: Mapping[str, Spending],
+) -> str:
     """Write the summary of a run as Markdown.
 
     Args:
         run: what run.json holds.
         lines: the ledger.
         elites: ids of the network archive's elites.
+        spent: what each candidate's answers cost, by id, as far as that is known.
 
     Returns:
-        A page with the search's size, its best networks, a table of the gate's stages and one of generations.
+        A page with the search's size, its best networks, a table of the gate's stages, one of generations, and the
+        cost of the answers.
     """
     candidates = {line["id"]: line for line in lines if line["kind"] == "candidate"}
     generations = [line for line in lines if line["kind"] == "generation"]
     parts = [f"# {run['name']}", _headline(run, candidates, generations)]
     if generations and elites:
-        parts += [_found(candidates, elites), _stages(candidates.values()), _progress(generations)]
+        parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
+        parts += [_progress(generations), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -62,9 +71,9 @@ def _found(candidates: Mapping[str, Mapping[str, Json]], elites: Sequence[str]) 
 
 
 def _stages(lines: Collection[Mapping[str, Json]]) -> str:
-    """Count where candidates were turned away."""
+    """Count where first answers were turned away, corrected or not; what is left at the end is the paper's rate."""
     left = len(lines)
-    reasons = Counter((line["stage"], line["reason"]) for line in lines if "stage" in line)
+    reasons = Counter((first["stage"], first["reason"]) for first in map(_first, lines) if "stage" in first)
     rows = []
     for stage in Stage:
         lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where == stage.value}
@@ -74,15 +83,64 @@ def _stages(lines: Collection[Mapping[str, Json]]) -> str:
     return "## Gate\n\n" + table(["stage", "rejected", "left", "of all", "reasons"], rows)
 
 
+def _first(line: Mapping[str, Json]) -> Mapping[str, Json]:
+    """Give what became of a candidate's first answer."""
+    first: Mapping[str, Json] = line["repairs"][0] if "repairs" in line else line
+    return first
+
+
+def _repaired(lines: Collection[Mapping[str, Json]]) -> list[str]:
+    """Say what came of the answers that were sent back, where any was."""
+    sent_back = [line for line in lines if "repairs" in line]
+    if not sent_back:
+        return []
+    attempts = sum(len(line["repairs"]) for line in sent_back)
+    admitted = sum("source" in line for line in sent_back)
+    trained = sum("fitness" in line for line in sent_back)
+    return [
+        f"Repaired: {len(sent_back)} answers were sent back, {attempts} times in all; {admitted} then passed the gate, "
+        f"and {trained} of these trained. The table above counts them as rejected, where their first answer was."
+    ]
+
+
+def _costs(
+    candidates: Mapping[str, Mapping[str, Json]],
+    generations: Sequence[Mapping[str, Json]],
+    spent: Mapping[str, Spending],
+) -> list[str]:
+    """Add up what the answers cost when they were recorded, generation by generation."""
+    known = {name: spent[name] for name in candidates if name in spent}
+    run = total(known.values())
+    if not run.answers:
+        return []
+    rows = []
+    for line in generations:
+        number = line["generation"]
+        part = total(known[name] for name in known if candidates[name]["generation"] == number)
+        rows.append([str(number), str(part.answers), f"{part.input_tokens:,}", f"{part.output_tokens:,}", usd(part)])
+    header = ["generation", "answers", "input tokens", "output tokens", "cost"]
+    asked = sum(line["operator"] != "baseline" for line in candidates.values())
+    missing = asked - sum(part.answers > 0 for part in known.values())
+    gap = f" The cost of {missing} candidates is not in timings.jsonl." if missing else ""
+    whole = f"{in_words(run)} (input + output), by the prices of the day each was recorded.{gap}"
+    return [f"## Cost\n\n{whole}\n\n{table(header, rows)}"]
+
+
 def _progress(generations: Sequence[Mapping[str, Json]]) -> str:
     rows = [
-        [str(line["generation"]), f"{line['trained']}/{line['candidates']}", _number(line["best"]),
+        [str(line["generation"]), _trained(line), _number(line["best"]),
          _number(line["generation_median"]), f"{line['coverage']:.0%}", f"{line['prompt_coverage']:.0%}",
          f"{line['qd_score']:.3f}", f"{line['temperature']:.2f}"]
         for line in generations
     ]  # fmt: skip
     header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
     return "## Generations\n\n`networks` and `prompts` are the coverage of the two archives.\n\n" + table(header, rows)
+
+
+def _trained(line: Mapping[str, Json]) -> str:
+    """Write how many candidates of a generation trained, with those after a repair apart."""
+    repaired = f" + {line['repaired']} repaired" if "repaired" in line else ""
+    return f"{line['trained']}/{line['candidates']}{repaired}"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

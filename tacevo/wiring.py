@@ -1,4 +1,4 @@
-"""From a configuration to a running search: the one place that builds objects and joins them."""
+"""From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
 import os
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.choices import BoundsRule, DataSource, ExecutorKind, Provider
-from tacevo.config import ExecutorConfig, LLMConfig, RunConfig
+from tacevo.choices import BoundsRule, DataSource, ExecutorKind
+from tacevo.config import ExecutorConfig, RunConfig
 from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
 from tacevo.data.fitting import require_fit
@@ -24,16 +24,13 @@ from tacevo.data.workers import Progress
 from tacevo.development import Tools
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate, GateLimits
-from tacevo.llm.client import LLM
-from tacevo.llm.grammar.provider import MODEL as GRAMMAR
-from tacevo.llm.grammar.provider import GrammarLLM
-from tacevo.llm.recording import RecordingLLM
 from tacevo.proposals import Settings, Task
+from tacevo.providers import build_llm, provider_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.sandbox.client import Sandbox
 from tacevo.search import Plan, scaled
-from tacevo.store import Store
+from tacevo.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples
 from tacevo.training.numerics import environment
@@ -120,10 +117,32 @@ def _known_task(tasks: type[_Tasks], config: RunConfig) -> _Tasks:
         ) from error
 
 
-def build_plan(config: RunConfig, task: Task, mode: Mode) -> Plan:
-    """Turn a configuration into the plan of a search; the centroids come from the store."""
+def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None = None) -> Plan:
+    """Turn a configuration into the plan of a search; the centroids come from the store, which tells `seen`."""
     archive = config.archive
-    settings = Settings(
+    bounds = None
+    if archive.bounds is BoundsRule.fixed:
+        axes = [archive.arch_div_bounds, [scaled(value, archive.eff_ratio_scale) for value in archive.eff_ratio_bounds]]
+        bounds = Bounds(low=tuple(axis[0] for axis in axes), high=tuple(axis[1] for axis in axes))
+    return Plan(
+        task=task,
+        settings=build_settings(config),
+        generations=config.search.generations,
+        initial=config.search.initial,
+        networks=_tessellation(config, archive.niches, mode, seen),
+        prompts=_tessellation(config, archive.prompt_niches, mode, seen),
+        archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
+        eff_ratio_scale=archive.eff_ratio_scale,
+        temperature_rule=config.temperature.rule,
+        temperature_start=config.temperature.start,
+        temperature_step=config.temperature.step,
+        repairs=config.proposals.repair_attempts,
+    )
+
+
+def build_settings(config: RunConfig) -> Settings:
+    """Turn a configuration into the settings of its proposals."""
+    return Settings(
         seed=config.seed,
         candidates=config.search.candidates,
         mutation_probability=config.proposals.mutation_probability,
@@ -133,34 +152,19 @@ def build_plan(config: RunConfig, task: Task, mode: Mode) -> Plan:
         jitter=config.temperature.jitter,
         model=config.llm.model,
         max_tokens=config.llm.max_tokens,
-        llm=_provider_settings(config.llm),
-    )
-    bounds = None
-    if archive.bounds is BoundsRule.fixed:
-        axes = [archive.arch_div_bounds, [scaled(value, archive.eff_ratio_scale) for value in archive.eff_ratio_bounds]]
-        bounds = Bounds(low=tuple(axis[0] for axis in axes), high=tuple(axis[1] for axis in axes))
-    return Plan(
-        task=task,
-        settings=settings,
-        generations=config.search.generations,
-        initial=config.search.initial,
-        networks=_tessellation(config, archive.niches, mode),
-        prompts=_tessellation(config, archive.prompt_niches, mode),
-        archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
-        eff_ratio_scale=archive.eff_ratio_scale,
-        temperature_rule=config.temperature.rule,
-        temperature_start=config.temperature.start,
-        temperature_step=config.temperature.step,
+        llm=provider_settings(config.llm),
     )
 
 
-def _tessellation(config: RunConfig, niches: int, mode: Mode) -> Tessellation:
+def _tessellation(config: RunConfig, niches: int, mode: Mode, seen: Seen | None) -> Tessellation:
     shape = {"niches": niches, "dimensions": 2, "samples": config.archive.samples, "seed": config.archive.seed}
-    return Tessellation(_store(config, "centroids", mode).recall(shape, lambda: find_centroids(**shape)))
+    return Tessellation(_store(config, "centroids", mode, seen).recall(shape, lambda: find_centroids(**shape)))
 
 
 @contextlib.contextmanager
-def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, mode: Mode) -> Iterator[Tools]:
+def open_tools(
+    config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, mode: Mode, *, seen: Seen | None = None
+) -> Iterator[Tools]:
     """Open the effects of a search: model, gate, training, workers.
 
     Args:
@@ -169,6 +173,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         facts: of the data set.
         data: the data set; None where every answer is recorded, as in a replay.
         mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
+        seen: told of every store entry that is read.
     """
     arrays = {} if data is None else {"images": data.images}
     with contextlib.ExitStack() as stack:
@@ -178,10 +183,10 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         sandbox = stack.enter_context(
             Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays=arrays)
         )
-        gate = build_gate(config, task.contract, sandbox, mode)
+        gate = build_gate(config, task.contract, sandbox, mode, seen=seen)
         evaluator = Evaluator(
             run=sandbox.run,
-            store=_store(config, "evaluations", mode),
+            store=_store(config, "evaluations", mode, seen),
             contract=task.contract,
             examples=None if data is None else _examples(data),
             fingerprint=facts.fingerprint,
@@ -190,7 +195,7 @@ def open_tools(config: RunConfig, task: Task, facts: DataFacts, data: Dataset | 
         )
         seed = derived_seed(config.seed, "training")
         yield Tools(
-            llm=build_llm(config, mode),
+            llm=build_llm(config, mode, seen=seen),
             admit=gate.admit,
             inspect=gate.inspect,
             evaluate=lambda source: evaluator.evaluate(source, seed),
@@ -205,13 +210,15 @@ def _executor(executor: ExecutorConfig) -> Executor:
             return ThreadPoolExecutor(executor.workers, "worker")
 
 
-def build_gate(config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mode) -> Gate:
+def build_gate(
+    config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mode, *, seen: Seen | None = None
+) -> Gate:
     """Build the gate of a task."""
     gate = config.gate
     return Gate(
         run=sandbox.run,
-        answers=_store(config, "answers", mode),
-        store=_store(config, "probes", mode),
+        answers=_store(config, "answers", mode, seen),
+        store=_store(config, "probes", mode, seen),
         contract=contract,
         limits=GateLimits(
             parameters=gate.max_parameters,
@@ -247,46 +254,5 @@ def _examples(data: Dataset) -> Examples:
     )
 
 
-def build_llm(config: RunConfig, mode: Mode) -> LLM:
-    """Put the store before the provider; in a replay there is no provider."""
-    mode = Mode.replay if mode is Mode.replay else config.llm.mode
-    inner = None if mode is Mode.replay else _provider(config.llm)
-    return RecordingLLM(inner, _store(config, "completions", mode))
-
-
-def _provider(llm: LLMConfig) -> LLM:
-    match llm.provider:
-        case Provider.grammar:
-            if llm.model != GRAMMAR:
-                raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
-            return GrammarLLM(slip_rate=llm.slip_rate)
-        case Provider.anthropic:
-            return _claude(llm)
-
-
-def _claude(llm: LLMConfig) -> LLM:
-    """Connect to Claude, and see at once whether there is anything to log in with."""
-    import anthropic  # a second to import, for the runs that need it
-
-    from tacevo.llm.anthropic import MAX_RETRIES, AnthropicLLM
-
-    def connect() -> anthropic.AsyncAnthropic:
-        return anthropic.AsyncAnthropic(base_url=llm.base_url, max_retries=MAX_RETRIES)
-
-    remedy = "set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
-    try:
-        client = connect()
-    except anthropic.AnthropicError as error:
-        raise ConfigError(f"llm=anthropic: {error}; {remedy}") from error
-    if not client.auth_headers and client.credentials is None:  # the SDK itself would only notice when it asks
-        raise ConfigError(f"llm=anthropic needs an API key; {remedy}")
-    return AnthropicLLM(connect, concurrency=llm.concurrency)
-
-
-def _provider_settings(llm: LLMConfig) -> tuple[tuple[str, float], ...]:
-    """Name what else an answer depends on, beside the request's own fields."""
-    return (("slip_rate", llm.slip_rate),) if llm.provider is Provider.grammar else ()
-
-
-def _store(config: RunConfig, kind: str, mode: Mode) -> Store:
-    return Store(Path(config.store.root), kind, mode)
+def _store(config: RunConfig, kind: str, mode: Mode, seen: Seen | None) -> Store:
+    return Store(Path(config.store.root), kind, mode, seen=seen)

@@ -18,6 +18,7 @@ CHOICES = [(group, choice) for group, choices in groups().items() for choice in 
 
 #: What a choice needs beside itself.
 NEEDED = {
+    ("llm", "openai"): ["llm.model=some-model"],
     ("data", "csv"): ["data.root=images", "data.target_columns=[fx,fy,fz]"],
     ("data", "folder"): ["data.root=images"],
     ("data", "tacverse"): ["data.root=images"],
@@ -46,7 +47,7 @@ PAPER: dict[str, Json] = {
     "search": {"generations": 20, "candidates": 50, "initial": 10},
     "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
     "prompts": {"policy": "uniform"},
-    "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4},
+    "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4, "repair_attempts": 0},
     "training": {"epochs": 10, "batch_size": 32, "learning_rate": 0.001, "seconds": 86_400.0, "memory_mib": 4096},
     "archive": {
         "niches": 100,
@@ -336,3 +337,16 @@ def test_data_of_the_wrong_kind_are_refused(task: str, kind: Kind) -> None:
     config = compose([f"task={task}"])
     with pytest.raises(ConfigError, match=f"the data set's labels are for {kind}; data=csv gives regression"):
         load_task(config, replace(facts_of(config), kind=kind))
+
+
+def test_configuration_of_an_older_run_is_read() -> None:
+    """A run.json from before there were prices, budgets and repairs stands for a run without them."""
+    plain = to_plain(composed())
+    later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
+    older = {
+        **plain,
+        "llm": {key: value for key, value in plain["llm"].items() if key not in later},
+        "proposals": {key: value for key, value in plain["proposals"].items() if key != "repair_attempts"},
+    }
+    assert set(older["llm"]) < set(plain["llm"])
+    assert from_plain(older) == composed()

@@ -20,10 +20,11 @@ from tacevo.choices import (
 from tacevo.composition import compose
 from tacevo.config import RunConfig, identity
 from tacevo.errors import ConfigError
-from tacevo.records import Json, Mode
+from tacevo.records import Delivery, Json, Mode
 from tacevo.store import canonical
 
 CONFIG = compose([])
+HOSTED = compose(["llm=anthropic"])
 NAN, INF = math.nan, math.inf
 
 #: Impossible values of each setting that has a range.
@@ -48,6 +49,11 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "llm.max_tokens": [0],
     "llm.concurrency": [0],
     "llm.slip_rate": [-0.1, 1.1, NAN],
+    "llm.top_p": [0.0, 1.1, NAN],
+    "llm.top_k": [0],
+    "llm.stop_sequences": [["END", ""]],
+    "llm.thinking_tokens": [0, 4096],
+    "llm.budget_usd": [-0.01, NAN, INF],
     "archive.niches": [0, 20_001],
     "archive.prompt_niches": [0, 20_001],
     "archive.arch_div_bounds": [[], [0.0], [0.0, 1.0, 2.0], [1.0, 1.0], [1.0, 0.0], [NAN, 1.0], [0.0, INF]],
@@ -57,6 +63,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "temperature.jitter": [-0.1, 1.1, NAN],
     "proposals.mutation_probability": [-0.1, 1.1, NAN],
     "proposals.best": [0],
+    "proposals.repair_attempts": [-1],
     "training.epochs": [0],
     "training.batch_size": [1],
     "training.learning_rate": [0.0, -1.0, NAN, INF],
@@ -79,6 +86,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "search.initial": [0],
     "data.image_size": [16, 33, 256],
     "llm.slip_rate": [0.0, 1.0],
+    "llm.budget_usd": [0.0],
     "archive.niches": [1, 20_000],
     "temperature.start": [0.0, 1.0],
     "proposals.mutation_probability": [0.0, 1.0],
@@ -108,7 +116,7 @@ def keys(record: Any = CONFIG, prefix: str = "") -> list[str]:
 def test_impossible_value_is_refused_by_its_key(key: str, value: Json) -> None:
     """The message begins with the key as the user wrote it, and ends with what came."""
     with pytest.raises(ConfigError, match=rf"^{key} needs .*; got "):
-        changed(key, value)
+        changed(key, value, HOSTED)
 
 
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key in POSSIBLE for value in POSSIBLE[key]])
@@ -142,6 +150,17 @@ def test_message_says_what_was_expected_and_what_came() -> None:
         ),
         (["data=csv", "data.root=x"], r"^data\.target_columns needs the different columns of the labels, .*; got \[\]"),
         (["archive.niches=30", "archive.samples=29"], r"^archive\.niches needs a value from 1 to archive.samples=29"),
+        (["llm.delivery=batch"], r"^llm\.delivery needs direct for llm=grammar; got 'batch'"),
+        (["llm.top_p=0.9"], r"^llm\.top_p needs to be left out for llm=grammar, which does not know it; got 0.9"),
+        (
+            ["llm=openai", "llm.model=m", "llm.thinking_tokens=9"],
+            r"^llm\.thinking_tokens needs to be left out for llm=op",
+        ),
+        (["llm=openai"], r"^llm\.model needs a model name; got ''"),
+        (
+            ["llm=anthropic", "llm.max_tokens=10", "llm.thinking_tokens=10"],
+            r"from 1 to below llm\.max_tokens=10; got 10",
+        ),
         (
             ["archive.bounds=fixed", "archive.eff_ratio_scale=log"],
             r"^archive\.eff_ratio_bounds needs low > 0 with eff_ratio_scale=log; got 0.0",
@@ -185,6 +204,7 @@ DECIDES: dict[str, Json] = {
     "proposals.mutation_probability": 0.5,
     "proposals.parents": ParentPolicy.best,
     "proposals.best": 5,
+    "proposals.repair_attempts": 1,
     "training.epochs": 4,
     "training.batch_size": 16,
     "training.learning_rate": 0.01,
@@ -199,12 +219,22 @@ DECIDES: dict[str, Json] = {
     "numerics.kind": Numerics.fast,
 }
 
+#: Likewise the settings that only hosted models have.
+DECIDES_WHEN_HOSTED: dict[str, Json] = {
+    "llm.top_p": 0.9,
+    "llm.top_k": 40,
+    "llm.stop_sequences": ["END"],
+    "llm.thinking_tokens": 1024,
+}
+
 #: Another possible value of each setting that only says where a run is computed, watched and written, and how long.
 DECIDES_NOTHING: dict[str, Json] = {
     "search.generations": 40,
     "llm.mode": Mode.replay,
     "llm.base_url": "http://localhost:1",
     "llm.concurrency": 16,
+    "llm.budget_usd": 5.0,
+    "llm.prices": "other.yaml",
     "sandbox.require": Confinement.kernel,
     "executor.workers": 16,
     "tracking.kind": Tracking.none,
@@ -217,7 +247,8 @@ DECIDES_NOTHING: dict[str, Json] = {
 
 def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
-    listed = DECIDES.keys() | DECIDES_NOTHING.keys() | {"executor.kind"}  # which has one choice so far
+    listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
+    listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
     assert {key for key in keys() if not key.startswith(("task.", "data."))} == listed
 
 
@@ -225,6 +256,24 @@ def test_every_setting_decides_or_does_not() -> None:
 def test_setting_that_decides_enters_the_identity(key: str) -> None:
     """A run under another such setting is another run."""
     assert canonical(identity(changed(key, DECIDES[key]))) != canonical(identity(CONFIG))
+
+
+@pytest.mark.parametrize("key", DECIDES_WHEN_HOSTED)
+def test_setting_of_a_hosted_model_enters_the_identity_once_set(key: str) -> None:
+    """Set it is part of the run; left alone it is not, so that runs without it stay the runs they were."""
+    set_ = identity(changed(key, DECIDES_WHEN_HOSTED[key], HOSTED))["llm"]
+    assert set_ == {**identity(HOSTED)["llm"], key.removeprefix("llm."): DECIDES_WHEN_HOSTED[key]}
+
+
+def test_identity_without_later_settings_is_golden() -> None:
+    """What came after the first version of a ledger leaves no trace in a run that does not use it."""
+    assert set(identity(HOSTED)["llm"]) == {"provider", "model", "max_tokens", "slip_rate"}
+    assert set(identity(CONFIG)["proposals"]) == {"mutation_probability", "parents", "best"}
+
+
+def test_delivery_stays_out_of_the_identity() -> None:
+    """A batch asks the same questions, so a run may change its delivery at any time."""
+    assert identity(changed("llm.delivery", Delivery.batch, HOSTED)) == identity(HOSTED)
 
 
 @pytest.mark.parametrize("key", DECIDES_NOTHING)

@@ -199,3 +199,78 @@ def test_unreachable_model_passes_through() -> None:
 def test_empty_generation_has_no_outcomes() -> None:
     """Nothing planned, nothing done."""
     assert run([]) == []
+
+
+def run_with_repairs(
+    planned: list[Proposal], repairs: int, *, answers: dict[str, str], workers: int = 4
+) -> tuple[list[Outcome], list[int]]:
+    """Develop with an LLM that answers a text's last turn as told; give the outcomes and the sizes of the rounds."""
+    rounds = []
+
+    class Correctable:
+        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+            """Answer the first turn, or what was sent back, by the text of the last answer."""
+            rounds.append(len(requests))
+            for position in reversed(range(len(requests))):
+                turns = [turn.content for turn in requests[position].messages]
+                text = turns[0] if len(turns) == 1 else answers[turns[-2]]
+                completion = Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
+                yield position, completion
+
+    def inspect(source: str) -> Admitted | Rejection:
+        return REFUSAL if source.startswith("bad") else Admitted(source=source, profile=PROFILE)
+
+    with ThreadPoolExecutor(workers) as executor:
+        tools = Tools(
+            llm=Correctable(),
+            admit=lambda completion: inspect(completion.text),
+            inspect=inspect,
+            evaluate=trained,
+            evaluation_key=lambda source: source,
+            executor=executor,
+        )
+        return list(develop(planned, tools, repairs=repairs)), rounds
+
+
+@pytest.mark.parametrize("workers", [1, 8])
+def test_rejected_answers_are_sent_back_together(workers: int) -> None:
+    """One round corrects what it can, the next what is left; what is still bad at the end stays rejected."""
+    answers = {"bad a": "good a", "bad b": "bad c", "bad c": "good c", "bad d": "bad d"}
+    planned = proposals("fine", "bad a", "bad b", "bad d")
+    outcomes, rounds = run_with_repairs(planned, 2, answers=answers, workers=workers)
+    assert rounds == [4, 3, 2]
+    assert weights(outcomes) == ["baseline", "fine", "good a", "good c"]
+    said = [[completion.text for completion in outcome.completions] for outcome in outcomes]
+    assert said == [[], ["fine"], ["bad a", "good a"], ["bad b", "bad c", "good c"], ["bad d", "bad d", "bad d"]]
+    assert [attempt.rejection for attempt in outcomes[3].attempts] == [REFUSAL, REFUSAL]
+
+
+def test_without_repairs_nothing_is_sent_back() -> None:
+    """The paper discards: one round, and no attempt."""
+    outcomes, rounds = run_with_repairs(proposals("bad a", "b"), 0, answers={})
+    assert rounds == [2]
+    assert [outcome.attempts for outcome in outcomes] == [(), (), ()]
+
+
+def test_failed_training_is_not_sent_back() -> None:
+    """A repair mends what the gate found, not how a network trains."""
+    asked = []
+
+    class Counting(FakeLLM):
+        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+            """Note the round."""
+            asked.append(len(requests))
+            return super().complete(requests)
+
+    with ThreadPoolExecutor(2) as executor:
+        tools = Tools(
+            llm=Counting(),
+            admit=lambda completion: Admitted(source=completion.text, profile=PROFILE),
+            inspect=lambda source: Admitted(source=source, profile=PROFILE),
+            evaluate=lambda source: CRASH,
+            evaluation_key=lambda source: source,
+            executor=executor,
+        )
+        outcomes = list(develop(proposals("a"), tools, repairs=3))
+    assert [outcome.result for outcome in outcomes] == [CRASH, CRASH]
+    assert sum(asked) == 1

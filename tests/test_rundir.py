@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import Ledger
 from tacevo.records import Json, Reason, Rejection, Stage
@@ -173,3 +174,19 @@ def test_versions_name_every_package() -> None:
 def test_machine_is_described_without_its_name() -> None:
     """Hardware and system are said, the host's name is not."""
     assert set(machine()) == {"cpu", "cores", "architecture", "system", "libc"}
+
+
+def test_spending_is_read_by_candidate_and_the_last_line_counts(directory: RunDirectory) -> None:
+    """Lines of generations are passed over, and so is what a kill tore; the line after a torn one is whole."""
+    directory.path.mkdir(parents=True, exist_ok=True)
+    directory.add_timing({"id": "g00s01", "answers": 1, "usd": 0.5})
+    directory.add_timing({"generation": 0, "answers": 9})
+    with (directory.path / "timings.jsonl").open("a") as file:
+        file.write('{"id": "g00s02", "ans')
+    directory.add_timing({"id": "g00s01", "answers": 2, "usd": 0.75})
+    assert directory.read_spending() == {"g00s01": Spending(answers=2, usd=0.75)}
+
+
+def test_directory_without_timings_has_no_spending(directory: RunDirectory) -> None:
+    """Costs are for people; a run without them is a run."""
+    assert directory.read_spending() == {}

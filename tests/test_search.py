@@ -242,3 +242,54 @@ def test_small_run_is_golden() -> None:
     with Ledger(None, recorded) as ledger:
         run_search(fakes.plan(generations=3), fakes.tools(), ledger, fakes.Recorder())
         assert ledger.committed == ledger.recorded
+
+
+def repairing() -> Plan:
+    """Give a plan that sends answers back twice."""
+    return replace(fakes.plan(generations=4), repairs=2)
+
+
+def test_repaired_candidates_are_counted_apart() -> None:
+    """A generation's `trained` are first answers; a repaired line tells every answer that was sent back, and why."""
+    _, recorder = run(repairing())
+    repaired = [line for line in candidates(recorder) if "repairs" in line]
+    assert any("fitness" in line for line in repaired)
+    for line in repaired:
+        assert 1 <= len(line["repairs"]) <= 2
+        assert all((sent["stage"], sent["reason"]) == ("extract", "no_class") for sent in line["repairs"])
+    for ended in generations(recorder):
+        of_generation = [line for line in candidates(recorder) if line["generation"] == ended["generation"]]
+        trained = [line for line in of_generation if "fitness" in line]
+        assert ended["trained"] == sum("repairs" not in line for line in trained)
+        assert ended.get("repaired", 0) == sum("repairs" in line for line in trained)
+        assert ("repaired" in ended) == any("repairs" in line for line in of_generation)
+
+
+def test_repairs_leave_first_answers_as_they_are() -> None:
+    """Generation 0 with repairs differs from the one without in the rejected slots alone."""
+    first = replace(fakes.plan(generations=0), initial=20)
+    plain = {line["slot"]: line for line in candidates(run(first)[1])}
+    mended = {line["slot"]: line for line in candidates(run(replace(first, repairs=1))[1])}
+    rejected = {slot for slot, line in plain.items() if line.get("stage") == "extract"}
+    assert rejected
+    assert {slot for slot in plain if "repairs" in mended[slot]} == rejected
+    kept = plain.keys() - rejected
+    assert [mended[slot]["answer"] for slot in kept] == [plain[slot]["answer"] for slot in kept]
+
+
+def test_repairing_run_gives_one_digest_with_any_workers_resumed_or_not(tmp_path: Path) -> None:
+    """Sending back is part of the fold: many workers, a kill in the middle and a replay change nothing."""
+    path = tmp_path / "ledger.jsonl"
+    digest, _ = run(repairing())
+    left = iter(range(9))
+
+    def until_killed(source: str) -> Training | Rejection:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return fakes.evaluate(source)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(repairing(), path, evaluate=until_killed)
+    with ThreadPoolExecutor(8) as executor:
+        assert run(repairing(), path, executor=executor)[0] == digest
+    assert run(repairing(), path)[0] == digest

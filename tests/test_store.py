@@ -6,6 +6,7 @@ Each damage that a file can take has its own test, because a store that answers 
 import dataclasses
 import itertools
 import json
+import random
 import subprocess
 import sys
 from collections.abc import Callable
@@ -42,7 +43,13 @@ VARIED: dict[str, list[Json]] = {
     "temperature": [0.5000000000000001, 0.0, 1.0],
     "max_tokens": [101],
     "draw": [8, 0],
-    "settings": [(), (("slip_rate", 0.06),), (("slips", 0.05),)],
+    "settings": [
+        (),
+        (("slip_rate", 0.06),),
+        (("slips", 0.05),),
+        (("slip_rate", 0.05), ("top_p", 0.9)),
+        (("slip_rate", 0.05), ("stop_sequences", ("END",))),
+    ],
 }
 
 JSON = st.recursive(
@@ -343,3 +350,69 @@ def test_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="cannot be written: Not a directory; what stood there is unchanged"):
         Store(tmp_path, "completions").write({"a": 1}, "one")
     assert (tmp_path / "completions").read_text() == "mine"
+
+
+def test_entry_with_another_question_is_an_error_although_resealed(store: Store, tmp_path: Path) -> None:
+    """Who edits the question and mends the checksum is found by the key, which is the question's."""
+    edited(entry_path(tmp_path), lambda entry: resealed({**entry, "request": {"x": 2}}))
+    with pytest.raises(StoreError, match="holds another question than its name stands for; restore"):
+        store.read({"x": 1})
+
+
+def test_every_entry_that_is_read_is_told(tmp_path: Path) -> None:
+    """Whoever wants to know what a run needs hears of each entry that was found, and of no other."""
+    seen: list[Path] = []
+    watched = Store(tmp_path, "things", seen=seen.append)
+    watched.write({"x": 1}, "one")
+    assert seen == []
+    assert (watched.read({"x": 1}), watched.read({"x": 2})) == ("one", None)
+    assert seen == [entry_path(tmp_path)]
+
+
+def test_nearest_is_another_recording_with_all_its_differences(tmp_path: Path) -> None:
+    """The entry itself is not its own neighbour, and every field that differs is named."""
+    store = Store(tmp_path, "things")
+    for request in ({"a": 1, "b": 1, "c": 1}, {"a": 1, "b": 2, "c": 2}, {"a": 2, "b": 2, "c": 2}):
+        store.write(request, "answer")
+    found = store.nearest({"a": 1, "b": 1, "c": 1})
+    assert found is not None
+    assert (found[0]["request"], found[1]) == ({"a": 1, "b": 2, "c": 2}, ["b", "c"])
+    assert Store(tmp_path, "others").nearest({"a": 1}) is None
+
+
+TEXTS = st.text(max_size=8)
+SETTINGS = st.floats(0, 1) | TEXTS | st.lists(TEXTS, max_size=2).map(tuple)
+REQUESTS = st.builds(
+    Request,
+    model=TEXTS,
+    system=TEXTS,
+    messages=st.lists(st.builds(Message, role=TEXTS, content=TEXTS), max_size=3).map(tuple),
+    temperature=st.floats(0, 1),
+    max_tokens=st.integers(1, 9_999),
+    draw=st.integers(0, 2**31),
+    settings=st.dictionaries(TEXTS, SETTINGS, max_size=3).map(lambda named: tuple(sorted(named.items()))),
+)
+
+
+@given(REQUESTS, REQUESTS, st.sampled_from([field.name for field in dataclasses.fields(Request)]))
+def test_one_changed_field_of_any_request_changes_the_key(first: Request, second: Request, field: str) -> None:
+    """Whatever the requests, taking one field over from another gives another key, unless the field was equal."""
+    store = Store(Path(), "completions")
+    mixed = dataclasses.replace(first, **{field: getattr(second, field)})
+    equal = canonical(to_json(mixed)) == canonical(to_json(first))
+    assert (store.key(to_json(mixed)) == store.key(to_json(first))) == equal
+
+
+@given(REQUESTS, st.randoms(use_true_random=False))
+def test_order_of_fields_changes_no_key(request: Request, shuffler: random.Random) -> None:
+    """A request that was written down in another order, at any depth, is the same request."""
+
+    def shuffled(value: Json) -> Json:
+        if isinstance(value, dict):
+            names = sorted(value)
+            shuffler.shuffle(names)
+            return {name: shuffled(value[name]) for name in names}
+        return [shuffled(inner) for inner in value] if isinstance(value, list) else value
+
+    store = Store(Path(), "completions")
+    assert store.key(shuffled(to_json(request))) == store.key(to_json(request))

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.costs import Spending
 from tacevo.records import Json
 from tacevo.summary import summarise, table
 
@@ -67,12 +68,12 @@ LINES = [
 def test_summary_is_golden() -> None:
     """A whole summary, worked out by hand: 75.0% from 0.4 to 0.1, 80.0% from the baseline's 0.5."""
     golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
-    assert summarise(RUN, LINES, ["g01s00", "g00s01"]) == golden
+    assert summarise(RUN, LINES, ["g01s00", "g00s01"], {}) == golden
 
 
 def test_stage_counts_add_up() -> None:
     """What a stage leaves is what came to it less what it rejected; the last line is the trainable rate."""
-    lines = summarise(RUN, LINES, ["g01s00"]).splitlines()
+    lines = summarise(RUN, LINES, ["g01s00"], {}).splitlines()
     stages = {
         line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:5]] for line in lines if "|" in line
     }
@@ -84,7 +85,7 @@ def test_stage_counts_add_up() -> None:
 
 def test_run_without_a_generation_has_a_headline_only() -> None:
     """Before generation 0 is complete nothing was found, and the page says no more than what runs."""
-    page = summarise(RUN, LINES[:2], [])
+    page = summarise(RUN, LINES[:2], [], {})
     assert page.startswith("# force-seed3-0123abcd\n\nTask force, seed 3")
     assert "##" not in page
 
@@ -95,7 +96,7 @@ def test_best_are_ranked_by_fitness_then_id() -> None:
     fitnesses = [0.3, 0.2, 0.2, 0.9, 0.1, 0.8, 0.7]
     elites = [trained(name, "mutation", fitness) for name, fitness in zip(names, fitnesses, strict=True)]
     lines = [trained("g00s00", "baseline", 0.5), *elites, ended(0, trained=8, candidates=8, best=0.1, median=0.4)]
-    page = summarise(RUN, lines, names)
+    page = summarise(RUN, lines, names, {})
     rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g")]
     assert rows[:6] == ["g00s05", "g00s02", "g00s03", "g00s01", "g00s07", "g00s00"]
 
@@ -103,7 +104,7 @@ def test_best_are_ranked_by_fitness_then_id() -> None:
 def test_baseline_among_the_best_is_listed_once() -> None:
     """A baseline that is still an elite stands in its place, and not a second time at the end."""
     lines = [trained("g00s00", "baseline", 0.1), trained("g00s01", "mutation", 0.2)]
-    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=0.1, median=0.15)], ["g00s00", "g00s01"])
+    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=0.1, median=0.15)], ["g00s00", "g00s01"], {})
     assert [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g0")] == ["g00s00", "g00s01"]
 
 
@@ -113,14 +114,14 @@ def test_baseline_among_the_best_is_listed_once() -> None:
 def test_change_says_its_direction(best: float, words: str) -> None:
     """A worse best is said to be higher, not a negative improvement."""
     lines = [trained("g00s00", "baseline", 0.5), trained("g00s01", "mutation", best)]
-    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=best, median=0.5)], ["g00s01"])
+    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=best, median=0.5)], ["g00s01"], {})
     assert words in page
 
 
 def test_perfect_reference_divides_by_nothing() -> None:
     """Against a loss of 0 there is no per cent, and no error either."""
     lines = [trained("g00s00", "baseline", 0.0), ended(0, trained=1, candidates=1, best=0.0, median=0.0)]
-    assert "0.0% lower" in summarise(RUN, lines, ["g00s00"])
+    assert "0.0% lower" in summarise(RUN, lines, ["g00s00"], {})
 
 
 def test_table_lines_up() -> None:
@@ -128,3 +129,46 @@ def test_table_lines_up() -> None:
     assert table(["a", "long"], [["wider", "1"]]) == "\n".join(
         ["| a     | long |", "| ----- | ---- |", "| wider | 1    |"]
     )
+
+
+def repaired(line: dict[str, Json], *reasons: str) -> dict[str, Json]:
+    """Say that the answers before a candidate's last one were sent back, for these reasons at the probe."""
+    return {**line, "repairs": [{"answer": "0", "stage": "probe", "reason": reason} for reason in reasons]}
+
+
+def test_repaired_candidates_stay_out_of_the_papers_rate() -> None:
+    """The gate's table counts first answers: of 4 candidates 2 are left, although 3 trained."""
+    lines = [
+        trained("g00s00", "baseline", 0.5),
+        trained("g00s01", "mutation", 0.4),
+        repaired({**trained("g00s02", "mutation", 0.3), "source": "0"}, "bad_output", "not_finite"),
+        repaired(rejected("g00s03", "extract", "no_class"), "bad_output"),
+        {**ended(0, trained=2, candidates=4, best=0.3, median=0.4), "repaired": 1},
+    ]
+    page = summarise(RUN, lines, ["g00s02"], {})
+    rows = {
+        row.split("|")[1].strip(): [cell.strip() for cell in row.split("|")[2:6]]
+        for row in page.splitlines()
+        if "|" in row
+    }
+    assert rows["probe"] == ["2", "2", "50.0%", "bad_output 2"]
+    assert rows["train"] == ["0", "2", "50.0%", "-"]
+    assert "2 answers were sent back, 3 times in all; 1 then passed the gate, and 1 of these trained" in page
+    assert rows["0"][0] == "2/4 + 1 repaired"
+
+
+def test_cost_is_added_up_by_generation() -> None:
+    """A run's and each generation's answers, tokens and dollars; what is not known is said."""
+    spent = {
+        "g00s01": Spending(answers=1, input_tokens=1000, output_tokens=500, usd=0.25),
+        "g01s00": Spending(answers=2, input_tokens=3000, output_tokens=1500, usd=0.5),
+    }
+    page = summarise(RUN, LINES, ["g01s00"], spent)
+    assert "3 answers, 4,000 + 2,000 tokens, 0.7500 USD (input + output)" in page
+    assert "The cost of 5 candidates is not in timings.jsonl." in page
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in page.partition("## Cost")[2].splitlines()]
+    assert [row for row in rows if row and row[0] in {"0", "1", "2"}] == [
+        ["0", "1", "1,000", "500", "0.2500 USD"],
+        ["1", "2", "3,000", "1,500", "0.5000 USD"],
+        ["2", "0", "0", "0", "0.0000 USD"],
+    ]

@@ -20,8 +20,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tacevo.costs import Spending
 from tacevo.ledger import Ledger
-from tacevo.records import Json
+from tacevo.records import Json, to_json
+from tacevo.rundir import RunDirectory
 from tacevo.store import write_durably
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
@@ -29,6 +31,7 @@ from tacevo.tracking.entries import (
     candidate_measures,
     candidate_params,
     config_params,
+    cost_measures,
     generation_measures,
     shorten,
     without_password,
@@ -545,3 +548,36 @@ def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     assert "goes on by itself" in str(mirror.finish(0))
     assert mirror.finish(PATIENCE) is None
     assert contents(uri)["parent"][1] == "FINISHED"
+
+
+def test_cost_of_candidates_and_of_their_generation_reach_mlflow(run_dir: Path, uri: str) -> None:
+    """What timings.jsonl says of each candidate is on its run, and the sum on the search's, at its generation."""
+    for name, dollars in (("g00s01", 0.25), ("g00s02", 0.5)):
+        RunDirectory(run_dir).add_timing({"id": name, **to_json(Spending(answers=1, input_tokens=10, usd=dollars))})
+    mirror_once(run_dir, uri)
+    client, parent, nested = open_store(uri)
+    assert nested["g00s01"].data.metrics["usd"] == 0.25
+    assert "usd" not in nested["g00s00"].data.metrics
+    (point,) = client.get_metric_history(parent.info.run_id, "usd")
+    assert (point.step, point.value) == (0, 0.75)
+    assert parent.data.metrics["input_tokens"] == 20
+
+
+def test_cost_without_answers_or_price_is_absent() -> None:
+    """Nothing is shown as a cost of zero that is none."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=20, usd=0.5)
+    assert cost_measures(spent, 3) == tuple(
+        Measure(key=key, value=value, step=3)
+        for key, value in (("answers", 1.0), ("input_tokens", 10.0), ("output_tokens", 20.0), ("usd", 0.5))
+    )
+    unpriced = cost_measures(Spending(answers=1, input_tokens=10, output_tokens=20, unpriced=1), 0)
+    assert "usd" not in {measure.key for measure in unpriced}
+    assert cost_measures(Spending(), 0) == ()
+
+
+def test_repairs_are_shown_apart() -> None:
+    """A repaired candidate says how often it was sent back, and a generation how many trained after that."""
+    line = {**MUTATION, "repairs": [{"answer": "0", "stage": "probe", "reason": "bad_output"}]}
+    assert candidate_params(line, INSTRUCTIONS)["repairs"] == "1"
+    measures = {measure.key: measure.value for measure in generation_measures({**SECOND_GENERATION, "repaired": 2})}
+    assert measures["repaired"] == 2

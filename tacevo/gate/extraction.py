@@ -2,7 +2,7 @@
 
 The rules, in order:
 
-1. An answer over the size limit, refused, or blank is turned away before anything is parsed.
+1. An answer over the size limit, refused, never given, or blank is turned away before anything is parsed.
 2. If the whole answer is Python that defines the class, it is the source.
 3. Otherwise the blocks are its fenced blocks, if it has any that are Python, else the longest stretches of lines
    that parse.
@@ -21,6 +21,9 @@ from dataclasses import dataclass
 from tacevo.gate.blocks import Block, fenced_blocks, parsable_blocks
 from tacevo.gate.parsing import Problem, parse
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
+
+#: Stop reasons of an answer that its model did not end: its own token limit, or the end of the model's context.
+CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +49,7 @@ def extract(completion: Completion, contract: Contract, *, limit: int = 100_000)
     rejection = first_look(completion, limit=limit)
     if rejection is not None:
         return rejection
-    cut_off = completion.stop_reason == "max_tokens"
-    found = _choose(_normalised(completion.text), contract.class_name, cut_off)
+    found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
     return _rejected(found) if isinstance(found, Problem) else found
 
 
@@ -64,11 +66,20 @@ def _problem_at_first_look(completion: Completion, limit: int) -> Problem | None
         return Problem(Reason.syntax, f"expected Unicode text; got a lone surrogate at character {error.start}")
     if size > limit:
         return Problem(Reason.too_long, f"expected at most {limit} bytes; got {size} or more")
+    return _problem_without_answer(completion)
+
+
+def _problem_without_answer(completion: Completion) -> Problem | None:
+    """Say why there is nothing to read, where there is nothing."""
     if completion.stop_reason == "refusal":
         return Problem(Reason.refused, "the model refused to answer")
-    if not completion.text.strip():
-        return Problem(Reason.empty, "the answer is blank")
-    return None
+    if completion.stop_reason == "invalid_request":
+        return Problem(Reason.invalid_request, "the provider refuses the request, e.g. because it is too long")
+    if completion.text.strip():
+        return None
+    if completion.stop_reason in CUT_OFF:
+        return Problem(Reason.truncated, "the answer was cut off before its first word")
+    return Problem(Reason.empty, "the answer is blank")
 
 
 def _rejected(problem: Problem) -> Rejection:

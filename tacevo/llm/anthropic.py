@@ -1,97 +1,150 @@
-"""Claude through the official SDK and the Messages API.
+"""Claude through the official SDK and the Messages API; the key comes from the environment only."""
 
-The SDK retries rate limits, overload, time-outs and server errors, honouring the server's `retry-after`; what
-still fails is a `TransportError` and is not recorded. The key comes from the environment only.
-"""
-
-import asyncio
-import queue
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from typing import cast
+import contextlib
+import itertools
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import anthropic
-from anthropic.types import MessageParam
+import httpx2
+from anthropic.types import Message
 
-from tacevo.errors import ConfigError, TransportError
-from tacevo.records import Completion, Request
+from tacevo.errors import ConfigError
+from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
+from tacevo.llm.outcomes import checked
+from tacevo.llm.pools import shares
+from tacevo.records import Completion, Delivery, Json, Request
 
-#: Tries of one request before the run gives up; a run continues later from what was recorded.
-MAX_RETRIES = 8
+#: Seconds for an answer, and for a connection to stand.
+TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 
-#: What no retry and no later run can mend.
-_REFUSED = (anthropic.AuthenticationError, anthropic.PermissionDeniedError, anthropic.NotFoundError)
+#: What the SDK raises, or lets through, where there is no usable answer.
+FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
 
-#: Positions and what came of them, from the asking thread to the search.
-_Answers = queue.SimpleQueue[tuple[int, Completion | Exception]]
+#: How to get past a missing key.
+_REMEDY = "set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
 
 
-class AnthropicLLM:
-    """Answers requests by Claude, up to `concurrency` at once.
+class AnthropicServer:
+    """The Messages API (see `tacevo.llm.hosted.Server`)."""
+
+    sampling: tuple[str, ...] = ("temperature",)
+
+    def __init__(self, clients: Sequence[anthropic.AsyncAnthropic]) -> None:
+        self._clients = clients
+        self._turns = itertools.cycle(clients)
+        self.secrets: tuple[str, ...] = secrets_of(clients[0])
+
+    async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
+        """Try a request once (see `tacevo.llm.hosted.Server`)."""
+        body = body_of(request, dropped)
+        named = {name: body.pop(name) for name in ("model", "system", "messages", "max_tokens")}
+        try:
+            message = await next(self._turns).messages.create(**named, extra_body=body)
+        except FAILURES as error:
+            raise FaultError(fault_of(error)) from error
+        return completion_of(message, Delivery.direct)
+
+    async def close(self) -> None:
+        """Close the connections."""
+        for client in self._clients:
+            await client.close()
+
+
+def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
+    """Prepare to ask Claude, and see at once whether there is anything to log in with.
 
     Args:
-        connect: makes the SDK's asynchronous client; called for every batch, because a client's connections belong
-            to the event loop that opened them.
-        concurrency: requests in flight at once.
+        base_url: another server than Anthropic's own.
+        concurrency: requests at once.
+
+    Raises:
+        ConfigError: the environment holds no key, or the address is none.
     """
-
-    def __init__(self, connect: Callable[[], anthropic.AsyncAnthropic], *, concurrency: int) -> None:
-        self._connect = connect
-        self._concurrency = concurrency
-
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request, in the order of arrival (see `tacevo.llm.client.LLM`).
-
-        Raises:
-            ConfigError: the key or the model is refused; asking again cannot help.
-            TransportError: a request failed after all retries; the answers to the others were yielded before.
-        """
-        answers: _Answers = queue.SimpleQueue()
-        batch = self._ask_all(self._connect(), requests, answers)
-        asking = threading.Thread(target=asyncio.run, args=(batch,), daemon=True)
-        asking.start()
-        failed: list[Exception] = []
-        for _ in requests:
-            position, answer = answers.get()
-            if isinstance(answer, Exception):
-                failed.append(answer)
-            else:
-                yield position, answer
-        asking.join()
-        if any(isinstance(error, _REFUSED) for error in failed):
-            raise ConfigError(f"llm=anthropic: the server refuses the key or the model: {failed[0]}") from failed[0]
-        if failed:
-            raise TransportError(
-                f"{len(failed)} of {len(requests)} requests failed after up to {MAX_RETRIES} retries, the first with "
-                f"{type(failed[0]).__name__}: {failed[0]}; give the same command again: what came is recorded"
-            ) from failed[0]
-
-    async def _ask_all(self, client: anthropic.AsyncAnthropic, requests: Sequence[Request], answers: _Answers) -> None:
-        places = asyncio.Semaphore(self._concurrency)
-
-        async def ask(position: int, request: Request) -> None:
-            async with places:
-                try:
-                    answers.put((position, await _ask(client, request)))
-                except Exception as error:  # whatever it is, the waiting search must hear of it
-                    answers.put((position, error))
-
-        async with client:
-            await asyncio.gather(*(ask(position, request) for position, request in enumerate(requests)))
+    with _explaining():
+        # The SDK's own retries are off: `tacevo.llm.faults` says why.
+        clients = [
+            anthropic.AsyncAnthropic(
+                base_url=base_url,
+                max_retries=0,
+                timeout=TIMEOUT,
+                http_client=anthropic.DefaultAsyncHttpxClient(**share),
+            )
+            for share in shares(concurrency, TIMEOUT)
+        ]
+        _insist_on_key(clients[0])
+        return AnthropicServer(clients)
 
 
-async def _ask(client: anthropic.AsyncAnthropic, request: Request) -> Completion:
-    message = await client.messages.create(
-        model=request.model,
-        system=request.system,
-        messages=[cast(MessageParam, {"role": turn.role, "content": turn.content}) for turn in request.messages],
-        max_tokens=request.max_tokens,
-        extra_body={"temperature": request.temperature},  # newer models take none, so the SDK names none
-    )
-    return Completion(
-        text="".join(block.text for block in message.content if block.type == "text"),
-        model=message.model,
-        stop_reason=message.stop_reason or "end_turn",
-        input_tokens=message.usage.input_tokens,
-        output_tokens=message.usage.output_tokens,
-    )
+def connect_batches(base_url: str | None) -> anthropic.Anthropic:
+    """Prepare to submit batches to Claude; otherwise like `connect`.
+
+    Raises:
+        ConfigError: the environment holds no key, or the address is none.
+    """
+    with _explaining():
+        client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT)
+        _insist_on_key(client)
+        return client
+
+
+@contextlib.contextmanager
+def _explaining() -> Iterator[None]:
+    try:
+        yield
+    except (anthropic.AnthropicError, httpx2.InvalidURL) as error:
+        raise ConfigError(f"llm=anthropic: {error}; {_REMEDY}") from error
+
+
+def _insist_on_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
+    """Refuse a client without credentials; the SDK itself would only notice when it asks."""
+    if not client.auth_headers and client.credentials is None:
+        raise ConfigError(f"llm=anthropic needs an API key; {_REMEDY}")
+
+
+def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[str, ...]:
+    """Give what a client logs in with."""
+    return tuple(key for key in (client.api_key, client.auth_token) if key)
+
+
+def body_of(request: Request, dropped: tuple[str, ...]) -> dict[str, Json]:
+    """Write a request as the Messages API wants it; the draw number stays here, for it is no setting of a model."""
+    settings: dict[str, Any] = {"temperature": request.temperature, **dict(request.settings)}
+    thinking = settings.pop("thinking_tokens", None)
+    if thinking is not None:
+        settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}
+    return {
+        "model": request.model,
+        "system": request.system,
+        "messages": [{"role": turn.role, "content": turn.content} for turn in request.messages],
+        "max_tokens": request.max_tokens,
+        **{name: value for name, value in settings.items() if name not in dropped},
+    }
+
+
+def completion_of(message: Message, delivery: Delivery) -> Completion:
+    """Read an answer; the model is recorded as returned, because a name may stand for a dated one.
+
+    Raises:
+        FaultError: the body is JSON, but no message.
+    """
+    try:
+        completion = Completion(
+            text="".join(block.text for block in message.content if block.type == "text"),
+            model=message.model,
+            stop_reason=message.stop_reason or "end_turn",
+            input_tokens=message.usage.input_tokens,
+            output_tokens=message.usage.output_tokens,
+            delivery=delivery,
+        )
+    except (AttributeError, TypeError) as error:  # the SDK checks no body
+        raise FaultError(fault_of_connection(error)) from error
+    return checked(completion)
+
+
+def fault_of(error: Exception) -> Fault:
+    """Read what the SDK raised."""
+    if isinstance(error, anthropic.APIStatusError):
+        return fault_of_status(error.status_code, error.response.headers, error.body)
+    return fault_of_connection(error)

@@ -1,29 +1,53 @@
 """Recording and replaying: an LLM in front of a store, and behind it the real one."""
 
-from collections.abc import Iterator, Sequence
+import logging
+import queue
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from tacevo.errors import LLMError
 from tacevo.llm.client import LLM
-from tacevo.records import Completion, Request, to_json
+from tacevo.records import Completion, Price, Request, to_json
 from tacevo.store import Store
+
+_LOG = logging.getLogger(__name__)
+
+#: Entries written at once: a disk takes many synced files in little more time than one.
+_WRITERS = 16
+
+#: Indices of the requests that are asked, and their stored completions; failures; None at the end.
+_Stored = queue.SimpleQueue[tuple[int, Completion] | Exception | None]
 
 
 class RecordingLLM:
     """Answers from the store where the store's mode allows it; asks the inner LLM for the rest, and records.
 
-    Every answer is stored the moment it arrives, before anybody sees it, so that nothing that was paid for is
-    lost. A replay never reaches the inner LLM. Equal requests are one question: it is asked once, and all get the
-    answer, as they would from the store.
+    Every answer is stored the moment it arrives, before anybody sees it and in a thread of its own, so that nothing
+    that was paid for is lost: neither to a slow reader nor to an interruption, which first waits for the answers
+    that are in flight. A replay never reaches the inner LLM. Equal requests are one question: it is asked once, and
+    all get the answer, as they would from the store.
 
     Args:
         inner: who answers what is not recorded; None where nobody may, as in a replay.
         store: the completions, keyed by the whole request.
+        price: what an answer's tokens cost today, stored with it; None where nobody keeps prices.
+        stop: set when a reader leaves early; the inner LLM then begins nothing further.
     """
 
-    def __init__(self, inner: LLM | None, store: Store) -> None:
+    def __init__(
+        self,
+        inner: LLM | None,
+        store: Store,
+        *,
+        price: Callable[[Request, Completion], Price | None] | None = None,
+        stop: threading.Event | None = None,
+    ) -> None:
         self._inner = inner
         self._store = store
+        self._price = price
+        self._stop = stop or threading.Event()
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer every request; recorded answers come first (see `tacevo.llm.client.LLM`).
@@ -45,13 +69,56 @@ class RecordingLLM:
         if self._inner is None:
             raise LLMError(f"{len(missing)} requests are not recorded, and there is no model to ask")
         asked = list(missing)
-        for index, answered in self._inner.complete(asked):
-            completion = _writable(answered)
-            self._store.write(to_json(asked[index]), to_json(completion))
+        for index, completion in self._ask(self._inner, asked):
             for position in missing[asked[index]]:
                 yield position, completion
 
+    def _ask(self, inner: LLM, asked: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Give what another thread asks for and stores; leave no answer behind, whatever happens here."""
+        stored: _Stored = queue.SimpleQueue()
+        recording = threading.Thread(target=self._record, args=(inner, asked, stored), daemon=True)
+        recording.start()
+        failed: Exception | None = None
+        ended = False
+        try:
+            while (arrival := stored.get()) is not None:
+                if isinstance(arrival, Exception):
+                    failed = failed or arrival
+                else:
+                    yield arrival
+            ended = True
+        except KeyboardInterrupt:
+            _LOG.warning("waiting for the answers that are in flight, for they are paid for; again to leave at once")
+            raise
+        finally:
+            if not ended:
+                self._stop.set()
+            recording.join()
+        if failed is not None:
+            raise failed
 
-def _writable(completion: Completion) -> Completion:
-    """Replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, by question marks."""
-    return replace(completion, text=completion.text.encode(errors="replace").decode())
+    def _record(self, inner: LLM, asked: Sequence[Request], stored: _Stored) -> None:
+        """Store every answer as it arrives and hand it on; say when that was all."""
+
+        def keep(index: int, answered: Completion) -> None:
+            try:
+                completion = self._finished(asked[index], answered)
+                self._store.write(to_json(asked[index]), to_json(completion))
+                stored.put((index, completion))
+            except Exception as error:  # whatever it is, whoever waits must hear of it
+                self._stop.set()
+                stored.put(error)
+
+        try:
+            with ThreadPoolExecutor(_WRITERS, "recorder") as writers:
+                for index, answered in inner.complete(asked):
+                    writers.submit(keep, index, answered)
+        except Exception as error:  # as above
+            stored.put(error)
+        finally:
+            stored.put(None)
+
+    def _finished(self, request: Request, completion: Completion) -> Completion:
+        """Put the price on, and replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, by `?`."""
+        price = None if self._price is None else self._price(request, completion)
+        return replace(completion, text=completion.text.encode(errors="replace").decode(), price=price)

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from tacevo.costs import Spending
 from tacevo.records import Json
 
 #: The longest param, in characters: older MLflow servers refuse more.
@@ -67,6 +68,7 @@ def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[st
     """
     shown = {key: line.get(key) for key in ("operator", "generation", "slot", "temperature", "stage", "reason")}
     shown["parents"] = ",".join(line["parents"]) or None
+    shown["repairs"] = len(line.get("repairs", ())) or None
     if line["prompt"] is not None:
         instruction = instructions[line["prompt"]]
         shown |= {"instruction": instruction["id"], "instruction_text": instruction["text"]}
@@ -91,7 +93,21 @@ def candidate_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
 def generation_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
     """Give a generation's metrics; a figure that it does not have (no candidate was trained) is left out."""
     figures = {key: line[key] for key in _GENERATION_METRICS if line[key] is not None}
+    if "repaired" in line:
+        figures["repaired"] = line["repaired"]
     return tuple(Measure(key=key, value=float(value), step=line["generation"]) for key, value in figures.items())
+
+
+def cost_measures(spent: Spending, step: int) -> tuple[Measure, ...]:
+    """Give the metrics of what answers cost: tokens and, of those with a known price, US dollars."""
+    figures: dict[str, float] = {
+        "answers": spent.answers,
+        "input_tokens": spent.input_tokens,
+        "output_tokens": spent.output_tokens,
+    }
+    if spent.answers > spent.unpriced:
+        figures["usd"] = spent.usd
+    return tuple(Measure(key=key, value=float(value), step=step) for key, value in figures.items() if spent.answers)
 
 
 def shorten(text: str) -> str:

@@ -11,9 +11,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tacevo.costs import Spending, total
 from tacevo.records import Json
+from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
-from tacevo.tracking.entries import candidate_measures, candidate_params, config_params, generation_measures
+from tacevo.tracking.entries import (
+    candidate_measures,
+    candidate_params,
+    config_params,
+    cost_measures,
+    generation_measures,
+)
 from tacevo.tracking.writer import SearchWriter, find_or_create_experiment, open_store
 
 
@@ -49,8 +57,9 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         )
         writer.write_params(config_params(facts["config"]))
         last = header["hash"]
+        costs = _Costs(run_dir)
         for line in lines:
-            _write_line(writer, run_dir, facts, line)
+            _write_line(writer, run_dir, facts, line, costs)
             last = line["hash"]
         writer.end(last if _facts(run_dir)["digest"] == last else None)
 
@@ -67,14 +76,38 @@ def follow(path: Path, finished: Callable[[], bool]) -> Iterator[dict[str, Json]
             yield json.loads(text)
 
 
-def _write_line(writer: SearchWriter, run_dir: Path, facts: dict[str, Json], line: dict[str, Json]) -> None:
+class _Costs:
+    """What the candidates' answers cost, from the run directory, where they stand before the ledger's lines."""
+
+    def __init__(self, run_dir: Path) -> None:
+        self._directory = RunDirectory(run_dir)
+        self._known: dict[str, Spending] = {}
+        self._generation: list[Spending] = []
+
+    def of_candidate(self, name: str) -> Spending:
+        """Give a candidate's; the file is read again only for one that is new."""
+        if name not in self._known:
+            self._known = self._directory.read_spending()
+        self._generation.append(self._known.get(name, Spending()))
+        return self._generation[-1]
+
+    def of_generation(self) -> Spending:
+        """Add up the candidates since the last generation."""
+        spent, self._generation = total(self._generation), []
+        return spent
+
+
+def _write_line(
+    writer: SearchWriter, run_dir: Path, facts: dict[str, Json], line: dict[str, Json], costs: _Costs
+) -> None:
     if line["kind"] == "generation":
-        writer.write_generation(generation_measures(line))
+        spent = cost_measures(costs.of_generation(), line["generation"])
+        writer.write_generation((*generation_measures(line), *spent))
     elif line["kind"] == "candidate":
         writer.write_candidate(
             line["id"],
             candidate_params(line, facts["task"]["instructions"]),
-            candidate_measures(line),
+            (*candidate_measures(line), *cost_measures(costs.of_candidate(line["id"]), 0)),
             run_dir / "candidates" / f"{line['id']}.py",
             failed="stage" in line,
         )

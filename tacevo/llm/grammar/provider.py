@@ -2,7 +2,8 @@
 
 It promises: equal requests get equal answers, whatever was asked before; an answer without a slip holds a network
 that builds and trains. It does not promise to understand a parent that another model wrote: then it says so in
-words, and the gate rejects that answer.
+words, and the gate rejects that answer. Where its answer is sent back, it draws another one to the first message; it
+does not read what was wrong.
 """
 
 import re
@@ -61,7 +62,7 @@ def answer(request: Request, *, slip_rate: float) -> Completion:
     rate), so runs that differ in it alone share their proper answers.
 
     Args:
-        request: its last message holds one parent and an instruction for a mutation, two for a crossover.
+        request: its first message holds one parent and an instruction for a mutation, two for a crossover.
         slip_rate: probability of a fault, in [0, 1].
 
     Returns:
@@ -81,7 +82,7 @@ def answer(request: Request, *, slip_rate: float) -> Completion:
 
 def _child(request: Request, rng: np.random.Generator) -> Network:
     """Make the network that a request asks for."""
-    content = request.messages[-1].content if request.messages else ""
+    content = request.messages[0].content if request.messages else ""
     instruction = _INSTRUCTION.search(content)
     parents = [parse(source) for source in _PARENT.findall(content)]
     if instruction is None or len(parents) not in {1, 2}:

@@ -1,0 +1,120 @@
+"""Asking a model through the whole way to the store, beside the plain SDK in a loop; and the memory of many requests.
+
+The server is the one of the tests, in a process of its own; it answers after `DELAY` seconds, quicker than any model.
+"""
+
+import asyncio
+import contextlib
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import anthropic
+
+from benchmarks.timing import medians, report
+from tacevo.llm.anthropic import connect
+from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.recording import RecordingLLM
+from tacevo.records import Message, Request
+from tacevo.store import Store
+
+REQUESTS = 1_000
+CONCURRENCY = 64
+DELAY = 0.25
+
+#: In flight at once, where memory is measured.
+MANY = 10_000
+
+_SERVER = Path(__file__).parents[1] / "tests" / "llm_server.py"
+
+
+def asking() -> str:
+    """Ask 1,000 things, 64 at once, and store each answer durably; the peer is the plain SDK, which stores nothing."""
+    with _serving() as url, tempfile.TemporaryDirectory() as folder:
+        stores = (Store(Path(folder) / str(number), "completions") for number in itertools.count())
+        requests = [_request(number) for number in range(REQUESTS)]
+        rivals = {
+            f"recorded, {CONCURRENCY} in flight": lambda: _ask(url, next(stores), requests, CONCURRENCY),
+            "plain SDK": lambda: asyncio.run(_ask_plainly(url, requests)),
+        }
+        return report("asking a model", medians(rivals, rounds=5), unit="requests", per_second=REQUESTS)
+
+
+def memory_of_many() -> str:
+    """Give the memory that 10,000 requests in flight need, above the process that waits for them to be asked."""
+    script = """
+        import json, sys
+        from pathlib import Path
+        from benchmarks.llm import MANY, peak_of_many
+        print(json.dumps(peak_of_many(sys.argv[1], Path(sys.argv[2]))))
+    """
+    with _serving(delay=20.0) as url, tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-c", textwrap.dedent(script), url, folder]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    before, peak = json.loads(done.stdout)
+    return f"memory of {MANY} requests in flight: {peak - before} MiB above {before} MiB"
+
+
+def peak_of_many(url: str, root: Path) -> tuple[int, int]:
+    """Ask very many things at once; give the resident memory before, and its peak, in MiB."""
+    requests = [_request(number) for number in range(MANY)]
+    _ask(url, Store(root, "completions"), requests[:1], 1)
+    before = _resident("VmRSS")
+    _ask(url, Store(root, "completions"), requests, MANY)
+    return before, _resident("VmHWM")
+
+
+def _resident(name: str) -> int:
+    """Read a figure of this process's memory, in MiB."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name)) // 1024
+
+
+def _request(number: int) -> Request:
+    """Make a request of the length of a mutation's."""
+    messages = (
+        Message(role="user", content=f"Variant {number} of\n" + "        self.conv = nn.Conv2d(32, 64, 3)\n" * 60),
+    )
+    return Request(
+        model="model-x", system="Write a network.", messages=messages, temperature=0.5, max_tokens=4096, draw=number
+    )
+
+
+def _ask(url: str, store: Store, requests: list[Request], concurrency: int) -> None:
+    llm = HostedLLM(lambda: connect(url, concurrency), concurrency=concurrency, name="llm=anthropic")
+    if len(list(RecordingLLM(llm, store).complete(requests))) != len(requests):
+        raise RuntimeError("an answer is missing")
+
+
+async def _ask_plainly(url: str, requests: list[Request]) -> None:
+    places = asyncio.Semaphore(CONCURRENCY)
+    async with anthropic.AsyncAnthropic(base_url=url) as client:
+
+        async def ask(request: Request) -> None:
+            async with places:
+                await client.messages.create(
+                    model=request.model,
+                    system=request.system,
+                    max_tokens=request.max_tokens,
+                    messages=[{"role": "user", "content": request.messages[0].content}],
+                    extra_body={"temperature": request.temperature},
+                )
+
+        await asyncio.gather(*(ask(request) for request in requests))
+
+
+@contextlib.contextmanager
+def _serving(delay: float = DELAY) -> Iterator[str]:
+    os.environ.setdefault("ANTHROPIC_API_KEY", "no key, for a server of our own")
+    command = [sys.executable, str(_SERVER), "--delay", str(delay)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            yield (server.stdout.readline() if server.stdout is not None else "").strip()
+        finally:
+            server.kill()

@@ -1,0 +1,83 @@
+"""What answers cost, added up: for a candidate, a generation, a run or a store. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+from tacevo.records import Completion, Json
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spending:
+    """Answers and what was paid for them, by the prices recorded beside them."""
+
+    answers: int = 0
+    input_tokens: int = 0
+    output_tokens: int = 0
+    #: US dollars, of the answers that have a price.
+    usd: float = 0.0
+    #: Answers without a price.
+    unpriced: int = 0
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Take a spending out of a mapping that may hold more; what is missing is 0.
+
+        Raises:
+            TypeError, ValueError: a figure is no number.
+        """
+        return cls(
+            answers=int(value.get("answers", 0)),
+            input_tokens=int(value.get("input_tokens", 0)),
+            output_tokens=int(value.get("output_tokens", 0)),
+            usd=float(value.get("usd", 0.0)),
+            unpriced=int(value.get("unpriced", 0)),
+        )
+
+
+def spending_on(completions: Iterable[Completion]) -> Spending:
+    """Add up what completions cost when they were recorded."""
+    return total(_of_one(completion) for completion in completions)
+
+
+def total(parts: Iterable[Spending]) -> Spending:
+    """Add spendings up; the order does not matter, because dollars are summed exactly."""
+    listed = tuple(parts)
+    return Spending(
+        answers=sum(part.answers for part in listed),
+        input_tokens=sum(part.input_tokens for part in listed),
+        output_tokens=sum(part.output_tokens for part in listed),
+        usd=math.fsum(part.usd for part in listed),
+        unpriced=sum(part.unpriced for part in listed),
+    )
+
+
+def in_words(spending: Spending) -> str:
+    """Write a spending as a clause, e.g. `61 answers, 80,000 + 40,000 tokens, 0.0700 USD`."""
+    words = (
+        f"{spending.answers} answers, {spending.input_tokens:,} + {spending.output_tokens:,} tokens, {usd(spending)}"
+    )
+    if 0 < spending.unpriced < spending.answers:
+        words += f" without the {spending.unpriced} answers of unknown price"
+    return words
+
+
+def usd(spending: Spending) -> str:
+    """Write the dollars of a spending; `price unknown` where no answer has a price."""
+    if spending.answers and spending.unpriced == spending.answers:
+        return "price unknown"
+    return f"{spending.usd:.4f} USD"
+
+
+def _of_one(completion: Completion) -> Spending:
+    cost = completion.cost
+    return Spending(
+        answers=1,
+        input_tokens=completion.input_tokens,
+        output_tokens=completion.output_tokens,
+        usd=cost or 0.0,
+        unpriced=int(cost is None),
+    )

@@ -1,0 +1,118 @@
+"""A limit on what a run's answers may cost.
+
+What it promises: no request is sent whose worst case, together with those in flight and with everything that the
+run's answers have cost, exceeds the limit; so the limit is never exceeded. What is in flight when the limit is near is
+waited for and recorded. An answer counts with its recorded price, whoever had it recorded, so a stopped run
+continues with the same account. What it does not: count what a provider bills for answers that never arrived.
+"""
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+
+from tacevo.errors import BudgetError
+from tacevo.llm.client import LLM
+from tacevo.llm.prices import worst_case
+from tacevo.records import Completion, Price, Request
+
+#: Prices an answer.
+PriceOf = Callable[[Request, Completion], Price | None]
+
+
+class Account:
+    """What the answers of one run cost, each request counted once.
+
+    Args:
+        price_of: prices an answer that was recorded without one.
+    """
+
+    def __init__(self, price_of: PriceOf) -> None:
+        self._price_of = price_of
+        self._costs: dict[Request, float] = {}
+        self._lock = threading.Lock()  # recorded answers are counted by one thread, new ones by another
+
+    @property
+    def spent(self) -> float:
+        """The sum, in US dollars."""
+        with self._lock:
+            return math.fsum(self._costs.values())
+
+    def add(self, request: Request, completion: Completion) -> None:
+        """Count an answer; the second time it is seen changes nothing."""
+        price = completion.price or self._price_of(request, completion)
+        if price is not None:
+            with self._lock:
+                self._costs[request] = price.cost(completion.input_tokens, completion.output_tokens)
+
+
+class AccountedLLM:
+    """Counts every answer that passes, recorded or new.
+
+    Args:
+        inner: the recording LLM.
+        account: where to count.
+    """
+
+    def __init__(self, inner: LLM, account: Account) -> None:
+        self._inner = inner
+        self._account = account
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Pass answers on (see `tacevo.llm.client.LLM`)."""
+        for position, completion in self._inner.complete(requests):
+            self._account.add(requests[position], completion)
+            yield position, completion
+
+
+class BudgetedLLM:
+    """Lets requests through to a provider as long as the account allows.
+
+    All that fit go at once. Answers cost less than their worst case, so what is left over then fits more, and so on
+    until not even one fits.
+
+    Args:
+        inner: the provider.
+        account: what the run's answers have cost; new answers are added as they arrive.
+        limit: in US dollars.
+        price: of the model that is asked, for the worst case.
+    """
+
+    def __init__(self, inner: LLM, account: Account, *, limit: float, price: Price) -> None:
+        self._inner = inner
+        self._account = account
+        self._limit = limit
+        self._price = price
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer requests, in as few rounds as the budget allows (see `tacevo.llm.client.LLM`).
+
+        Raises:
+            BudgetError: the next request could exceed the limit; the answers to those before it were yielded.
+        """
+        done = 0
+        while done < len(requests):
+            fitting = self._fitting(requests[done:])
+            if not fitting:
+                raise BudgetError(self._explain(requests[done], len(requests) - done))
+            for index, completion in self._inner.complete(fitting):
+                self._account.add(fitting[index], completion)
+                yield done + index, completion
+            done += len(fitting)
+
+    def _fitting(self, requests: Sequence[Request]) -> list[Request]:
+        """Take requests from the front as long as their worst cases fit what is left."""
+        left = self._limit - self._account.spent
+        fitting = []
+        for request in requests:
+            left -= worst_case(self._price, request)
+            if left < 0:
+                break
+            fitting.append(request)
+        return fitting
+
+    def _explain(self, request: Request, waiting: int) -> str:
+        return (
+            f"llm.budget_usd={self._limit:g} is reached: the run's answers cost {self._account.spent:.4f} USD, and the "
+            f"next of {waiting} open requests could cost {worst_case(self._price, request):.4f} USD; what was asked is "
+            "recorded. Give the same command with a larger llm.budget_usd to go on"
+        )

@@ -1,0 +1,186 @@
+"""Asking a hosted model many things at once: concurrency, retries, refused settings; for any provider.
+
+What it promises: an answer is handed on the moment it arrives; neither a failure nor an interruption loses another
+answer that is in flight; no message and no answer holds the key, even where a server echoes it. What it does not: an
+answer that the server finished and could not deliver is asked for again.
+"""
+
+import asyncio
+import queue
+import random
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from tacevo.llm.faults import Fault, FaultError, Patience
+from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
+from tacevo.records import Completion, Request
+
+#: Seconds between two looks at whether a waiting retry is still wanted.
+_LOOK = 0.1
+
+
+class Server(Protocol):
+    """One provider's SDK, connected; its connections belong to the event loop that uses them."""
+
+    #: What may appear in no message and no answer: the key.
+    secrets: tuple[str, ...]
+    #: Sampling settings that every request is sent with, beside those that it names itself.
+    sampling: tuple[str, ...]
+
+    async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
+        """Try a request once, without the settings named in `dropped`.
+
+        Raises:
+            FaultError: there is no answer.
+        """
+        ...
+
+    async def close(self) -> None:
+        """Close the connections."""
+        ...
+
+
+#: Positions and what came of them, from the asking thread to whoever reads; a bug; or None at the end.
+_Arrivals = queue.SimpleQueue[tuple[int, Completion | Fault] | Exception | None]
+
+
+class HostedLLM:
+    """Answers requests by a server, up to `concurrency` at once.
+
+    Args:
+        connect: connects to the server; called for every round of requests.
+        concurrency: requests in flight at once.
+        name: what the user chose, for messages, e.g. `llm=anthropic`.
+        patience: how failures are retried.
+        stop: once set, no request and no retry begins; what is in flight still arrives.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Server],
+        *,
+        concurrency: int,
+        name: str,
+        patience: Patience | None = None,
+        stop: threading.Event | None = None,
+    ) -> None:
+        self._connect = connect
+        self._concurrency = concurrency
+        self._name = name
+        self._patience = patience or Patience()
+        self._stop = stop or threading.Event()
+        self._models = Models()
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer every request, in the order of arrival (see `tacevo.llm.client.LLM`).
+
+        Raises:
+            ConfigError: the server refuses the key, the model, a setting or the payment; asking again cannot help.
+            TransportError: a request failed after all tries; what else was in flight was yielded before.
+            LLMError: the run was interrupted.
+        """
+        arrivals: _Arrivals = queue.SimpleQueue()
+        failures = Failures(name=self._name, models=self._models)
+        left = threading.Event()
+        asking = _Asking(
+            server=self._connect(),
+            models=self._models,
+            patience=self._patience,
+            over=lambda: left.is_set() or self._stop.is_set() or failures.hopeless,
+        )
+        threading.Thread(target=asking.run, args=(requests, arrivals, self._concurrency), daemon=True).start()
+        arrived = 0
+        try:
+            while (arrival := arrivals.get()) is not None:
+                if isinstance(arrival, Exception):
+                    raise arrival
+                arrived += 1
+                position, answer = arrival
+                if isinstance(answer, Fault):
+                    failures.add(position, requests[position], answer)
+                else:
+                    yield position, answer
+            yield from failures.recorded()
+        finally:
+            left.set()  # nobody reads any more, so nothing further may begin
+        failures.raise_rest(len(requests), interrupted=arrived < len(requests))
+
+
+class _Asking:
+    """The side of one round that asks: an event loop in a thread of its own.
+
+    Args:
+        server: where to ask.
+        models: what the run knows of its models.
+        patience: how failures are retried.
+        over: says that nothing further may begin.
+    """
+
+    def __init__(self, *, server: Server, models: Models, patience: Patience, over: Callable[[], bool]) -> None:
+        self._server = server
+        self._models = models
+        self._patience = patience
+        self._over = over
+        self._jitter = random.Random()
+        self._ended = asyncio.Event()
+
+    def run(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
+        """Ask until every request has its answer or its fault, or it is over; then say that this is the end."""
+        try:
+            asyncio.run(self._ask_all(requests, arrivals, concurrency))
+        except Exception as error:  # whatever it is, whoever waits must hear of it
+            arrivals.put(error)
+        finally:
+            arrivals.put(None)
+
+    async def _ask_all(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
+        waiting = iter(enumerate(requests))
+
+        async def work() -> None:
+            for position, request in waiting:  # shared: each request goes to the first place that is free
+                if self._over():
+                    return
+                arrivals.put((position, await self._answer(request)))
+
+        watching = asyncio.create_task(self._watch())
+        try:
+            await asyncio.gather(*(work() for _ in range(min(concurrency, len(requests)))))
+        finally:
+            watching.cancel()
+            await self._server.close()
+
+    async def _answer(self, request: Request) -> Completion | Fault:
+        """Try until there is an answer, or no use in trying."""
+        secrets, tried = self._server.secrets, 0
+        wanted = {*self._server.sampling, *dict(request.settings)}
+        while True:
+            dropped = tuple(name for name in self._models.dropped(request) if name in wanted)
+            tried += 1
+            try:
+                completion = await self._server.ask(request, dropped)
+            except FaultError as error:
+                fault = replace(error.fault, message=without_secrets(error.fault.message, secrets))
+            else:
+                self._models.note_answer(request)
+                return scrubbed(replace(completion, dropped=dropped), secrets)
+            if self._models.learn(request, wanted - {*dropped}, fault):
+                continue
+            wait = self._patience.wait(tried, fault, jitter=self._jitter.random())
+            if wait is None or not await self._waited(wait):
+                return fault
+
+    async def _waited(self, seconds: float) -> bool:
+        """Wait, and say whether the wait came to its end; once it is over, no wait does."""
+        try:
+            await asyncio.wait_for(self._ended.wait(), seconds)
+        except TimeoutError:
+            return not self._over()
+        return False
+
+    async def _watch(self) -> None:
+        """Wake whoever waits once it is over."""
+        while not self._over():
+            await asyncio.sleep(_LOOK)
+        self._ended.set()

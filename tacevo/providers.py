@@ -1,0 +1,107 @@
+"""From a configuration to whoever answers requests: provider, budget and store, one before the other."""
+
+import threading
+from pathlib import Path
+
+from tacevo.choices import OPTIONAL_SAMPLING, Provider
+from tacevo.composition import load_prices
+from tacevo.config import LLMConfig, RunConfig
+from tacevo.errors import ConfigError
+from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
+from tacevo.llm.client import LLM
+from tacevo.llm.grammar.provider import MODEL as GRAMMAR
+from tacevo.llm.grammar.provider import GrammarLLM
+from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.prices import PriceTable
+from tacevo.llm.recording import RecordingLLM
+from tacevo.records import Delivery, Mode, Price, Setting
+from tacevo.store import Seen, Store
+
+
+def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
+    """Put the store before the provider, and the budget between them; in a replay there is no provider.
+
+    Args:
+        config: the run's configuration.
+        mode: `replay`, or else the completions follow `llm.mode`.
+        seen: told of every store entry that is read.
+
+    Raises:
+        ConfigError: a key, an extra, a model or a price is missing.
+    """
+    llm, root = config.llm, Path(config.store.root)
+    if mode is Mode.replay or llm.mode is Mode.replay:
+        return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
+    stop = threading.Event()
+    provider = _provider(llm, root, stop)
+    prices = load_prices(llm.prices)
+    store = Store(root, "completions", llm.mode, seen=seen)
+    if llm.budget_usd is None:
+        return RecordingLLM(provider, store, price=prices.price_of, stop=stop)
+    account = Account(prices.price_of)
+    budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+    return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of, stop=stop), account)
+
+
+def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
+    """Name what else an answer depends on, beside the request's own fields; what is not set is not named."""
+    if llm.provider is Provider.grammar:
+        return (("slip_rate", llm.slip_rate),)
+    chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
+    return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
+
+
+def _provider(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+    match llm.provider:
+        case Provider.grammar:
+            if llm.model != GRAMMAR:
+                raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
+            return GrammarLLM(slip_rate=llm.slip_rate)
+        case Provider.anthropic:
+            return _anthropic(llm, root, stop)
+        case Provider.openai:
+            return _openai(llm, stop)
+
+
+def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+    """Connect to Claude once, so that a missing key is told at once."""
+    from tacevo.llm.anthropic import connect, connect_batches  # a second to import the SDK, for the runs that need it
+    from tacevo.llm.batches import BatchLLM
+
+    if llm.delivery is Delivery.batch:
+        connect_batches(llm.base_url).close()
+        return BatchLLM(
+            lambda: connect_batches(llm.base_url),
+            store=Store(root, "completions"),
+            folder=root / "batches",
+            name="llm=anthropic",
+            stop=stop,
+        )
+    connect(llm.base_url, llm.concurrency)
+    return HostedLLM(
+        lambda: connect(llm.base_url, llm.concurrency),
+        concurrency=llm.concurrency,
+        name="llm=anthropic",
+        stop=stop,
+    )
+
+
+def _openai(llm: LLMConfig, stop: threading.Event) -> LLM:
+    """Connect to an OpenAI-compatible server once, so that a missing key or extra is told at once."""
+    from tacevo.llm.openai import connect
+
+    connect(llm.base_url, llm.concurrency)
+    return HostedLLM(
+        lambda: connect(llm.base_url, llm.concurrency), concurrency=llm.concurrency, name="llm=openai", stop=stop
+    )
+
+
+def _price(llm: LLMConfig, prices: PriceTable) -> Price:
+    """Price the model that a budget is for."""
+    price = prices.price(llm.model, llm.delivery)
+    if price is None:
+        raise ConfigError(
+            f"llm.budget_usd needs the price of {llm.model}, which {llm.prices} lacks; add the model there, name a "
+            "table of your own by llm.prices=FILE, or set llm.budget_usd=null"
+        )
+    return price

@@ -1,0 +1,52 @@
+"""Providers that talk to the test server, and requests to give them."""
+
+import threading
+from collections.abc import Callable
+
+from tacevo.llm import anthropic, openai
+from tacevo.llm.faults import Patience
+from tacevo.llm.hosted import HostedLLM, Server
+from tacevo.records import Message, Request, Setting
+
+KEY = "sk-ant-a-secret-key-0123456789"
+
+#: Tries as often as a stormy server needs, without waiting long.
+PATIENCE = Patience(tries=40, first=0.002, longest=0.05)
+
+#: The providers, by the names of their tests.
+PROVIDERS: dict[str, tuple[Callable[[str | None, int], Server], str]] = {
+    "anthropic": (anthropic.connect, ""),
+    "openai": (openai.connect, "/v1"),
+}
+
+
+def hosted(
+    url: str,
+    provider: str = "anthropic",
+    *,
+    concurrency: int = 8,
+    patience: Patience = PATIENCE,
+    stop: threading.Event | None = None,
+) -> HostedLLM:
+    """Make the LLM that talks to a server; the key is to stand in the environment."""
+    connect, path = PROVIDERS[provider]
+    return HostedLLM(
+        lambda: connect(url + path, concurrency),
+        concurrency=concurrency,
+        name=f"llm={provider}",
+        patience=patience,
+        stop=stop,
+    )
+
+
+def request(text: str, *, settings: tuple[tuple[str, Setting], ...] = (), draw: int = 1) -> Request:
+    """Make a request."""
+    return Request(
+        model="model-x",
+        system="Be brief.",
+        messages=(Message(role="user", content=text),),
+        temperature=0.65,
+        max_tokens=77,
+        draw=draw,
+        settings=settings,
+    )

@@ -1,0 +1,142 @@
+"""What the test server answers: sound answers, and every way to misbehave, on command or by a plan from a seed.
+
+A command stands in the last turn of a request: `[fault NAME]`, or `[fault NAME xN]` for its first N tries.
+
+    429 429_bare 500 503 529 408 409    that status; a plain 429 comes with `retry-after`, the bare one without
+    401 402 403 404 413 ...             any other status, too
+    slow reset malformed shapeless      late; cut off in mid-answer; no JSON; JSON of another shape
+    too_long filtered invalid credit    status 400 with the words that the real servers use
+    refusal max_tokens empty            answers of those kinds
+    wrong_model echo                    an answer by another model; an answer, or a refusal, that repeats the key
+    errored expired canceled            of one request in a batch
+"""
+
+import hashlib
+import json
+import random
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+#: Faults that pass, which a plan draws from.
+PASSING = ("429", "429_bare", "500", "529", "slow", "reset", "malformed")
+
+#: What a batch can make of a request, beside an answer.
+UNANSWERED = ("errored", "expired", "canceled")
+
+#: Messages of status 400, as real servers write them.
+REFUSALS = {
+    "too_long": "prompt is too long: 250000 tokens > 200000 maximum",
+    "filtered": "Output blocked by content filtering policy",
+    "invalid": "messages.0: this is not understood",
+    "credit": "Your credit balance is too low to access the API. Please go to Plans & Billing.",
+}
+
+_COMMAND = re.compile(r"\[fault (\w+)(?: x(\d+))?\]")
+
+Body = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Script:
+    """How a server behaves."""
+
+    seed: int = 0
+    #: Part of the tries that fail by plan.
+    rate: float = 0.0
+    #: Seconds before every answer, and before a slow one.
+    delay: float = 0.0
+    slow: float = 0.05
+    #: What a plain 429 asks to wait, in seconds.
+    retry_after: float = 0.01
+    #: Writes the answer to a body.
+    answer: Callable[[Body], str] | None = None
+    #: Settings that the models refuse, one a time, as real ones do.
+    refused: tuple[str, ...] = ()
+    #: How often a batch is looked at before it has ended.
+    polls: int = 1
+    #: Where the server stops answering, once: `submitted` (before a batch exists), `created`, `polled` or `results`.
+    stall: str = ""
+    #: Where it cuts the connection, once; the same places.
+    cut: str = ""
+    #: How many calls about batches get this status first.
+    batch_faults: int = 0
+    batch_status: int = 529
+
+    def fault(self, body: Body, tried: int) -> str:
+        """Name the fault of a try, counted from 1; empty where it is answered."""
+        command = _COMMAND.search(text_of(body))
+        if command is not None:
+            return command[1] if command[2] is None or tried <= int(command[2]) else ""
+        draw = random.Random(f"{self.seed} {key_of(body)} {tried}")
+        return draw.choice(PASSING) if draw.random() < self.rate else ""
+
+    def refusal(self, body: Body) -> str:
+        """Say which setting of a body the models refuse; empty where none."""
+        named = [name for name in self.refused if name in body]
+        return f"`{named[0]}` is not supported with this model" if named else ""
+
+    def text(self, body: Body, fault: str, login: str) -> str:
+        """Write the answer's text."""
+        if fault in {"refusal", "empty"}:
+            return ""
+        if fault == "echo":
+            return f"you are {login}"
+        return self.answer(body) if self.answer is not None else f"{text_of(body)}!"
+
+
+def text_of(body: Body) -> str:
+    """Give the last turn of a request."""
+    return str(body["messages"][-1]["content"])
+
+
+def key_of(body: Body) -> str:
+    """Name a request by all that was sent."""
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+
+def message(body: Body, text: str, fault: str) -> Body:
+    """Write an answer of the Messages API."""
+    reason = fault if fault in {"refusal", "max_tokens"} else "end_turn"
+    return {
+        "id": f"msg_{key_of(body)[:24]}",
+        "type": "message",
+        "role": "assistant",
+        "model": "another-model" if fault == "wrong_model" else f"{body['model']}-dated",
+        "content": [{"type": "text", "text": text}],
+        "stop_reason": reason,
+        "stop_sequence": None,
+        "usage": {"input_tokens": 11, "output_tokens": 7},
+    }
+
+
+def chat(body: Body, text: str, fault: str) -> Body:
+    """Write an answer of the chat-completions API."""
+    reason = {"refusal": "content_filter", "max_tokens": "length"}.get(fault, "stop")
+    return {
+        "id": f"chatcmpl-{key_of(body)[:24]}",
+        "object": "chat.completion",
+        "created": 0,
+        "model": "another-model" if fault == "wrong_model" else f"{body['model']}-dated",
+        "choices": [{"index": 0, "message": {"role": "assistant", "content": text}, "finish_reason": reason}],
+        "usage": {"prompt_tokens": 11, "completion_tokens": 7, "total_tokens": 18},
+    }
+
+
+def error(kind: str, words: str) -> Body:
+    """Write an error, in a shape that both kinds of API share."""
+    return {"type": "error", "error": {"type": kind, "message": words}}
+
+
+def outcome_in_batch(script: Script, body: Body, login: str) -> Body:
+    """Write what becomes of one request of a batch."""
+    fault = script.fault(body, 1)
+    if fault == "errored":
+        return {"type": "errored", "error": error("api_error", "internal server error")}
+    if fault in UNANSWERED:
+        return {"type": fault}
+    words = REFUSALS.get(fault) or script.refusal(body)
+    if words:
+        return {"type": "errored", "error": error("invalid_request_error", words)}
+    return {"type": "succeeded", "message": message(body, script.text(body, fault, login), fault)}

@@ -1,0 +1,262 @@
+"""Promise: a batch is submitted once and paid for once, whatever happens to the run; every request gets its answer."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hosted import KEY, request
+from llm_script import Script
+from llm_server import LLMServer, serving
+
+from tacevo.errors import ConfigError, LLMError, StoreError, TransportError
+from tacevo.llm.anthropic import connect_batches
+from tacevo.llm.batch_server import Pace
+from tacevo.llm.batches import BatchLLM
+from tacevo.llm.faults import Patience
+from tacevo.llm.recording import RecordingLLM
+from tacevo.records import Delivery, Request
+from tacevo.store import Store
+
+ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
+
+
+@pytest.fixture(autouse=True)
+def _key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put the key where the SDK looks for it."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+
+
+def batches(url: str, root: Path, *, stop: threading.Event | None = None, tries: int = 5) -> BatchLLM:
+    """Make the LLM that submits batches to a server."""
+    return BatchLLM(
+        lambda: connect_batches(url),
+        store=Store(root, "completions"),
+        folder=root / "batches",
+        name="llm=anthropic",
+        patience=Patience(tries=tries, first=0.001, longest=0.01),
+        pace=Pace(first=0.01, longest=0.02, settling=0.1),
+        stop=stop,
+    )
+
+
+def recorded(url: str, root: Path, asked: list[Request] | None = None) -> list[str]:
+    """Ask through the store, and give the answers in the order of the requests."""
+    wanted = ASKED if asked is None else asked
+    answers = dict(RecordingLLM(batches(url, root), Store(root, "completions")).complete(wanted))
+    return [answers[position].text for position in range(len(wanted))]
+
+
+def records(root: Path) -> list[Path]:
+    """List what is remembered of batches."""
+    return sorted((root / "batches").glob("*"))
+
+
+@pytest.fixture
+def server() -> Iterator[LLMServer]:
+    """Give a server that behaves."""
+    with serving(Script(polls=2)) as running:
+        yield running
+
+
+def test_generation_is_one_batch_in_any_order(server: LLMServer, tmp_path: Path) -> None:
+    """All requests go as one batch; its results come in another order, and each finds its place."""
+    assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    (batch,) = server.batches
+    shuffled = [json.loads(line)["custom_id"] for line in batch.lines]
+    assert shuffled != [request["custom_id"] for request in batch.requests]
+    assert server.bodies == []
+
+
+def test_request_in_a_batch_is_that_of_the_messages_api(server: LLMServer, tmp_path: Path) -> None:
+    """Settings of every kind reach the server under their names."""
+    list(batches(server.url, tmp_path).complete([request("a", settings=(("thinking_tokens", 2048), ("top_p", 0.9)))]))
+    params = server.batches[0].requests[0]["params"]
+    assert (params["temperature"], params["top_p"], params["max_tokens"]) == (0.65, 0.9, 77)
+    assert params["thinking"] == {"type": "enabled", "budget_tokens": 2048}
+
+
+def test_completion_says_that_it_came_by_a_batch(server: LLMServer, tmp_path: Path) -> None:
+    """Its price follows from that."""
+    ((_, completion),) = batches(server.url, tmp_path).complete(ASKED[:1])
+    assert completion.delivery is Delivery.batch
+    assert (completion.model, completion.output_tokens) == ("model-x-dated", 7)
+
+
+def test_record_stands_until_the_answers_are_stored(server: LLMServer, tmp_path: Path) -> None:
+    """Answers that were read but not stored are taken from the same batch again; stored ones free the record."""
+    unstored = batches(server.url, tmp_path)
+    assert len(list(unstored.complete(ASKED))) == 5
+    assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    assert len(server.batches) == 1
+    assert len(records(tmp_path)) == 1
+    recorded(server.url, tmp_path, [request("f")])
+    assert len(server.batches) == 2
+    assert len(records(tmp_path)) == 1
+
+
+def test_part_of_a_batch_is_taken_from_it(server: LLMServer, tmp_path: Path) -> None:
+    """A run that asks in other portions than the one before, as under a budget, submits nothing again."""
+    list(batches(server.url, tmp_path).complete(ASKED))
+    assert recorded(server.url, tmp_path, ASKED[1:3]) == ["b!", "c!"]
+    assert recorded(server.url, tmp_path, [*ASKED, request("f")]) == ["a!", "b!", "c!", "d!", "e!", "f!"]
+    assert [len(batch.requests) for batch in server.batches] == [5, 1]
+
+
+@pytest.mark.parametrize("fault", ["errored", "expired"])
+def test_unanswered_request_is_submitted_again_a_few_times(fault: str, server: LLMServer, tmp_path: Path) -> None:
+    """The others are kept; after three batches the run says what failed."""
+    answers = batches(server.url, tmp_path).complete([request("a"), request(f"b [fault {fault}]")])
+    assert next(answers)[1].text == "a!"
+    with pytest.raises(TransportError, match="1 of 2 requests failed after all tries"):
+        next(answers)
+    assert [len(batch.requests) for batch in server.batches] == [2, 1, 1]
+
+
+def test_canceled_request_is_reported_and_submitted_anew_by_the_next_command(server: LLMServer, tmp_path: Path) -> None:
+    """Somebody wanted it to end, so this run submits nothing more."""
+    for number in (1, 2):
+        with pytest.raises(TransportError, match="canceled; give the same command again"):
+            list(batches(server.url, tmp_path).complete([request("a [fault canceled]")]))
+        assert len(server.batches) == number
+
+
+@pytest.mark.parametrize(("fault", "stop_reason"), [("too_long", "invalid_request"), ("filtered", "refusal")])
+def test_request_that_can_never_be_answered_is_recorded(
+    fault: str, stop_reason: str, server: LLMServer, tmp_path: Path
+) -> None:
+    """It stops no run, and is not submitted again."""
+    ((_, completion),) = batches(server.url, tmp_path).complete([request(f"a [fault {fault}]")])
+    assert (completion.text, completion.stop_reason, completion.delivery) == ("", stop_reason, Delivery.batch)
+    assert len(server.batches) == 1
+
+
+def test_refused_payment_stops_the_run(server: LLMServer, tmp_path: Path) -> None:
+    """It is the user's to mend."""
+    with pytest.raises(ConfigError, match="credit balance"):
+        list(batches(server.url, tmp_path).complete([request("a [fault credit]")]))
+
+
+def test_refused_settings_are_dropped_and_recorded(tmp_path: Path) -> None:
+    """The requests are submitted again without what the model refuses, and the refused ones cost nothing."""
+    with serving(Script(refused=("temperature",))) as server:
+        completions = [completion for _, completion in batches(server.url, tmp_path).complete(ASKED)]
+        assert {completion.dropped for completion in completions} == {("temperature",)}
+        assert [len(batch.requests) for batch in server.batches] == [5, 5]
+
+
+@pytest.mark.parametrize("status", [429, 500, 529])
+def test_failed_calls_are_retried(status: int, tmp_path: Path) -> None:
+    """Each call about a batch is repeated until it works, and the batch is submitted once."""
+    with serving(Script(batch_faults=3, batch_status=status)) as server:
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        assert len(server.batches) == 1
+
+
+@pytest.mark.parametrize("cut", ["submitted", "created", "polled", "results"])
+def test_lost_connection_submits_nothing_twice(cut: str, tmp_path: Path) -> None:
+    """Wherever the connection breaks: where the batch exists it is found, and only where it does not, submitted."""
+    with serving(Script(cut=cut)) as server:
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        assert len(server.batches) == 1
+        assert set(server.billed.values()) == {1}
+
+
+def test_someone_elses_batch_is_not_taken_for_ours(tmp_path: Path) -> None:
+    """A batch of the same size that another program submitted meanwhile is recognised as foreign by its names."""
+    with serving(Script(cut="submitted")) as server:
+        intruder = threading.Timer(0.03, _submit_elsewhere, (server.url,))  # while the loss settles
+        intruder.start()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        intruder.join()
+        assert [len(batch.requests) for batch in server.batches] == [5, 5]
+
+
+def _submit_elsewhere(url: str) -> None:
+    params = {"model": "m", "max_tokens": 1, "messages": [{"role": "user", "content": "x"}]}
+    with connect_batches(url) as client:
+        client.messages.batches.create(requests=[{"custom_id": f"other{n}", "params": params} for n in range(5)])  # type: ignore[typeddict-item]
+
+
+def test_interruption_leaves_the_batch_running(tmp_path: Path) -> None:
+    """Waiting ends at once; the next run takes the answers of the same batch."""
+    stop = threading.Event()
+    with serving(Script(polls=20)) as server:
+        threading.Timer(0.1, stop.set).start()
+        with pytest.raises(LLMError, match="submitted batches go on"):
+            list(batches(server.url, tmp_path, stop=stop).complete(ASKED))
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        assert [batch.canceled for batch in server.batches] == [False]
+
+
+def test_unknown_batch_is_not_paid_for_twice_silently(server: LLMServer, tmp_path: Path) -> None:
+    """Another key sees other batches: the message names the record, and nothing is submitted."""
+    list(batches(server.url, tmp_path).complete(ASKED))
+    server.batches.clear()
+    with pytest.raises(ConfigError, match=r"404.*remembers the batch: delete it"):
+        recorded(server.url, tmp_path)
+    assert server.batches == []
+
+
+def test_damaged_record_is_named_and_refused(server: LLMServer, tmp_path: Path) -> None:
+    """Half a record is no reason to submit again."""
+    list(batches(server.url, tmp_path).complete(ASKED))
+    (path,) = records(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8")[:40], encoding="utf-8")
+    with pytest.raises(StoreError, match=rf"{path.name} is no record of a batch"):
+        recorded(server.url, tmp_path)
+    assert len(server.batches) == 1
+
+
+def test_records_of_another_server_are_left_alone(tmp_path: Path) -> None:
+    """Its ids mean nothing here."""
+    with serving() as first, serving() as second:
+        list(batches(first.url, tmp_path).complete(ASKED))
+        list(batches(second.url, tmp_path).complete(ASKED))
+        assert (len(first.batches), len(second.batches), len(records(tmp_path))) == (1, 1, 2)
+
+
+def test_record_holds_no_key_and_no_address(server: LLMServer, tmp_path: Path) -> None:
+    """A store is there to be shared."""
+    ((_, echoed),) = batches(server.url, tmp_path).complete([request("a [fault echo]")])
+    assert echoed.text == "you are ***"
+    (path,) = records(tmp_path)
+    assert KEY not in path.read_text(encoding="utf-8")
+    assert "127.0.0.1" not in path.read_text(encoding="utf-8")
+
+
+def test_large_generations_are_divided(server: LLMServer, tmp_path: Path) -> None:
+    """The server limits a batch's size, and models are not mixed."""
+    asked = [request(f"q{number}") for number in range(5_003)]
+    assert len(list(batches(server.url, tmp_path).complete(asked))) == 5_003
+    assert [len(batch.requests) for batch in server.batches] == [5_000, 3]
+
+
+_RUN = """
+import sys
+from pathlib import Path
+from test_batches import recorded
+print(recorded(sys.argv[1], Path(sys.argv[2])))
+"""
+
+
+@pytest.mark.parametrize("stall", ["submitted", "created", "polled", "results"])
+def test_killed_run_submits_nothing_twice(stall: str, tmp_path: Path) -> None:
+    """SIGKILL in each window: before the batch exists, before its id is written down, while waiting, while reading."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent), "ANTHROPIC_API_KEY": KEY}
+    with serving(Script(stall=stall)) as server:
+        command = [sys.executable, "-c", _RUN, server.url, str(tmp_path)]
+        child = subprocess.Popen(command, env=environment)
+        assert server.stalled.wait(timeout=60)
+        child.send_signal(signal.SIGKILL)
+        assert child.wait() == -signal.SIGKILL
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        assert len(server.batches) == 1
+        assert set(server.billed.values()) == {1}
+        assert list(itertools.islice(server.bodies, 1)) == []

@@ -1,0 +1,75 @@
+"""Promise: costs are added up from the prices recorded beside the answers; an unknown price is said to be unknown."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.costs import Spending, in_words, spending_on, total, usd
+from tacevo.records import Completion, Price, to_json
+
+HAIKU = Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21")
+
+SPENDINGS = st.builds(
+    Spending,
+    answers=st.integers(0, 10),
+    input_tokens=st.integers(0, 10**6),
+    output_tokens=st.integers(0, 10**6),
+    usd=st.floats(0, 1e3),
+    unpriced=st.integers(0, 10),
+)
+
+
+def answer(price: Price | None, *, tokens: tuple[int, int] = (1_000_000, 2_000_000)) -> Completion:
+    """Make an answer of so many input and output tokens."""
+    return Completion(
+        text="", model="m", stop_reason="end_turn", input_tokens=tokens[0], output_tokens=tokens[1], price=price
+    )
+
+
+def test_cost_is_tokens_times_price() -> None:
+    """A million tokens in and two million out, by hand: 0.25 + 2 * 1.25 dollars."""
+    assert answer(HAIKU).cost == 0.25 + 2 * 1.25
+
+
+def test_batch_costs_its_factor() -> None:
+    """Half the price for input and output alike."""
+    half = Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21", factor=0.5)
+    assert answer(half).cost == (0.25 + 2 * 1.25) / 2
+
+
+def test_answers_without_price_are_counted_apart() -> None:
+    """Their tokens count, their dollars are not taken for zero."""
+    spent = spending_on([answer(HAIKU), answer(None)])
+    assert spent == Spending(answers=2, input_tokens=2_000_000, output_tokens=4_000_000, usd=2.75, unpriced=1)
+    assert in_words(spent).endswith("2.7500 USD without the 1 answers of unknown price")
+    assert usd(spending_on([answer(None)])) == "price unknown"
+
+
+def test_nothing_costs_nothing() -> None:
+    """No answer is no cost, and not an unknown one."""
+    assert usd(total([])) == "0.0000 USD"
+
+
+@given(st.lists(SPENDINGS, max_size=6), st.randoms(use_true_random=False))
+def test_order_changes_no_total(parts: list[Spending], shuffler: object) -> None:
+    """Dollars are summed exactly, so that a resumed or parallel run adds up to the same."""
+    shuffled = list(parts)
+    shuffler.shuffle(shuffled)  # type: ignore[attr-defined]
+    assert total(shuffled) == total(parts)
+
+
+@given(SPENDINGS)
+def test_spending_comes_back_from_json(spent: Spending) -> None:
+    """What timings.jsonl holds is read as it was written, among other fields."""
+    assert Spending.from_json({"id": "g00s01", "seconds": 1.5, **to_json(spent)}) == spent
+
+
+def test_line_without_costs_is_nothing_spent() -> None:
+    """Run directories of earlier versions have times only."""
+    assert Spending.from_json({"id": "g00s01", "seconds": 1.5}) == Spending()
+
+
+def test_figure_that_is_no_number_is_refused() -> None:
+    """A damaged line is noticed by whoever reads the file."""
+    with pytest.raises(ValueError, match="invalid literal"):
+        Spending.from_json({"answers": "many"})

@@ -1,0 +1,120 @@
+"""Promise: an estimate asks nobody, needs no key and makes no file; its bound is one that no search exceeds."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tacevo.app import main
+from tacevo.composition import compose, facts_without_data, load_prices, load_task
+from tacevo.estimating import describe, estimate
+from tacevo.llm.prices import most_input_tokens
+from tacevo.proposals import plan_initial
+from tacevo.records import Completion, Delivery, Request, to_json
+from tacevo.store import Store
+from tacevo.wiring import build_settings
+
+SMALL = ["experiment=demo", "llm=anthropic", "search.generations=2", "search.candidates=10", "search.initial=4"]
+
+Estimating = Callable[..., list[str]]
+
+
+@pytest.fixture
+def overrides(tmp_path: Path) -> Estimating:
+    """Give the overrides of a search with an empty store."""
+    return lambda *more: [*SMALL, f"store.root={tmp_path}/cache", *more]
+
+
+def first_requests(overrides: list[str]) -> list[Request]:
+    """Write the requests of generation 0, as a search would."""
+    config = compose(overrides)
+    task = load_task(config, facts_without_data(config))
+    planned = plan_initial(task, build_settings(config), mutations=config.search.initial, temperature=0.6)
+    return [proposal.request for proposal in planned if proposal.request is not None]
+
+
+def record(overrides: list[str], requests: list[Request], *, tokens: tuple[int, int]) -> None:
+    """Record answers of so many tokens."""
+    store = Store(Path(compose(overrides).store.root), "completions")
+    for request in requests:
+        completion = Completion(
+            text="", model="m", stop_reason="end_turn", input_tokens=tokens[0], output_tokens=tokens[1]
+        )
+        store.write(to_json(request), to_json(completion))
+
+
+def test_estimate_needs_no_key_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before any call: status 0, the numbers, and an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    assert main(["search", "--estimate", *SMALL]) == 0
+    out = capsys.readouterr().out
+    assert "24 requests to claude-3-haiku-20240307, 0 of generation 0 recorded already; nothing was asked." in out
+    assert "USD direct" in out
+    assert "llm.budget_usd: no limit" in out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_requests_are_those_of_the_search(overrides: Estimating) -> None:
+    """The initial mutations, and B for each generation; the baseline is nobody's answer."""
+    assert estimate(compose(overrides())).requests == 4 + 2 * 10
+
+
+def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) -> None:
+    """What is in the store is not asked for, so it leaves both figures."""
+    record(overrides(), first_requests(overrides())[:3], tokens=(100, 50))
+    found = estimate(compose(overrides()))
+    assert (found.requests, found.recorded, found.samples) == (24, 3, 3)
+    assert (found.likely.input, found.likely.output) == (21 * 100, 21 * 50)
+    assert found.most.output == 21 * 4096
+
+
+def test_recorded_answers_of_another_model_say_nothing(overrides: Estimating) -> None:
+    """Another model's answers have another length."""
+    record(overrides(), first_requests(overrides("llm.model=claude-opus-5")), tokens=(100, 50))
+    assert estimate(compose(overrides())).samples == 0
+
+
+def test_bound_holds_for_every_request_of_generation_0(overrides: Estimating) -> None:
+    """No request of the search has more bytes than the bound allows for one."""
+    found = estimate(compose(overrides()))
+    assert max(map(most_input_tokens, first_requests(overrides()))) * found.requests <= found.most.input
+    assert found.likely.input < found.most.input
+
+
+def test_bound_allows_for_parents_as_long_as_answers(overrides: Estimating) -> None:
+    """A later parent may be as long as an answer can be, twice in a crossover."""
+    short, long = (estimate(compose(overrides(f"llm.max_tokens={limit}"))) for limit in (10_000, 20_000))
+    assert long.most.input - short.most.input == 24 * 2 * 10_000
+
+
+def test_repairs_count_for_the_most_only(overrides: Estimating) -> None:
+    """Every answer may be sent back so often, each time with the conversation; likely none is."""
+    plain, repaired = (estimate(compose(overrides(f"proposals.repair_attempts={n}"))) for n in (0, 2))
+    assert repaired.likely == plain.likely
+    assert repaired.most.output == 3 * plain.most.output
+    assert repaired.most.input > 3 * plain.most.input
+    assert "each repaired 2 times" in describe(compose(overrides("proposals.repair_attempts=2")))
+
+
+def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
+    """Both columns of the table, from the price table and the tokens."""
+    found = estimate(compose(overrides()))
+    prices = load_prices("prices.yaml")
+    shown = describe(compose(overrides())).splitlines()
+    (likely,) = (line for line in shown if line.startswith("| likely"))
+    costs = []
+    for delivery in Delivery:
+        price = prices.price("claude-3-haiku", delivery)
+        assert price is not None
+        costs.append(f"{price.cost(found.likely.input, found.likely.output):.2f}")
+    assert [cell.strip() for cell in likely.split("|")[4:6]] == costs
+
+
+def test_unknown_price_is_said(overrides: Estimating) -> None:
+    """Tokens can be told without a price; dollars cannot."""
+    shown = describe(compose(overrides("llm.model=llama")))
+    assert "prices.yaml has no price of this model" in shown
+    assert shown.count("unknown") == 4

@@ -1,0 +1,212 @@
+"""Promise: requests are asked so many at once and retried; no fault or interruption loses another answer; no key leaks.
+
+The real SDKs talk to a server in this process, over real connections; each rule holds for both.
+"""
+
+import itertools
+import logging
+import threading
+
+import pytest
+from hosted import KEY, PROVIDERS, hosted, request
+from llm_script import Script, text_of
+from llm_server import serving
+
+from tacevo.errors import ConfigError, LLMError, TransportError
+from tacevo.llm.faults import Patience
+from tacevo.llm.hosted import HostedLLM
+
+QUICK = Patience(tries=3, first=0.001, longest=0.01)
+
+both = pytest.mark.parametrize("provider", PROVIDERS)
+
+
+@pytest.fixture(autouse=True)
+def _keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put keys where the SDKs look for them."""
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, KEY)
+
+
+def texts(llm: HostedLLM, *asked: str) -> list[str]:
+    """Ask, and give the answers in the order of the requests."""
+    answers = dict(llm.complete([request(text) for text in asked]))
+    return [answers[position].text for position in range(len(asked))]
+
+
+@both
+@pytest.mark.parametrize("fault", ["429", "429_bare", "408", "409", "500", "503", "529", "reset", "malformed"])
+def test_passing_fault_is_retried_until_it_passes(fault: str, provider: str) -> None:
+    """Whatever passes is asked again, and nothing of it is seen."""
+    with serving() as server:
+        assert texts(hosted(server.url, provider), f"a [fault {fault} x2]", "b") == [f"a [fault {fault} x2]!", "b!"]
+        assert sorted(server.tried.values()) == [1, 3]
+        assert sorted(server.billed.values()) == [1, 1]
+
+
+@both
+def test_body_of_another_shape_is_a_passing_fault(provider: str) -> None:
+    """JSON that is no answer is as good as none."""
+    with serving() as server:
+        assert texts(hosted(server.url, provider), "a [fault shapeless x1]") == ["a [fault shapeless x1]!"]
+
+
+@both
+def test_answers_come_in_the_order_of_arrival(provider: str) -> None:
+    """An answer is seen as soon as it is there, whatever was asked before it."""
+    with serving() as server:
+        server.held = {text: threading.Event() for text in "abc"}
+        answers = hosted(server.url, provider).complete([request(text) for text in "abc"])
+        for position, text in [(2, "c"), (0, "a"), (1, "b")]:
+            server.held[text].set()
+            assert next(answers)[0] == position
+
+
+@both
+def test_so_many_requests_are_open_at_once(provider: str) -> None:
+    """Four are open where four may be, and never more."""
+    with serving(Script(delay=0.05)) as server:
+        assert len(texts(hosted(server.url, provider, concurrency=4), *(str(n) for n in range(20)))) == 20
+        assert server.most == 4
+
+
+@both
+def test_rounds_follow_each_other(provider: str) -> None:
+    """Every generation of a search asks anew, and none stumbles over the connections of the one before."""
+    with serving() as server:
+        llm = hosted(server.url, provider)
+        for _ in range(3):
+            assert texts(llm, "a", "b") == ["a!", "b!"]
+        assert list(llm.complete([])) == []
+
+
+@both
+def test_failure_comes_after_the_answers_in_flight(provider: str) -> None:
+    """The answers to the other requests are yielded first, and the error says what failed and what to do."""
+    with serving() as server:
+        llm = hosted(server.url, provider, patience=QUICK)
+        answers = llm.complete([request(text) for text in ("a", "x [fault 529]", "b")])
+        assert sorted(position for position, _ in itertools.islice(answers, 2)) == [0, 2]
+        with pytest.raises(TransportError, match=r"1 of 3 requests failed.*529.*give the same command again"):
+            next(answers)
+
+
+@both
+def test_unreachable_server_is_a_transport_error(provider: str) -> None:
+    """Where nobody listens, the error is ours, and says so."""
+    with pytest.raises(TransportError, match=r"2 of 2 requests failed.*APIConnectionError"):
+        texts(hosted("http://127.0.0.1:1", provider, patience=QUICK), "a", "b")
+
+
+@both
+def test_after_a_final_failure_nothing_further_begins(provider: str) -> None:
+    """A refused key or a dead server is not asked a thousand times."""
+    with serving() as server:
+        with pytest.raises(ConfigError, match="refuses the key"):
+            texts(hosted(server.url, provider, concurrency=2), *(f"{n} [fault 401]" for n in range(100)))
+        assert sum(server.tried.values()) < 50
+
+
+@both
+@pytest.mark.parametrize("fault", ["401", "402", "403", "404", "credit"])
+def test_refused_key_model_or_payment_stops_the_run(fault: str, provider: str) -> None:
+    """What no retry can mend is the user's to mend, is told at once, and is never recorded as an answer."""
+    with serving() as server:
+        llm = hosted(server.url, provider)
+        assert texts(llm, "a") == ["a!"]
+        with pytest.raises(ConfigError, match="the server refuses the key, the model or a setting"):
+            texts(llm, f"b [fault {fault}]")
+        assert sorted(server.tried.values()) == [1, 1]
+
+
+@both
+@pytest.mark.parametrize(
+    ("fault", "stop_reason"), [("too_long", "invalid_request"), ("413", "invalid_request"), ("filtered", "refusal")]
+)
+def test_request_that_can_never_be_answered_stops_no_run(fault: str, stop_reason: str, provider: str) -> None:
+    """A completion without text stands in for the answer, and the gate rejects it; the request is not retried."""
+    with serving() as server:
+        ((_, completion),) = hosted(server.url, provider).complete([request(f"a [fault {fault}]")])
+        assert (completion.text, completion.stop_reason, completion.output_tokens) == ("", stop_reason, 0)
+        assert sum(server.tried.values()) == 1
+
+
+@both
+def test_doubtful_refusal_is_about_the_request_where_others_are_answered(provider: str) -> None:
+    """One odd request of three stops no run."""
+    with serving() as server:
+        asked = [request(text) for text in ("a", "b [fault invalid]", "c")]
+        answers = dict(hosted(server.url, provider).complete(asked))
+        assert [answers[position].stop_reason for position in range(3)] == ["end_turn", "invalid_request", "end_turn"]
+
+
+@both
+def test_doubtful_refusal_of_everything_is_about_the_settings(provider: str) -> None:
+    """Where the model answers nothing at all, nothing is recorded: the configuration is at fault."""
+    with serving() as server, pytest.raises(ConfigError, match="this is not understood"):
+        texts(hosted(server.url, provider), "a [fault invalid]", "b [fault invalid]")
+
+
+@both
+def test_refused_settings_are_dropped_recorded_and_remembered(provider: str) -> None:
+    """Each request is answered without what its model refuses; once known, it is not even sent."""
+    with serving(Script(refused=("temperature", "top_p"))) as server:
+        llm = hosted(server.url, provider, concurrency=1)
+        asked = [request(text, settings=(("top_p", 0.9),)) for text in "ab"]
+        assert {completion.dropped for _, completion in llm.complete(asked)} == {("temperature", "top_p")}
+        ((_, plain),) = llm.complete([request("c")])
+        assert plain.dropped == ("temperature",)
+        assert [text_of(body) for body in server.bodies] == ["a", "a", "a", "b", "c"]
+
+
+@both
+@pytest.mark.parametrize(
+    ("fault", "stop_reason"), [("refusal", "refusal"), ("max_tokens", "max_tokens"), ("empty", "end_turn")]
+)
+def test_refusals_and_cut_off_answers_are_answers(fault: str, stop_reason: str, provider: str) -> None:
+    """They are paid for, and a replay reproduces them."""
+    with serving() as server:
+        ((_, completion),) = hosted(server.url, provider).complete([request(f"a [fault {fault}]")])
+        assert completion.stop_reason == stop_reason
+        assert (completion.input_tokens, completion.output_tokens) == (11, 7)
+
+
+@both
+def test_model_is_recorded_as_returned(provider: str) -> None:
+    """An alias stands for a dated name, and a server may serve another model: the record says which."""
+    with serving() as server:
+        answers = dict(hosted(server.url, provider).complete([request("a"), request("b [fault wrong_model]")]))
+        assert [answers[0].model, answers[1].model] == ["model-x-dated", "another-model"]
+
+
+@both
+def test_key_is_seen_nowhere(provider: str, caplog: pytest.LogCaptureFixture) -> None:
+    """Neither answers nor errors nor logs hold the key, even where the server says it."""
+    with caplog.at_level(logging.DEBUG), serving() as server:
+        ((_, completion),) = hosted(server.url, provider).complete([request("a [fault echo]")])
+        assert completion.text == "you are ***"
+        with pytest.raises(TransportError, match=r"no, \*\*\*") as caught:
+            texts(hosted(server.url, provider, patience=QUICK), "b [fault 500]")
+        with pytest.raises(ConfigError, match=r"no, \*\*\*") as refused:
+            texts(hosted(server.url, provider), "c [fault 401]")
+        assert server.logins == {KEY}
+    for error in (caught.value, refused.value):
+        assert error.__cause__ is None
+        assert error.__context__ is None
+    assert KEY not in caplog.text
+
+
+@both
+def test_stopped_run_begins_nothing_further_and_ends_its_waits(provider: str) -> None:
+    """What is in flight arrives; what waits for a retry gives up; what has not begun never does."""
+    stop = threading.Event()
+    with serving(Script(retry_after=600)) as server:
+        server.held = {"a": threading.Event()}
+        llm = hosted(server.url, provider, concurrency=2, stop=stop)
+        answers = llm.complete([request(text) for text in ("a", "b [fault 429]", "c")])
+        threading.Timer(0.3, stop.set).start()
+        threading.Timer(0.6, server.held["a"].set).start()
+        assert next(answers)[1].text == "a!"
+        with pytest.raises(LLMError, match="give the same command again"):
+            next(answers)
+        assert {text_of(body) for body in server.bodies} == {"a", "b [fault 429]"}

@@ -1,0 +1,242 @@
+"""Promise: a search that a hosted model answers is replayed without a network, stops at its budget, and goes on.
+
+The real SDK talks to a server in this process; the searches are real, and as small as they can be.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+import yaml
+from llm_script import Body, Script, key_of
+from llm_server import LLMServer, serving
+
+from tacevo.app import main
+
+KEY = "sk-ant-a-secret-key"
+
+TINY = [
+    "experiment=demo",
+    "llm=anthropic",
+    "tracking=none",
+    "search.generations=1",
+    "search.candidates=3",
+    "search.initial=2",
+    "data.images=40",
+    "training.epochs=1",
+    "archive.niches=5",
+    "archive.prompt_niches=5",
+    "archive.samples=100",
+    "executor.workers=2",
+]
+
+#: Runs the command in a process that can make no socket at all.
+OFFLINE = """
+import sys
+def refuse(event, arguments):
+    if event.startswith("socket."):
+        raise RuntimeError(f"this process has no network, but something asks for {event}")
+sys.addaudithook(refuse)
+from tacevo.app import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def network(body: Body) -> str:
+    """Answer with a network whose width follows from the request; one answer in three holds none."""
+    number = int(key_of(body), 16)
+    if number % 3 == 0 and len(body["messages"]) == 1:
+        return "I would rather talk about the weather."
+    return (
+        "```python\nclass ImageRegressionCNN(nn.Module):\n    def __init__(self, num_outputs=3):\n"
+        f"        super().__init__()\n        self.conv = nn.Conv2d(3, {2 + number % 7}, 3, stride=4)\n"
+        f"        self.head = nn.Linear({2 + number % 7}, num_outputs)\n\n    def forward(self, x):\n"
+        "        return self.head(self.conv(x).relu().mean((2, 3)))\n```\n"
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give an empty working directory, and a key in the environment."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    return tmp_path
+
+
+def search(server: LLMServer, *overrides: str) -> int:
+    """Search with a server; give the exit status."""
+    return main(["search", *TINY, f"llm.base_url={server.url}", *overrides])
+
+
+def digest(out: str) -> str:
+    """Take the digest from the last line of what a command wrote."""
+    return out.splitlines()[-1].removeprefix("digest: ")
+
+
+def prices(folder: Path) -> str:
+    """Write a table in which an answer of the server costs 7 dollars, and may cost 64 at 64 tokens."""
+    entry = {"input_usd": 0, "output_usd": 1_000_000, "dated": "2026-11-21", "source": "this test"}
+    (folder / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-3-haiku": entry}}))
+    return str(folder / "prices.yaml")
+
+
+def test_search_of_5_generations_is_replayed_without_a_network(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same digest, in a process that is refused every socket; and the replay says what the recording cost."""
+    with serving(Script(answer=network)) as server:
+        assert search(server, "search.generations=5", "run.dir=run") == 0
+        asked = len(server.billed)
+    recorded = digest(capsys.readouterr().out)
+    clean = {name: value for name, value in os.environ.items() if "API_KEY" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", OFFLINE, "replay", "run"], env=clean, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, digest(done.stdout)) == (0, recorded), done.stderr
+    assert asked == 2 + 5 * 3
+    cost = asked * (11 * 0.25 + 7 * 1.25) / 1e6
+    expected = f"recorded: {asked} answers, {asked * 11} + {asked * 7} tokens, {cost:.4f} USD"
+    assert f"{expected}; this replay made no call and cost nothing" in done.stdout
+
+
+def test_offline_process_is_offline() -> None:
+    """The guard of the test above refuses even this machine's own addresses."""
+    script = OFFLINE.partition("from tacevo")[0] + "import socket\nsocket.create_connection(('127.0.0.1', 9))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert "this process has no network" in done.stderr
+
+
+def test_key_is_written_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither run, store nor output holds it, in a run whose answers are all rejected and sent back."""
+    with serving(Script(answer=lambda body: "no idea")) as server:
+        assert search(server, "search.generations=0", "proposals.repair_attempts=1") == 0
+    texts = [path.read_bytes() for path in folder.rglob("*") if path.is_file()]
+    captured = capsys.readouterr()
+    assert not [text for text in [*texts, captured.out.encode(), captured.err.encode()] if KEY.encode() in text]
+
+
+def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Stopped twice, the run ends with the digest of one without limit, and nothing was paid for twice."""
+    with serving(Script(answer=network)) as server:
+        assert search(server, "llm.max_tokens=64", "run.dir=free", "store.root=other") == 0
+        unlimited = digest(capsys.readouterr().out)
+        distinct = len(server.billed)
+    with serving(Script(answer=network)) as server:
+        limited = ["llm.max_tokens=64", "run.dir=run", f"llm.prices={prices(folder)}"]
+        for budget, answers in ((64, 1), (71, 2)):
+            assert search(server, *limited, f"llm.budget_usd={budget}") == 2
+            errors = capsys.readouterr().err
+            assert f"error: llm.budget_usd={budget} is reached" in errors
+            assert "with a larger llm.budget_usd to go on" in errors
+            assert sum(server.billed.values()) == answers
+        assert search(server, *limited, "llm.budget_usd=1000") == 0
+        assert sum(server.billed.values()) == len(server.billed) == distinct
+    captured = capsys.readouterr()
+    assert digest(captured.out) == unlimited
+    assert f"{distinct} answers, {distinct * 11} + {distinct * 7} tokens, {distinct * 7:.4f} USD" in captured.out
+
+
+def test_repaired_run_is_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What was sent back is a request like any other, recorded and replayed; with one worker or two."""
+    with serving(Script(answer=network)) as server:
+        assert search(server, "proposals.repair_attempts=1", "run.dir=run", "search.candidates=4") == 0
+        recorded = capsys.readouterr().out
+        assert "answers were sent back" in recorded
+        turns = [len(body["messages"]) for body in server.bodies]
+        assert 3 in turns
+        one = ["proposals.repair_attempts=1", "run.dir=one", "search.candidates=4", "store.root=other"]
+        assert search(server, *one, "executor.workers=1") == 0
+    assert digest(capsys.readouterr().out) == digest(recorded)
+    assert main(["replay", "run"]) == 0
+    assert digest(capsys.readouterr().out) == digest(recorded)
+    lines = map(json.loads, (folder / "run" / "ledger.jsonl").read_text().splitlines())
+    sent_back = next(line["id"] for line in lines if "repairs" in line)
+    assert main(["show", "run", sent_back]) == 0
+    assert "Answers that were sent back before this one: 1 (extract: no_class)" in capsys.readouterr().out
+
+
+def test_model_of_unknown_price_has_no_budget(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A limit that nobody could keep is refused before anything is made, with what to do."""
+    assert main(["search", *TINY, "llm.model=claude-unheard-of", "llm.budget_usd=5"]) == 2
+    errors = capsys.readouterr().err
+    assert "llm.budget_usd needs the price of claude-unheard-of, which prices.yaml lacks; add the model there" in errors
+    assert list(folder.iterdir()) == []
+
+
+def test_no_budget_needs_no_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A model without a known price can be asked; its cost is then said to be unknown."""
+    with serving(Script(answer=network)) as server:
+        assert search(server, "search.generations=0", "llm.model=claude-unheard-of") == 0
+    assert "2 answers, 22 + 14 tokens, price unknown" in capsys.readouterr().out
+
+
+def test_missing_price_table_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A table that the user names must be there, before anything is made."""
+    assert main(["search", *TINY, "llm.prices=mine.yaml"]) == 2
+    assert "llm.prices names" in capsys.readouterr().err
+    (folder / "broken.yaml").write_text("models: [")
+    assert main(["search", *TINY, f"llm.prices={folder}/broken.yaml"]) == 2
+    assert "broken.yaml, which is not YAML" in capsys.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["broken.yaml"]
+
+
+def test_optional_settings_reach_the_server(folder: Path) -> None:
+    """What is set is sent under its own name, and what is not set is not sent."""
+    with serving(Script(answer=network)) as server:
+        chosen = ["llm.top_p=0.9", "llm.stop_sequences=[END]", "search.generations=0", "search.initial=1"]
+        assert search(server, *chosen) == 0
+        assert search(server, "search.generations=0", "search.initial=1") == 0
+    with_settings, without = server.bodies
+    assert (with_settings["top_p"], with_settings["stop_sequences"]) == (0.9, ["END"])
+    assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
+
+
+def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One digest for both deliveries, and a store of one serves the other."""
+    with serving(Script(answer=network, polls=0)) as server:
+        assert search(server, "run.dir=direct") == 0
+        direct = capsys.readouterr().out
+        assert search(server, "run.dir=batch", "store.root=other", "llm.delivery=batch") == 0
+        batch = capsys.readouterr().out
+        assert [len(made.requests) for made in server.batches] == [2, 3]
+        assert search(server, "run.dir=again", "llm.delivery=batch") == 0
+        assert len(server.batches) == 2
+    assert digest(batch) == digest(direct)
+    assert f"5 answers, 55 + 35 tokens, {5 * 11.5e-6:.4f} USD" in direct
+    assert f"5 answers, 55 + 35 tokens, {5 * 11.5e-6 / 2:.4f} USD" in batch
+
+
+class Moody(Script):
+    """Refuses, cuts off, says nothing and takes offence, in the order in which new requests come."""
+
+    moods: ClassVar[dict[str, str]] = {}
+
+    def fault(self, body: Body, tried: int) -> str:
+        """Give each request a mood of its own."""
+        faults = ("refusal", "max_tokens", "empty", "invalid")
+        return self.moods.setdefault(key_of(body), faults[len(self.moods) % len(faults)])
+
+
+def test_answers_that_are_none_are_typed_recorded_and_replayed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each way to give no answer has its reason in ledger and summary, costs what it cost, and is not asked again."""
+    with serving(Moody(answer=lambda body: "```python\nclass ImageRegressionCNN(nn.Module):\n")) as server:
+        overrides = ["search.generations=0", "search.initial=4", "llm.concurrency=1", "run.dir=run"]
+        assert search(server, *overrides) == 0
+        summary = capsys.readouterr().out
+        asked = sum(server.tried.values())
+        assert search(server, *overrides) == 0
+        assert sum(server.tried.values()) == asked
+    lines = [json.loads(line) for line in (folder / "run" / "ledger.jsonl").read_text().splitlines()]
+    reasons = {(line["stage"], line["reason"]) for line in lines if "stage" in line}
+    assert reasons == {("extract", reason) for reason in ("refused", "truncated", "empty", "invalid_request")}
+    assert "empty 1, invalid_request 1, refused 1, truncated 1" in summary
+    assert "4 answers, 33 + 21 tokens" in summary
+    capsys.readouterr()
+    assert main(["replay", "run"]) == 0
+    assert digest(capsys.readouterr().out) == digest(summary)

@@ -1,0 +1,30 @@
+"""Promise: however many requests there are at once, no client of an SDK has to look after many of them."""
+
+import httpx2
+import pytest
+from hosted import KEY, PROVIDERS, hosted, request
+from llm_script import Script
+from llm_server import serving
+
+from tacevo.llm.pools import SHARE, shares
+
+
+@pytest.mark.parametrize(("concurrency", "clients"), [(1, 1), (SHARE, 1), (SHARE + 1, 2), (10 * SHARE, 10)])
+def test_requests_are_dealt_out_to_as_many_clients_as_needed(concurrency: int, clients: int) -> None:
+    """No client gets more than its share, and none holds a request back."""
+    given = list(shares(concurrency, httpx2.Timeout(5.0)))
+    assert len(given) == clients
+    assert {share["limits"].max_connections for share in given} == {None}
+    assert len({id(share["verify"]) for share in given}) == 1
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_more_than_one_share_is_in_flight_at_once(provider: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three shares' requests are open together, and every one is answered."""
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, KEY)
+    many = 3 * SHARE
+    with serving(Script(delay=2.0)) as server:
+        llm = hosted(server.url, provider, concurrency=many)
+        assert len(list(llm.complete([request(str(number)) for number in range(many)]))) == many
+        assert server.most == many

@@ -1,0 +1,119 @@
+"""Promise: a price is found by a model's name, with or without its date, or not at all; a worst case is the worst."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacevo.composition import load_prices
+from tacevo.errors import ConfigError
+from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens, parse_prices, worst_case
+from tacevo.records import Completion, Delivery, Message, Price, Request
+
+TABLE = load_prices("prices.yaml")
+ENTRY: dict[str, Any] = {"input_usd": 1, "output_usd": 2.0, "dated": "2026-11-21", "source": "a page"}
+
+
+def request(text: str = "hello", *, model: str = "claude-3-haiku-20240307", max_tokens: int = 100) -> Request:
+    """Make a request."""
+    messages = (Message(role="user", content=text),)
+    return Request(model=model, system="Be brief.", messages=messages, temperature=0.5, max_tokens=max_tokens, draw=0)
+
+
+def answer(model: str, delivery: Delivery = Delivery.direct) -> Completion:
+    """Make an answer by a model."""
+    return Completion(text="", model=model, stop_reason="end_turn", input_tokens=1, output_tokens=1, delivery=delivery)
+
+
+def test_shipped_table_is_dated_and_knows_the_papers_model() -> None:
+    """Every price says its day, and the default model has one."""
+    assert TABLE.price("claude-3-haiku-20240307", Delivery.direct) == Price(
+        input_usd=0.25, output_usd=1.25, dated="2026-11-21"
+    )
+    assert all(len(price.dated) == len("2026-11-21") for price in TABLE.models.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("claude-haiku-4-5", True),
+        ("claude-haiku-4-5-20251001", True),
+        ("claude-haiku-4-5@20251001", True),
+        ("claude-haiku-4-5-large", False),
+        ("claude-haiku-4", False),
+        ("my-claude-haiku-4-5", False),
+        ("", False),
+    ],
+)
+def test_name_is_found_with_or_without_its_date_and_by_nothing_else(name: str, known: bool) -> None:
+    """A price is never guessed from a similar name: another model has another price."""
+    assert (TABLE.price(name, Delivery.direct) is not None) == known
+
+
+def test_batch_multiplies_the_price() -> None:
+    """The factor of the table is part of a batch's price."""
+    direct, batch = (TABLE.price("claude-opus-5", delivery) for delivery in (Delivery.direct, Delivery.batch))
+    assert direct is not None
+    assert batch is not None
+    assert batch.cost(1000, 1000) == direct.cost(1000, 1000) / 2
+
+
+def test_model_that_answered_is_priced_before_the_one_that_was_asked() -> None:
+    """What is billed is what answered; a name that the table lacks falls back to the name that was asked."""
+    asked = request()
+    assert TABLE.price_of(asked, answer("claude-opus-5")) == TABLE.models["claude-opus-5"]
+    assert TABLE.price_of(asked, answer("something else")) == TABLE.models["claude-3-haiku"]
+    assert TABLE.price_of(request(model="llama"), answer("something else")) is None
+
+
+def test_delivery_of_the_answer_decides_the_price() -> None:
+    """An answer that came by a batch has the batch's price, whatever the run asked for."""
+    price = TABLE.price_of(request(), answer("claude-3-haiku", Delivery.batch))
+    assert price is not None
+    assert price.factor == TABLE.batch_factor == 0.5
+
+
+@given(st.text(max_size=50), st.text(max_size=50))
+def test_worst_case_counts_every_byte(system: str, text: str) -> None:
+    """No tokeniser that makes at most one token of a byte exceeds the bound, nor the usual rule of thumb."""
+    asked = Request(
+        model="m", system=system, messages=(Message(role="user", content=text),), temperature=0, max_tokens=7, draw=0
+    )
+    size = len(system.encode(errors="replace")) + len(text.encode(errors="replace"))
+    assert most_input_tokens(asked) > size
+    assert most_input_tokens(asked) > likely_tokens(system) + likely_tokens(text)
+
+
+def test_worst_case_is_priced_with_the_longest_answer() -> None:
+    """By hand: 14 bytes and 2 turns of 64 tokens in, 100 tokens out, at 1 and 2 dollars."""
+    price = Price(input_usd=1.0, output_usd=2.0, dated="2026-11-21")
+    assert worst_case(price, request()) == pytest.approx((14 + 128 + 200) / 1e6)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (None, r"needs `batch_factor: NUMBER` and `models: ...`"),
+        ({"models": {}}, r"needs `batch_factor: NUMBER`"),
+        ({"batch_factor": 0.5, "models": []}, r"needs `batch_factor: NUMBER`"),
+        ({"batch_factor": "half", "models": {}}, r"whose batch_factor needs to be a number >= 0"),
+        ({"batch_factor": True, "models": {}}, r"whose batch_factor needs to be a number >= 0"),
+        ({"batch_factor": 0.5, "models": {"m": 5}}, r"whose m needs input_usd, output_usd, dated and source; got 5"),
+        ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "input": 1}}}, r"whose m needs input_usd, output_usd"),
+        ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "input_usd": -1}}}, r"whose m needs dollars >= 0"),
+        ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "output_usd": float("nan")}}}, r"whose m needs dollars >= 0"),
+    ],
+)
+def test_malformed_table_is_refused_by_the_model(table: object, message: str) -> None:
+    """A price that is not sound is the user's to mend, and is never read as something else."""
+    with pytest.raises(ConfigError, match=rf"^llm.prices names my.yaml.*{message}"):
+        parse_prices(table, "my.yaml")
+
+
+def test_table_of_ones_own_is_read() -> None:
+    """A model that the shipped table lacks can be given a price without touching it."""
+    table = parse_prices({"batch_factor": 1, "models": {"llama": ENTRY}}, "my.yaml")
+    assert table == PriceTable(
+        models={"llama": Price(input_usd=1.0, output_usd=2.0, dated="2026-11-21")}, batch_factor=1.0
+    )
