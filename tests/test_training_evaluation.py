@@ -15,7 +15,7 @@ from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
 from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.sandbox.confinement import can_fix_addresses
+from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.store import Store
 from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Run, judge
 from tacevo.training.numerics import check_machine, environment, refuse_unfit
