@@ -8,8 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from waiting import eventually
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.errors import SandboxError
@@ -56,16 +56,6 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
     with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
         opened.run("echo", None, b"", LIMITS)
         yield opened
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    """Wait until a condition holds, at most 10 seconds."""
-    deadline = time.monotonic() + 10
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def is_gone(pid: int) -> bool:

@@ -46,7 +46,10 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> N
         os.setsid()
         os.chdir("/")
         close_all_but(pipe)
-        sys.meta_path[:] = [BuiltinImporter, FrozenImporter]  # no file can be read: say so at once, and alike everywhere
+        sys.meta_path[:] = [
+            BuiltinImporter,
+            FrozenImporter,
+        ]  # no file can be read: say so at once, and alike everywhere
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
         say(Sort.done, None)
