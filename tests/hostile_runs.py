@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from gate_cases import VALID, completion, contract
+from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
 from tacevo.gate.admission import Admitted, Gate, GateLimits
@@ -21,7 +22,7 @@ GATE_LIMITS = GateLimits(parameters=20_000_000, flops=10**10, modules=500)
 RECIPE = Recipe(epochs=2, batch_size=16, learning_rate=1e-3, optimiser="adam", limits=LIMITS)
 
 
-def examples() -> tuple[np.ndarray, Examples]:  # type: ignore[type-arg]
+def examples() -> tuple[NDArray[np.uint8], Examples]:
     """Make 48 images of noise, 32 to train on, with labels that no candidate can know."""
     rng = np.random.default_rng(5)
     targets = rng.standard_normal((48, 3)).astype(np.float32)
