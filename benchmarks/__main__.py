@@ -12,6 +12,7 @@ import numpy as np
 from ribs.archives import CVTArchive
 from rich.console import Console
 
+from benchmarks import confinement
 from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
@@ -147,7 +148,8 @@ def _silent() -> PlainView:
 
 def main() -> None:
     """Print one line a figure."""
-    for measure in (archive_insertions, candidate_processes, workers, replaying, tracking, memory):
+    held = (confinement.walls, confinement.training)
+    for measure in (archive_insertions, candidate_processes, *held, workers, replaying, tracking, memory):
         print(measure(), flush=True)
 
 

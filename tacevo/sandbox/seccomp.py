@@ -3,8 +3,8 @@
 The list was found by watching trainings and probes of recorded answers with strace(1) after their start: they map
 memory, wait for locks, write to the result pipe and end. The rest of it is harmless: clocks, sleep, a process's own
 signals. Whatever is not listed answers EPERM: to open or look at a file, sockets, programs, processes and threads,
-io_uring, tracing, shared memory, namespaces, limits, and every call that a later kernel adds. Fewer calls were
-needed than were expected, so there are no rules about the arguments of calls, except that signals reach nobody else.
+io_uring, tracing, shared memory, namespaces, limits, and every call that a later kernel adds. The arguments of a
+call do not matter, except that a signal may go to the process itself only.
 
 A filter is a program for a small machine inside the kernel (seccomp(2)), written here for x86-64 and aarch64.
 """
