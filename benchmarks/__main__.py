@@ -13,6 +13,7 @@ from PIL import Image
 from ribs.archives import CVTArchive
 from rich.console import Console
 
+from benchmarks import confinement
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
@@ -183,6 +184,8 @@ def main() -> None:
     for measure in (
         archive_insertions,
         candidate_processes,
+        confinement.walls,
+        confinement.training,
         pictures,
         workers,
         replaying,

@@ -95,6 +95,7 @@ class Reason(StrEnum):
     too_many_modules = "too_many_modules"
     out_of_time = "out_of_time"
     out_of_memory = "out_of_memory"
+    too_much_output = "too_much_output"
     crashed = "crashed"
 
 

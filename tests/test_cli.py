@@ -282,7 +282,6 @@ def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: py
         (["search", "archive.niches=0"], "archive.niches needs"),
         (["search", "task=forse"], "choose one of force, grating, hardness"),
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
-        (["search", "experiment=demo", "sandbox.require=kernel", "tracking=none"], "sandbox.require=kernel"),
         (["replay", "nowhere"], "nowhere is not the folder of a run"),
         (["show", "nowhere"], "nowhere is not the folder of a run"),
         (["check", "nowhere.py"], "nowhere.py cannot be read"),

@@ -1,12 +1,14 @@
-"""Promise: whatever a candidate does, the search gets a typed answer, and no process of the candidate's is left."""
+"""Promise: whatever a candidate does, the search gets a typed answer, and no process of the candidate's is left.
+
+All of it holds without the kernel's walls, which these tests leave out; test_sandbox_walls.py puts them up.
+"""
 
 import os
 import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,8 +17,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from waiting import eventually
 
-from tacevo.choices import Numerics
+from tacevo.choices import Confinement, Numerics
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
@@ -36,10 +39,15 @@ ENTRIES = {
 
 
 def open_sandbox(folder: Path) -> Sandbox:
-    """Open a sandbox with every attack and 12 bytes of images."""
+    """Open a sandbox with every attack and 12 bytes of images, with the measures that need no special kernel."""
     images = folder / "images.npy"
     np.save(images, np.ones((12,), np.uint8))
-    return Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images})
+    return Sandbox(
+        entries=ENTRIES,
+        environment=environment(Numerics.portable),
+        arrays={"images": images},
+        strongest=Confinement.process,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +56,6 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
     with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
         opened.run("echo", None, b"", LIMITS)
         yield opened
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    """Wait until a condition holds, at most 10 seconds."""
-    deadline = time.monotonic() + 10
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def is_gone(pid: int) -> bool:
@@ -111,7 +109,8 @@ def test_threads_get_their_own_answers(sandbox: Sandbox) -> None:
 def test_child_sees_a_cleared_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     """No variable of the search reaches a candidate."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", "secret")
-    with Sandbox(entries=ENTRIES, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as fresh:
+    settings = {"OMP_NUM_THREADS": "1"}
+    with Sandbox(entries=ENTRIES, environment=settings, arrays={}, strongest=Confinement.process) as fresh:
         seen = answer(fresh, "look_around")["environment"]
     seen.pop("LC_CTYPE", None)  # which Python sets itself
     assert seen == {"OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
@@ -159,6 +158,21 @@ def test_orphan_of_a_finished_candidate_is_killed(sandbox: Sandbox) -> None:
 def test_endless_end_does_not_delay_the_answer(sandbox: Sandbox, entry: str) -> None:
     """After the answer nothing of the candidate's runs, so its finalisers cannot hold it up."""
     assert answer(sandbox, entry) == "answered"
+
+
+def test_short_peak_of_memory_counts(sandbox: Sandbox) -> None:
+    """Memory that is given back before anybody looks is found by the kernel's own record."""
+    little = Limits(seconds=5, memory_mib=16)
+    assert death(sandbox, "flash_memory", little) == Died(Reason.out_of_memory, "over 16 MiB of resident memory")
+
+
+def test_memory_of_mapped_images_is_free(tmp_path: Path) -> None:
+    """Images that are read through a mapping are shared by all candidates, and do not count."""
+    np.save(tmp_path / "images.npy", np.ones((40 * 2**20,), np.uint8))
+    arrays = {"images": tmp_path / "images.npy"}
+    with Sandbox(entries=ENTRIES, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as fresh:
+        finished = fresh.run("sum_images", None, b"", Limits(seconds=5, memory_mib=16))
+    assert finished == Finished((Frame(40 * 2**20, b""),))
 
 
 @pytest.mark.parametrize("entry", ["reserve_two_gib", "fill_shared_memory", "fill_memory_in_family"])
@@ -223,14 +237,19 @@ def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, member: int) ->
         assert waiting.result() == "answered"
 
 
-def test_endless_answer_is_a_crash(sandbox: Sandbox) -> None:
+def test_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
     """Nobody collects more than a stated number of bytes."""
-    assert death(sandbox, "answer_much").reason is Reason.crashed
+    assert death(sandbox, "answer_much").reason is Reason.too_much_output
+
+
+def test_announced_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
+    """Nobody waits for more than a stated number of bytes either."""
+    announced = b"\x05\x00\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\xff"
+    assert death(sandbox, "write_raw", payload=announced).reason is Reason.too_much_output
 
 
 FORGED = {
     "unknown sort": b"\xff" * 13,
-    "endless length": b"\x05\x00\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\xff",
     "message of another role": Message.of(Sort.verdict, {"ended": "finished"}).to_bytes(),
     "no JSON": Message(Sort.frame, b"{", b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
     "NaN": Message(Sort.frame, b"NaN", b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),
@@ -298,9 +317,15 @@ def _search_environment() -> dict[str, str]:
 
 HANGING_SEARCH = """
 import attacks
+from tacevo.choices import Confinement
 from tacevo.records import Limits
 from tacevo.sandbox.client import Sandbox
-with Sandbox(entries={"hang": "attacks:spin_with_family"}, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as sandbox:
+with Sandbox(
+    entries={"hang": "attacks:spin_with_family"},
+    environment={"OMP_NUM_THREADS": "1"},
+    arrays={},
+    strongest=Confinement.process,
+) as sandbox:
     sandbox.run("hang", None, b"", Limits(seconds=600, memory_mib=300))
 """
 

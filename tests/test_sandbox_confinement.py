@@ -1,7 +1,9 @@
 """Promise: what a machine cannot offer is refused by name, and what is said to be in force is."""
 
+import itertools
 import multiprocessing
-import resource
+import re
+import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -10,45 +12,64 @@ import pytest
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
-from tacevo.sandbox.confinement import available, can_fix_addresses, confine, report, require
+from tacevo.sandbox.confinement import available, confine, refuse_weaker, report, require
+from tacevo.sandbox.kernel import can_fix_addresses
+
+LEVELS = list(Confinement)
 
 
-def test_kernel_level_is_refused_for_now() -> None:
-    """A run that demands the kernel's walls does not start without them."""
-    with pytest.raises(
-        SandboxError, match=r"sandbox.require=kernel is not available here; the strongest level is process"
-    ):
-        require(Confinement.kernel)
+@pytest.mark.parametrize(("weaker", "wanted"), list(itertools.combinations(LEVELS, 2)))
+def test_level_that_is_not_offered_is_refused(weaker: Confinement, wanted: Confinement) -> None:
+    """A run that demands more than the machine has does not start, and is told why and what to do."""
+    message = rf"sandbox.require={wanted} is not available here; the strongest level is {weaker}, because .* accept"
+    with pytest.raises(SandboxError, match=message):
+        refuse_weaker(weaker, wanted=wanted)
 
 
-@pytest.mark.parametrize("level", [Confinement.none, Confinement.process])
-def test_weaker_level_than_available_is_granted(level: Confinement) -> None:
-    """Asking for less than there is is fine."""
-    assert available() is Confinement.process
-    require(level)
+@pytest.mark.parametrize(("wanted", "offered"), list(itertools.combinations_with_replacement(LEVELS, 2)))
+def test_level_that_is_offered_is_granted(wanted: Confinement, offered: Confinement) -> None:
+    """Asking for what there is, or for less, is fine."""
+    refuse_weaker(offered, wanted=wanted)
 
 
-def _confined(parent: Connection) -> None:
-    names = confine(Limits(seconds=7, memory_mib=100))
-    kinds = (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE, resource.RLIMIT_CORE, resource.RLIMIT_CPU)
-    parent.send((names, [resource.getrlimit(kind) for kind in kinds]))
-    parent.recv()
+def test_what_this_machine_has_is_granted() -> None:
+    """The level that is reported is the one that a run may demand."""
+    assert report()["level"] == available()
+    require(available())
 
 
-def test_measures_are_in_force_and_reported() -> None:
-    """A confined process has no privilege to gain, no capability, and hard limits."""
+@pytest.mark.parametrize("wall", ["landlock", "seccomp"])
+def test_level_follows_from_the_walls(wall: str) -> None:
+    """The level is kernel only where no wall is reported as missing."""
+    assert not (available() is Confinement.kernel and report()[wall].startswith("missing"))
+
+
+def _confined(parent: Connection, strongest: Confinement) -> None:
+    parent.send(confine(Limits(seconds=7, memory_mib=100), strongest))
+    time.sleep(60)  # behind the walls it cannot even read an answer
+
+
+@pytest.mark.parametrize("strongest", [Confinement.process, Confinement.kernel])
+def test_measures_are_in_force_and_reported(strongest: Confinement) -> None:
+    """A confined process has no privilege to gain, no capability, hard limits, and the walls that there are."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_confined, args=(theirs,))
+    process = context.Process(target=_confined, args=(theirs, strongest))
     process.start()
-    names, limits = ours.recv()
-    status = Path(f"/proc/{process.pid}/status").read_text()
-    ours.send("end")
+    names = set(ours.recv())
+    status, limits = (Path(f"/proc/{process.pid}/{name}").read_text() for name in ("status", "limits"))
+    process.kill()
     process.join()
-    assert set(names) <= report().keys()
+    described = report()
+    walls = {wall for wall in ("landlock", "seccomp") if not described[wall].startswith("missing")}
+    assert names <= described.keys()
+    assert names & {"landlock", "seccomp"} == (walls if strongest is Confinement.kernel else set())
+    assert f"Seccomp:\t{2 if 'seccomp' in names else 0}\n" in status
     assert "NoNewPrivs:\t1" in status
     assert "CapEff:\t0000000000000000" in status
-    assert limits == [(0, 0), (0, 0), (0, 0), (17, 17)]
+    hard = dict(re.findall(r"^Max (.+?) {2,}\S+ +(\S+)", limits, re.MULTILINE))
+    found = [hard[name] for name in ("file size", "open files", "core file size", "cpu time")]
+    assert found == ["0", "0", "0", "17"]
 
 
 def test_asking_for_fixed_addresses_changes_nothing() -> None:

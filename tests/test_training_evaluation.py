@@ -1,6 +1,8 @@
 """Promise: an evaluation depends on its key alone, labels stay in the parent, and no answer of a child is believed."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -15,7 +17,7 @@ from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
 from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.sandbox.confinement import can_fix_addresses
+from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.store import Store
 from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Run, judge
 from tacevo.training.numerics import check_machine, environment, refuse_unfit
@@ -125,6 +127,15 @@ def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> No
     """The variables reach torch before it chooses its kernels, however much more the CPU can do."""
     seen = look(sandbox)
     assert (seen["capability"], seen["threads"]) == ("AVX2", 1)
+
+
+def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
+    """A confined process cannot read what the CPU can do, so it has been read before."""
+    command = [sys.executable, "-c", "import torch; print(torch.backends.cpu.get_cpu_capability())"]
+    plain = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    entries = {"look": "training_jobs:look_at_torch"}
+    with Sandbox(entries=entries, environment=environment(Numerics.fast), arrays={}) as fast:
+        assert look(fast)["capability"] == plain
 
 
 def test_candidate_whose_finaliser_never_ends_is_evaluated(sandbox: Sandbox, tmp_path: Path) -> None:

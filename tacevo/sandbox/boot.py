@@ -5,7 +5,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from tacevo.sandbox.confinement import fix_addresses
+from tacevo.sandbox.kernel import fix_addresses
 
 #: Code for `python -c`; its arguments are the zygote's socket, then the import path.
 _BOOT = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.boot import boot; boot()"

@@ -20,6 +20,8 @@ from torch import nn
 from tacevo.records import Contract, Reason
 from tacevo.sandbox.text import describe
 
+torch.zeros(1).half()  # torch reads what the CPU can do from a file, when first needed; no candidate could
+
 _NAME = "candidate"
 
 

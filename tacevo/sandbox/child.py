@@ -1,11 +1,15 @@
 """The candidate's process: confined first, then the entry, then the end."""
 
 import os
+import signal
+import sys
 from collections.abc import Callable, Mapping
+from importlib.machinery import BuiltinImporter, FrozenImporter
 from typing import Any, NoReturn
 
 import numpy as np
 
+from tacevo.choices import Confinement
 from tacevo.records import Json, Limits
 from tacevo.sandbox.confinement import confine
 from tacevo.sandbox.processes import close_all_but
@@ -26,7 +30,7 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> N
 
     Args:
         entry: the code to run.
-        job: `header` for the entry, `limits` as JSON.
+        job: `header` for the entry, `limits` as JSON, and the level of confinement as `strongest`.
         payload: bytes for the entry.
         arrays: what the zygote mapped.
         pipe: file descriptor that answers go to; the only one that stays open beside the standard streams, which
@@ -42,9 +46,14 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> N
         os.setsid()
         os.chdir("/")
         close_all_but(pipe)
-        say(Sort.ready, confine(Limits(**job["limits"])))
+        sys.meta_path[:] = [
+            BuiltinImporter,
+            FrozenImporter,
+        ]  # no file can be read: say so at once, and alike everywhere
+        say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
         say(Sort.done, None)
+        os.kill(os.getpid(), signal.SIGSTOP)  # the supervisor takes a last look at the memory, then ends it
     except MemoryError as error:
         say(Sort.starved, None, describe(error).encode())
     except BaseException as error:  # SystemExit too: a candidate must not reach the code of the zygote

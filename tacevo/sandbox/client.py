@@ -19,7 +19,8 @@ from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason, to_json
 from tacevo.sandbox import boot
-from tacevo.sandbox.confinement import protect_memory, require
+from tacevo.sandbox.confinement import require
+from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
 from tacevo.sandbox.protocol import Channel, Message, Sort
 from tacevo.sandbox.text import describe, one_line
@@ -71,15 +72,22 @@ class Sandbox:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
         environment: the whole environment of the candidates, beside a fixed `PYTHONHASHSEED`.
         arrays: name to an `.npy` file, mapped read-only for the entries.
+        strongest: measures above this level are left out, so that tests meet what a weaker machine offers.
     """
 
     def __init__(
-        self, *, entries: Mapping[str, str], environment: Mapping[str, str], arrays: Mapping[str, Path]
+        self,
+        *,
+        entries: Mapping[str, str],
+        environment: Mapping[str, str],
+        arrays: Mapping[str, Path],
+        strongest: Confinement = Confinement.kernel,
     ) -> None:
         require(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._setup = {"entries": dict(entries), "arrays": {name: str(Path(p).resolve()) for name, p in arrays.items()}}
         self._environment = {**environment, "PYTHONHASHSEED": "0"}
+        self._strongest = strongest
         self._lock = threading.Lock()
         self._zygote: _Zygote | None = None
         self._closed = False
@@ -109,7 +117,8 @@ class Sandbox:
         """
         if entry not in self._setup["entries"]:
             raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
-        job = Message.of(Sort.job, {"entry": entry, "header": header, "limits": to_json(limits)}, payload)
+        order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
+        job = Message.of(Sort.job, order, payload)
         answer = self._attempt(job, limits)
         if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
             answer = self._attempt(job, limits)

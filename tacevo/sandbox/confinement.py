@@ -1,17 +1,19 @@
 """What holds a candidate inside its process, and what this machine can offer of it.
 
-In force today are measures that need no special kernel ("process"). The kernel's own walls (Landlock, seccomp)
-have their place in `confine` and come with a later issue; until then `require` refuses a run that asks for them.
-See docs/security.md for what follows from each measure, and what does not.
+Two levels. The measures of `process` need no special kernel: limits of resources, no privileges, no capabilities, a
+supervisor. Those of `kernel` are walls that the process cannot take down again: Landlock and a seccomp filter. They
+are used wherever the kernel has them, whatever a run demands. See docs/security.md for what follows from each
+measure, and what does not.
 """
 
-import ctypes
 import os
 import resource
 
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
+from tacevo.sandbox import landlock, seccomp
+from tacevo.sandbox.kernel import can_fix_addresses, drop_capabilities, protect_memory, renounce_privileges
 from tacevo.sandbox.processes import address_space_mib
 
 #: Address space beyond the zygote's and the memory limit that allocators reserve without using it, in MiB.
@@ -19,18 +21,12 @@ _SLACK_MIB = 1024
 #: CPU seconds beyond the wall-time limit; a backstop for a supervisor that is stopped.
 _CPU_SLACK = 10
 
-_PR_SET_DUMPABLE = 4
-_PR_SET_CHILD_SUBREAPER = 36
-_PR_SET_NO_NEW_PRIVS = 38
-_ADDR_NO_RANDOMIZE = 0x0040000
-_READ_PERSONALITY = 0xFFFFFFFF
-_CAPABILITY_VERSION_3 = 0x20080522
-
 
 def available() -> Confinement:
-    """Say the strongest level that this version applies on this machine."""
-    linux = hasattr(os, "pidfd_open") and os.path.exists("/proc/thread-self/children")
-    return Confinement.process if linux else Confinement.none
+    """Say the strongest level that this machine has."""
+    if not (hasattr(os, "pidfd_open") and os.path.exists("/proc/thread-self/children")):
+        return Confinement.none
+    return Confinement.kernel if landlock.version() and seccomp.is_available() else Confinement.process
 
 
 def require(level: Confinement) -> None:
@@ -39,16 +35,33 @@ def require(level: Confinement) -> None:
     Raises:
         SandboxError: the level is not available.
     """
+    refuse_weaker(available(), wanted=level)
+
+
+def refuse_weaker(offered: Confinement, *, wanted: Confinement) -> None:
+    """Refuse a level that a machine does not offer.
+
+    Raises:
+        SandboxError: the level wanted is stronger than the one offered.
+    """
     levels = list(Confinement)
-    if levels.index(level) > levels.index(available()):
+    if levels.index(wanted) > levels.index(offered):
         raise SandboxError(
-            f"sandbox.require={level} is not available here; the strongest level is {available()!s}. "
-            "Kernel confinement (Landlock, seccomp) is not part of this version; use sandbox.require=process"
+            f"sandbox.require={wanted} is not available here; the strongest level is {offered!s}, because "
+            f"{_missing(offered)} (`tacevo doctor` lists what there is). Use another machine, or accept less with "
+            f"sandbox.require={offered!s}"
         )
 
 
+def _missing(offered: Confinement) -> str:
+    if offered is Confinement.none:
+        return "it needs Linux 5.3 or later with /proc/<pid>/task/<tid>/children"
+    return "the kernel lacks Landlock (5.13 or later), or seccomp filters on x86-64 or aarch64"
+
+
 def report() -> dict[str, str]:
-    """Describe every measure in a line, for `tacevo doctor`: name to what it does, or why it is missing."""
+    """Describe every measure in a line, for `tacevo doctor` and run.json: what it does, or why it is missing."""
+    known = landlock.version()
     return {
         "level": available().value,
         "session": "each candidate has its own session, working directory / and no inherited file",
@@ -61,67 +74,47 @@ def report() -> dict[str, str]:
         "fixed_addresses": "addresses are not randomised; mapped libraries lie in the same place in every run"
         if can_fix_addresses()
         else "refused by the kernel: a candidate whose result hangs on addresses may differ between runs",
-        "landlock": "not in this version",
-        "seccomp": "not in this version",
+        "landlock": f"version {known}: no access to files{', network' * (known >= landlock.NETWORK_SINCE)}"
+        f"{', processes outside' * (known >= landlock.SCOPES_SINCE)}"
+        if known
+        else "missing: the kernel has none, or it is switched off (Linux 5.13 or later, `lsm=landlock,...`)",
+        "seccomp": "a short list of system calls is left; no process or thread can be started, no signal sent"
+        if seccomp.is_available()
+        else "missing: the kernel takes no filter, or this is neither x86-64 nor aarch64",
     }
 
 
-def confine(limits: Limits) -> tuple[str, ...]:
+def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
     """Give up, for good, what this process does not need as a candidate; called in the child, before its source.
 
     Args:
         limits: what the candidate may use.
+        strongest: the level whose measures are taken, those that this machine has.
 
     Returns:
         The names of the measures in force, as `report` spells them.
 
     Raises:
-        OSError: the kernel refused a measure.
+        OSError: the kernel refused a measure that it has.
     """
-    _limit_resources(limits)
-    _control(_PR_SET_NO_NEW_PRIVS, 1)
+    names = ["rlimits", "no_new_privs", "not_dumpable", "no_capabilities"]
+    inherited_mib = address_space_mib()  # read from a file, hence first
+    renounce_privileges()
+    if strongest is Confinement.kernel and landlock.version():
+        landlock.restrict()
+        names.append("landlock")
+    _limit_resources(limits, inherited_mib)
     protect_memory()
-    _drop_capabilities()
-    # Kernel confinement goes here: a Landlock ruleset, then a seccomp filter, each adding its name.
-    return ("rlimits", "no_new_privs", "not_dumpable", "no_capabilities")
+    drop_capabilities()
+    if strongest is Confinement.kernel and seccomp.is_available():
+        seccomp.restrict()  # the last, because the other measures need calls that it refuses
+        names.append("seccomp")
+    return tuple(names)
 
 
-def protect_memory() -> None:
-    """Let no unprivileged process trace this one or read its memory, environment or descriptors."""
-    _control(_PR_SET_DUMPABLE, 0)
-
-
-def become_subreaper() -> None:
-    """Make this process the parent of every orphan below it, so that none escapes its sight."""
-    _control(_PR_SET_CHILD_SUBREAPER, 1)
-
-
-def fix_addresses() -> bool:
-    """Switch the randomisation of addresses off for whatever program this thread starts next.
-
-    Sets of classes iterate in the order of their addresses, which would else differ from run to run.
-
-    Returns:
-        False where the kernel, or a container's filter, refuses.
-    """
-    kernel = ctypes.CDLL(None)
-    current: int = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))
-    return bool(current != -1 and kernel.personality(ctypes.c_ulong(current | _ADDR_NO_RANDOMIZE)) != -1)
-
-
-def can_fix_addresses() -> bool:
-    """Tell whether `fix_addresses` works here, and leave this thread as it was."""
-    kernel = ctypes.CDLL(None)
-    current = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))
-    granted = fix_addresses()
-    if granted:
-        kernel.personality(ctypes.c_ulong(current))
-    return granted
-
-
-def _limit_resources(limits: Limits) -> None:
+def _limit_resources(limits: Limits, inherited_mib: float) -> None:
     """Set the limits that the kernel keeps for each process by itself; hard limits, so they cannot be raised."""
-    space = int((address_space_mib() + limits.memory_mib + _SLACK_MIB) * 2**20)
+    space = int((inherited_mib + limits.memory_mib + _SLACK_MIB) * 2**20)
     seconds = int(limits.seconds) + _CPU_SLACK
     for kind, value in (
         (resource.RLIMIT_AS, space),
@@ -131,30 +124,3 @@ def _limit_resources(limits: Limits) -> None:
         (resource.RLIMIT_NOFILE, 0),  # what is open stays open; no file, socket or pipe can be added
     ):
         resource.setrlimit(kind, (value, value))
-
-
-class _CapabilityHeader(ctypes.Structure):
-    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
-
-
-class _CapabilitySets(ctypes.Structure):
-    """Effective, permitted and inheritable sets; two of these make 64 bits each."""
-
-    _fields_ = (("effective", ctypes.c_uint32), ("permitted", ctypes.c_uint32), ("inheritable", ctypes.c_uint32))
-
-
-def _drop_capabilities() -> None:
-    """Empty this process's capability sets, so that a candidate run by root cannot trace its parents."""
-    header = _CapabilityHeader(_CAPABILITY_VERSION_3, 0)
-    _checked(ctypes.CDLL(None, use_errno=True).capset(ctypes.byref(header), (_CapabilitySets * 2)()), "capset")
-
-
-def _control(option: int, value: int) -> None:
-    """Set one attribute of this process with prctl(2)."""
-    _checked(ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0), f"prctl({option})")
-
-
-def _checked(status: int, call: str) -> None:
-    if status != 0:
-        number = ctypes.get_errno()
-        raise OSError(number, f"{call}: {os.strerror(number)}")

@@ -7,7 +7,8 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 _PAUSE = 0.001  # seconds between two looks at a dying tree
@@ -32,18 +33,28 @@ def descendants(pid: int, spare: Collection[int] = ()) -> Iterator[int]:
         generation = [child for parent in generation for child in children(parent)]
 
 
-def anonymous_mib(pid: int) -> float:
-    """Resident memory of one process that no file backs, in MiB; 0 where it is gone.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Memory:
+    """Resident memory of one process, in MiB; pages inherited through a fork count too."""
 
-    Pages inherited through a fork count too, so a caller takes the parent's figure off. Mapped images do not.
-    """
+    #: What no file backs: its own pages and shared ones.
+    anonymous: float
+    #: Pages of mapped files, such as libraries and images.
+    of_files: float
+    #: The most of both together that it ever held at once.
+    peak: float
+
+
+def memory(pid: int) -> Memory:
+    """Look at the memory of a process; all of it is 0 where it is gone."""
     fields = _status(pid)
-    return sum(int(fields[name].split()[0]) for name in ("RssAnon", "RssShmem") if name in fields) / 1024
+    anonymous = _mib(fields, "RssAnon") + _mib(fields, "RssShmem")
+    return Memory(anonymous=anonymous, of_files=_mib(fields, "RssFile"), peak=_mib(fields, "VmHWM"))
 
 
 def address_space_mib() -> float:
     """Address space of this process, in MiB."""
-    return int(_status(os.getpid())["VmSize"].split()[0]) / 1024
+    return _mib(_status(os.getpid()), "VmSize")
 
 
 def end_own_descendants(spare: Collection[int] = ()) -> None:
@@ -83,6 +94,11 @@ def _kill(pid: int) -> None:
 def _is_alive(pid: int) -> bool:
     """Tell a running process from one that is gone or waits to be reaped."""
     return _status(pid).get("State", "Z")[0] not in "ZX"
+
+
+def _mib(fields: Mapping[str, str], name: str) -> float:
+    """Read one field of /proc/<pid>/status, which is in kB; a process that ends has none."""
+    return int(fields.get(name, "0").split()[0]) / 1024
 
 
 def _status(pid: int) -> dict[str, str]:

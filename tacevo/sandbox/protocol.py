@@ -21,6 +21,10 @@ _HEAD = struct.Struct("!BIQ")
 _CHUNK = 2**18
 
 
+class TooMuchError(ValueError):
+    """A sender said or sent more bytes than it may."""
+
+
 class Sort(IntEnum):
     """What a message is."""
 
@@ -92,12 +96,13 @@ class Splitter:
         """Take the next bytes and give every message that they complete.
 
         Raises:
-            ValueError: the sender said or sent more than the limit, or the bytes are no messages.
+            TooMuchError: the sender said or sent more than the limit.
+            ValueError: the bytes are no messages.
         """
         if self._left is not None:
             self._left -= len(data)
             if self._left < 0:
-                raise ValueError("it sent too much")
+                raise TooMuchError("it sent too much")
         self._buffer += data
         messages = []
         while message := self._cut():
@@ -108,13 +113,14 @@ class Splitter:
         """Take one whole message off the front of the buffer; None where it is not complete."""
         if len(self._buffer) < _HEAD.size:
             return None
-        sort, header_length, payload_length = _HEAD.unpack_from(self._buffer)
+        number, header_length, payload_length = _HEAD.unpack_from(self._buffer)
+        sort = Sort(number)
         middle, end = _HEAD.size + header_length, _HEAD.size + header_length + payload_length
         if self._left is not None and end - len(self._buffer) > self._left:
-            raise ValueError(f"it announced a message of {end} bytes, which is too much")
+            raise TooMuchError(f"it announced a message of {end} bytes, which is too much")
         if len(self._buffer) < end:
             return None
-        message = Message(Sort(sort), bytes(self._buffer[_HEAD.size : middle]), bytes(self._buffer[middle:end]))
+        message = Message(sort, bytes(self._buffer[_HEAD.size : middle]), bytes(self._buffer[middle:end]))
         del self._buffer[:end]
         return message
 

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
-from tacevo.sandbox.confinement import become_subreaper
-from tacevo.sandbox.processes import anonymous_mib, descendants, end_own_descendants
-from tacevo.sandbox.protocol import OUTPUT_LIMIT, Channel, Message, Sort, Splitter
+from tacevo.sandbox.kernel import become_subreaper
+from tacevo.sandbox.processes import descendants, end_own_descendants, memory
+from tacevo.sandbox.protocol import OUTPUT_LIMIT, Channel, Message, Sort, Splitter, TooMuchError
 from tacevo.sandbox.text import describe
 
 _TICK = 0.025  # seconds between two looks at time and memory
@@ -76,7 +76,8 @@ class _Watch:
         self._pid, self._pipe, self._search, self._limits = pid, pipe, search, limits
         self._end = os.pidfd_open(pid)
         self._deadline = time.monotonic() + limits.seconds
-        self._inherited_mib = anonymous_mib(os.getpid())
+        self._inherited_mib = memory(os.getpid()).anonymous
+        self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files that was seen
         self._splitter = Splitter(OUTPUT_LIMIT)
         self._confined = False
         self._poll = select.poll()
@@ -88,8 +89,8 @@ class _Watch:
         while True:
             if time.monotonic() >= self._deadline:
                 return _died(Reason.out_of_time, f"over {self._limits.seconds:g} s")
-            if self._used_mib() > self._limits.memory_mib:
-                return _died(Reason.out_of_memory, f"over {self._limits.memory_mib} MiB of resident memory")
+            if self._has_too_much_memory():
+                return self._out_of_memory()
             happened = {descriptor for descriptor, _ in self._poll.poll(_TICK * 1000)}
             if self._search in happened:
                 raise EOFError("the search has given the job up")
@@ -97,7 +98,8 @@ class _Watch:
             if verdict is None and self._end in happened:
                 verdict = self._read() or self._lost()  # what it wrote before it died still counts
             if verdict is not None:
-                return verdict
+                finished = verdict["ended"] == "finished"
+                return self._out_of_memory() if finished and self._has_too_much_memory() else verdict
 
     def _read(self) -> Json | None:
         """Take what is in the pipe; give the verdict if it ends the job."""
@@ -106,6 +108,8 @@ class _Watch:
             messages = self._splitter.feed(data)
         except BlockingIOError:
             return None
+        except TooMuchError as error:
+            return _died(Reason.too_much_output, f"expected at most {OUTPUT_LIMIT} bytes; {error}")
         except ValueError as error:
             return _died(Reason.crashed, f"its answer cannot be read: {error}")
         for message in messages:
@@ -149,9 +153,23 @@ class _Watch:
             how = f"it exited with status {os.waitstatus_to_exitcode(status)} before it had answered"
         return _died(Reason.crashed, how) if self._confined else {"ended": "broken", "detail": how}
 
-    def _used_mib(self) -> float:
-        """Memory of the whole tree beyond what was inherited, in MiB."""
-        return sum(max(0.0, anonymous_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
+    def _has_too_much_memory(self) -> bool:
+        """Tell whether the whole tree has, or had for a moment, more memory than allowed, beside what it inherited."""
+        used = sum(max(0.0, self._peak_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
+        return used > self._limits.memory_mib
+
+    def _peak_mib(self, pid: int) -> float:
+        """Give the most memory without a file behind it that a process ever held, in MiB, or a little less.
+
+        The kernel keeps the peak of all memory; that of the mapped files, which the limit does not count, can only
+        have been smaller then than it was ever seen to be.
+        """
+        seen = memory(pid)
+        self._files_mib[pid] = max(seen.of_files, self._files_mib.get(pid, 0.0))
+        return max(seen.anonymous, seen.peak - self._files_mib[pid])
+
+    def _out_of_memory(self) -> Json:
+        return _died(Reason.out_of_memory, f"over {self._limits.memory_mib} MiB of resident memory")
 
 
 def _died(reason: Reason, detail: str) -> Json:

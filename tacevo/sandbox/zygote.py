@@ -16,7 +16,7 @@ import numpy as np
 from tacevo.errors import SandboxError
 from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Entry
-from tacevo.sandbox.confinement import become_subreaper, protect_memory
+from tacevo.sandbox.kernel import become_subreaper, protect_memory
 from tacevo.sandbox.processes import close_all_but, end_own_descendants
 from tacevo.sandbox.protocol import Channel, Message, Sort
 from tacevo.sandbox.supervisor import supervise

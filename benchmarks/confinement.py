@@ -1,0 +1,117 @@
+"""What it costs to hold a candidate: of its start, and of its training."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from benchmarks import plain_training as plain
+from benchmarks.timing import medians, report
+from tacevo.checking import task_without_data
+from tacevo.choices import Confinement, Numerics
+from tacevo.records import Json, Limits, Recipe, to_json
+from tacevo.sandbox.client import Finished, Sandbox
+from tacevo.training.numerics import environment
+from tacevo.wiring import ENTRIES
+
+JOBS = 10
+_LIMITS = Limits(seconds=60, memory_mib=2048)
+
+
+def walls() -> str:
+    """Start candidates that do next to nothing behind the kernel's walls; the peer leaves the walls out."""
+    with tempfile.TemporaryDirectory() as folder:
+        sandboxes = {
+            "behind the walls": _sandbox(Path(folder), Confinement.kernel),
+            "without them": _sandbox(Path(folder), Confinement.process),
+        }
+        with sandboxes["behind the walls"], sandboxes["without them"]:
+            found = medians({name: partial(_starts, sandbox) for name, sandbox in sandboxes.items()}, rounds=9)
+    inside, outside = (1000 * seconds / JOBS for seconds in found.values())
+    figures = report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
+    return f"{figures}; {inside:.2f} ms and {outside:.2f} ms each"
+
+
+def training() -> str:
+    """Train a baseline, confined and with portable numerics; the peer is a textbook's loop in an ordinary process."""
+    _, task = task_without_data("force", plain.SIZE)
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "baseline.py"
+        source.write_text(task.baseline, encoding="utf-8")
+        order = {"OMP_NUM_THREADS": "1", "PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+        command = [sys.executable, "-m", plain.__name__, str(source)]
+        with (
+            _sandbox(Path(folder), Confinement.kernel) as sandbox,
+            subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer,
+        ):
+            assert peer.stdin is not None
+            assert peer.stdout is not None
+            peer.stdout.readline()
+            header, payload = _job(task.baseline, to_json(task.contract))
+            rivals: dict[str, Callable[[], object]] = {
+                "confined and portable": partial(_train, sandbox, header, payload),
+                "plain torch": partial(_ask, peer.stdin, peer.stdout),
+            }
+            medians(rivals, rounds=1)  # both have compiled their kernels and touched their memory
+            found = medians(rivals, rounds=7)
+            peer.stdin.close()
+    steps = plain.EPOCHS * plain.IMAGES
+    return report("training", found, unit="images", per_second=steps)
+
+
+def _ask(requests: IO[str], answers: IO[str]) -> None:
+    """Have the peer train once."""
+    print(file=requests, flush=True)
+    answers.readline()
+
+
+def _sandbox(folder: Path, strongest: Confinement) -> Sandbox:
+    """Open a sandbox with random images, and have its zygote start."""
+    images = folder / "images.npy"
+    rng = np.random.default_rng(0)
+    np.save(images, rng.integers(0, 256, (plain.IMAGES, 3, plain.SIZE, plain.SIZE), dtype=np.uint8))
+    opened = Sandbox(
+        entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images}, strongest=strongest
+    )
+    _starts(opened, jobs=1)
+    return opened
+
+
+def _starts(sandbox: Sandbox, jobs: int = JOBS) -> None:
+    """Run jobs that fail at their first line."""
+    for _ in range(jobs):
+        sandbox.run("probe", {}, b"", _LIMITS)
+
+
+def _job(source: str, contract: Json) -> tuple[Json, bytes]:
+    """Write the job of a training on the random images."""
+    recipe = Recipe(
+        epochs=plain.EPOCHS,
+        batch_size=plain.BATCH,
+        learning_rate=plain.LEARNING_RATE,
+        optimiser="adam",
+        limits=_LIMITS,
+    )
+    header = {
+        "source": source,
+        "contract": contract,
+        "recipe": to_json(recipe),
+        "seed": 0,
+        "mean": [plain.MEAN] * 3,
+        "deviation": [plain.DEVIATION] * 3,
+        "train": plain.TRAINED,
+        "validation": plain.IMAGES - plain.TRAINED,
+    }
+    targets = np.random.default_rng(1).random((plain.TRAINED, 3), dtype=np.float32)
+    return header, np.arange(plain.IMAGES).tobytes() + targets.tobytes()
+
+
+def _train(sandbox: Sandbox, header: Json, payload: bytes) -> None:
+    answer = sandbox.run("train", header, payload, _LIMITS)
+    assert isinstance(answer, Finished), answer

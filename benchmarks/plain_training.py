@@ -1,0 +1,61 @@
+"""A training as a textbook writes it, in an ordinary process: the peer of a confined one.
+
+Run as a program, it prints a line when it is ready, and trains once for every line that it reads. Torch chooses its
+kernels by the CPU, in one thread.
+"""
+
+import sys
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import mse_loss
+
+#: Images, of which the first `TRAINED` are trained on and the rest predicted; 3 channels of SIZE x SIZE pixels.
+IMAGES, TRAINED, SIZE = 640, 512, 32
+EPOCHS, BATCH, LEARNING_RATE = 4, 32, 1e-3
+MEAN, DEVIATION = 127.5, 74.0
+
+
+def train(network: type[nn.Module], images: Tensor, targets: Tensor) -> Tensor:
+    """Train a new network; give its last predictions.
+
+    Args:
+        network: makes itself without arguments.
+        images: uint8, shape (IMAGES, 3, SIZE, SIZE).
+        targets: float32, shape (TRAINED, 3).
+    """
+    model = network()
+    optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE)
+    for _ in range(EPOCHS):
+        model.train()
+        for rows in torch.split(torch.randperm(TRAINED), BATCH):
+            loss = mse_loss(model(_standardised(images[rows])), targets[rows])
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+        model.eval()
+        with torch.no_grad():
+            predictions = [model(_standardised(part)) for part in torch.split(images[TRAINED:], BATCH)]
+    return torch.cat(predictions)
+
+
+def _standardised(images: Tensor) -> Tensor:
+    return images.to(torch.float32).sub_(MEAN).div_(DEVIATION)
+
+
+def main(source: Path) -> None:
+    """Train the class that a file defines, once for every line."""
+    names: dict[str, type[nn.Module]] = {}
+    exec(source.read_text(encoding="utf-8"), names)
+    torch.manual_seed(0)
+    images = torch.randint(0, 256, (IMAGES, 3, SIZE, SIZE), dtype=torch.uint8)
+    targets = torch.rand(TRAINED, 3)
+    print("ready", flush=True)
+    for _ in sys.stdin:
+        train(names["ImageRegressionCNN"], images, targets)
+        print("done", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,94 @@
+"""Calls of the kernel that Python has no function for; each raises `OSError` where the kernel refuses."""
+
+import ctypes
+import os
+
+_PR_SET_DUMPABLE = 4
+_PR_SET_CHILD_SUBREAPER = 36
+_PR_SET_NO_NEW_PRIVS = 38
+_ADDR_NO_RANDOMIZE = 0x0040000
+_READ_PERSONALITY = 0xFFFFFFFF
+_CAPABILITY_VERSION_3 = 0x20080522
+
+
+def system_call(number: int, *arguments: int | object) -> int:
+    """Make a system call by its number.
+
+    Args:
+        number: of the call, on this architecture.
+        arguments: integers, and whatever `ctypes` passes as a pointer.
+
+    Raises:
+        OSError: the kernel refused, or does not know the call.
+    """
+    call = ctypes.CDLL(None, use_errno=True).syscall
+    call.restype = ctypes.c_long
+    words = [ctypes.c_long(value) if isinstance(value, int) else value for value in arguments]
+    answer: int = call(ctypes.c_long(number), *words)
+    return _checked(answer, f"system call {number}")
+
+
+def protect_memory() -> None:
+    """Let no unprivileged process trace this one or read its memory, environment or descriptors."""
+    _control(_PR_SET_DUMPABLE, 0)
+
+
+def become_subreaper() -> None:
+    """Make this process the parent of every orphan below it, so that none escapes its sight."""
+    _control(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def renounce_privileges() -> None:
+    """Gain no privilege from any program that this process starts, from now on."""
+    _control(_PR_SET_NO_NEW_PRIVS, 1)
+
+
+def fix_addresses() -> bool:
+    """Switch the randomisation of addresses off for whatever program this thread starts next.
+
+    Sets of classes iterate in the order of their addresses, which would else differ from run to run.
+
+    Returns:
+        False where the kernel, or a container's filter, refuses.
+    """
+    kernel = ctypes.CDLL(None)
+    current: int = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))
+    return bool(current != -1 and kernel.personality(ctypes.c_ulong(current | _ADDR_NO_RANDOMIZE)) != -1)
+
+
+def can_fix_addresses() -> bool:
+    """Tell whether `fix_addresses` works here, and leave this thread as it was."""
+    kernel = ctypes.CDLL(None)
+    current = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))
+    granted = fix_addresses()
+    if granted:
+        kernel.personality(ctypes.c_ulong(current))
+    return granted
+
+
+class _CapabilityHeader(ctypes.Structure):
+    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
+
+
+class _CapabilitySets(ctypes.Structure):
+    """Effective, permitted and inheritable sets; two of these make 64 bits each."""
+
+    _fields_ = (("effective", ctypes.c_uint32), ("permitted", ctypes.c_uint32), ("inheritable", ctypes.c_uint32))
+
+
+def drop_capabilities() -> None:
+    """Empty this process's capability sets, so that a candidate run by root cannot trace its parents."""
+    header = _CapabilityHeader(_CAPABILITY_VERSION_3, 0)
+    _checked(ctypes.CDLL(None, use_errno=True).capset(ctypes.byref(header), (_CapabilitySets * 2)()), "capset")
+
+
+def _control(option: int, value: int) -> None:
+    """Set one attribute of this process with prctl(2)."""
+    _checked(ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0), f"prctl({option})")
+
+
+def _checked(status: int, call: str) -> int:
+    if status == -1:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{call}: {os.strerror(number)}")
+    return status

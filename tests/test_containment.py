@@ -1,0 +1,185 @@
+"""Promise: a candidate past policy and probe has a verdict within its limits, cannot forge one, and changes no other's.
+
+One sandbox serves all of these candidates. After each of them no process is left, and a decent candidate gets the
+very bits that it got before anybody else.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import fakes
+import hostile_sources as sources
+import numpy as np
+import pytest
+from hostile_runs import open_sandbox
+from training_jobs import CONTRACT, RECIPE, SOURCE, examples
+from waiting import eventually
+
+from tacevo.choices import Numerics
+from tacevo.gate.admission import Admitted
+from tacevo.ledger import Ledger
+from tacevo.records import Completion, Limits, Mode, Reason, Rejection, Request, Stage, Training, to_json
+from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.processes import descendants
+from tacevo.search import run_search
+from tacevo.store import Store, content_hash
+from tacevo.training.evaluation import Evaluator, Examples
+from tacevo.training.losses import mean_squared_error
+
+pytestmark = pytest.mark.timeout(120)
+
+DATA = examples()
+EXAMPLES = Examples(
+    train=DATA.train,
+    validation=DATA.validation,
+    train_targets=DATA.targets[DATA.train],
+    validation_targets=DATA.targets[DATA.validation],
+    mean=(127.5,) * 3,
+    deviation=(74.0,) * 3,
+    fingerprint="abc",
+)
+
+
+class Trainer:
+    """Trains sources over one sandbox and keeps nothing."""
+
+    def __init__(self, sandbox: Sandbox, root: Path) -> None:
+        self._sandbox, self._root = sandbox, root
+
+    def train(self, source: str, seconds: float = 20) -> Training | Rejection:
+        """Train a source under a limit of time."""
+        return Evaluator(
+            run=self._sandbox.run,
+            store=Store(self._root, "evaluations", Mode.live),
+            contract=CONTRACT,
+            examples=EXAMPLES,
+            fingerprint=EXAMPLES.fingerprint,
+            recipe=replace(RECIPE, limits=Limits(seconds=seconds, memory_mib=400)),
+            numerics=Numerics.portable,
+        ).evaluate(source, 0)
+
+
+@pytest.fixture(scope="module")
+def trainer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trainer]:
+    """Give one sandbox to all candidates."""
+    folder = tmp_path_factory.mktemp("containment")
+    np.save(folder / "images.npy", DATA.images)
+    with open_sandbox(folder / "images.npy") as sandbox:
+        yield Trainer(sandbox, folder)
+
+
+@pytest.fixture(scope="module")
+def alone(trainer: Trainer) -> Training:
+    """Train the decent candidate first."""
+    found = trainer.train(SOURCE)
+    assert isinstance(found, Training)
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _no_trace(trainer: Trainer, alone: Training) -> Iterator[None]:
+    """See that a candidate left neither a process nor a change behind."""
+    before = set(descendants(os.getpid()))
+    yield
+    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+    assert trainer.train(SOURCE) == alone
+
+
+def rejection(found: Training | Rejection) -> Rejection:
+    """Insist on a rejection by the training."""
+    assert isinstance(found, Rejection), found
+    assert found.stage is Stage.train
+    return found
+
+
+@pytest.mark.parametrize("source", sources.ENDLESS.values(), ids=sources.ENDLESS.keys())
+def test_candidate_that_hangs_anywhere_is_out_of_time(trainer: Trainer, source: str) -> None:
+    """Wherever it stays, in Python, in native code or deaf to signals, the limit ends it from outside."""
+    assert rejection(trainer.train(source, seconds=2)).reason is Reason.out_of_time
+
+
+@pytest.mark.parametrize("source", sources.ENDLESS_AFTERWARDS.values(), ids=sources.ENDLESS_AFTERWARDS.keys())
+def test_candidate_that_would_hang_at_its_end_is_evaluated(trainer: Trainer, source: str) -> None:
+    """After its answer nothing of a candidate runs any more."""
+    assert isinstance(trainer.train(source), Training)
+
+
+@pytest.mark.parametrize("source", sources.GREEDY.values(), ids=sources.GREEDY.keys())
+def test_candidate_over_its_memory_is_out_of_memory(trainer: Trainer, source: str) -> None:
+    """Tensors, weights, Python's objects and activations count alike."""
+    assert rejection(trainer.train(source)).reason is Reason.out_of_memory
+
+
+@pytest.mark.parametrize("source", sources.NO_PREDICTIONS.values(), ids=sources.NO_PREDICTIONS.keys())
+def test_what_is_no_prediction_has_no_fitness(trainer: Trainer, source: str) -> None:
+    """Shapes, types, numbers and amounts are checked outside, whatever was done to the checks inside."""
+    found = rejection(trainer.train(source))
+    assert found.reason in {Reason.bad_output, Reason.not_finite, Reason.backward_failed}
+
+
+@pytest.mark.parametrize("source", sources.PATCHES.values(), ids=sources.PATCHES.keys())
+def test_patched_code_makes_nobody_better(trainer: Trainer, alone: Training, source: str) -> None:
+    """The loss is computed outside from what was predicted; to cheat oneself out of training does not pay."""
+    found = trainer.train(source)
+    assert isinstance(found, Rejection) or found.fitness >= alone.fitness
+
+
+def test_forged_answer_is_worth_what_it_predicts(trainer: Trainer) -> None:
+    """Who writes the answer itself gets the loss of just these predictions, and no other."""
+    found = trainer.train(sources.FORGED_ANSWER)
+    assert isinstance(found, Training)
+    guess = np.full(EXAMPLES.validation_targets.shape, 0.5, np.float32)
+    assert found.fitness == pytest.approx(mean_squared_error(guess, EXAMPLES.validation_targets), rel=1e-8)
+
+
+GOOD = [SOURCE.replace("32", str(width)) for width in (24, 32, 40)]
+BAD = [
+    *sources.PATCHES.values(),
+    sources.ENDLESS["forward"],
+    sources.ENDLESS["import"],
+    sources.GREEDY["tensor"],
+    sources.NO_PREDICTIONS["no number"],
+    sources.FORGED_ANSWER,
+]
+
+
+class MixedLLM:
+    """Answers every other request with a hostile candidate."""
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Choose by the request, so that the answers are the same in every order."""
+        for position, request in enumerate(requests):
+            draw = fakes.number(content_hash(to_json(request)), 10**6)
+            text = BAD[draw // 2 % len(BAD)] if draw % 2 else GOOD[draw // 2 % len(GOOD)]
+            answer = Completion(text=text, model="mixed", stop_reason="end_turn", input_tokens=1, output_tokens=1)
+            yield position, answer
+
+
+def admit(source: str) -> Admitted:
+    """Admit every source with a profile that follows from its text: neither policy nor probe protect this search."""
+    admitted = fakes.inspect(f"class Net: {source}")
+    assert isinstance(admitted, Admitted)
+    return replace(admitted, source=source)
+
+
+def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Trainer) -> None:
+    """Hostile neighbours, before and at the same time, change nothing for the others."""
+    expected = {source: trainer.train(source) for source in GOOD}
+    recorder = fakes.Recorder()
+    plan = replace(fakes.plan(generations=2), task=replace(fakes.TASK, baseline=GOOD[0]))
+    with ThreadPoolExecutor(3) as executor, Ledger(None) as ledger:
+        tools = replace(
+            fakes.tools(executor=executor),
+            llm=MixedLLM(),
+            admit=lambda completion: admit(completion.text),
+            inspect=admit,
+            evaluate=lambda source: trainer.train(source, seconds=4),
+        )
+        run_search(plan, tools, ledger, recorder)
+    found = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]
+    assert {source for source, _ in found} >= set(GOOD)
+    assert {source for source, _ in found} & set(BAD)
+    assert all(result == expected[source] for source, result in found if source in expected)

@@ -1,0 +1,103 @@
+"""Promise: hostile programs get at least the outcome that is expected of them, and none gets out or is remembered.
+
+Each program of the shared set runs three times: through the gate as a search would run it, and past the static
+policy into the probe and into the training. After each one no trap is sprung, no process is left, nothing of the
+search is changed, and a decent candidate gets the very bits that it gets alone.
+"""
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from canaries import SECRET, Canaries, canaries
+from gate_cases import examples as shared
+from gate_cases import needs_shared
+from hostile_runs import Harness, examples, open_sandbox, rejection_of
+from waiting import eventually
+
+from tacevo.records import Json, Rejection, Stage, Training
+from tacevo.sandbox.processes import descendants
+
+PROGRAMS = shared("hostile")
+EVERY_PROGRAM = pytest.mark.parametrize("program", PROGRAMS, ids=[program["id"] for program in PROGRAMS])
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120), needs_shared]
+
+
+@pytest.fixture(scope="module")
+def traps() -> Iterator[Canaries]:
+    """Set the traps before the sandbox starts, so that it could inherit the secret."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACEVO_CANARY", SECRET)
+        with canaries() as opened:
+            yield opened
+
+
+@pytest.fixture(scope="module")
+def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
+    """Give one sandbox to all programs, so that each also finds what the others left behind."""
+    folder = tmp_path_factory.mktemp("hostile")
+    images, data = examples()
+    np.save(folder / "images.npy", images)
+    with open_sandbox(folder / "images.npy") as sandbox:
+        yield Harness(sandbox, data, folder)
+
+
+@pytest.fixture(scope="module")
+def alone(harness: Harness) -> Training:
+    """Train the decent candidate before anybody else."""
+    found = harness.good_one()
+    assert isinstance(found, Training)
+    return found
+
+
+@pytest.fixture
+def contained(
+    harness: Harness, traps: Canaries, alone: Training, capfd: pytest.CaptureFixture[str]
+) -> Iterator[list[object]]:
+    """Take a program's outcome, and see that it left no trace anywhere."""
+    before = set(descendants(os.getpid()))
+    outcomes: list[object] = []
+    yield outcomes
+    said = capfd.readouterr()
+    assert traps.sprung() == []
+    assert SECRET not in f"{outcomes} {said.out} {said.err}"
+    assert "h010 found" not in said.out + said.err
+    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+    assert harness.good_one() == alone
+
+
+@EVERY_PROGRAM
+def test_program_gets_its_outcome_at_the_gate(program: Json, harness: Harness, contained: list[object]) -> None:
+    """What must be refused is refused by the stage that must, and what trains repeats itself."""
+    found = harness.through_the_gate(program["source"])
+    contained.append(found)
+    match program["expected"]:
+        case "reject_static":
+            assert isinstance(found, Rejection)
+            assert found.stage in (Stage.extract, Stage.policy)
+        case "reject_probe":
+            assert isinstance(found, Rejection)
+            assert found.stage is not Stage.train
+        case "allowed_harmless":
+            assert isinstance(found, Training)
+    if isinstance(found, Training):
+        assert found.fitness > 0
+        assert harness.through_the_gate(program["source"]) == found
+
+
+@EVERY_PROGRAM
+def test_program_is_contained_in_the_probe(program: Json, harness: Harness, contained: list[object]) -> None:
+    """Past the policy, the probe still refuses what it is there for, and holds the rest."""
+    outcome = harness.probed(program["source"])
+    contained.append(outcome)
+    assert program["expected"] != "reject_probe" or rejection_of(outcome) is not None
+
+
+@EVERY_PROGRAM
+def test_program_is_contained_in_the_training(program: Json, harness: Harness, contained: list[object]) -> None:
+    """Past policy and probe, no program forges a fitness or gets out."""
+    found = harness.trained(program["source"])
+    contained.append(found)
+    assert isinstance(found, Rejection) or found.fitness > 0

@@ -1,0 +1,65 @@
+"""Promise: a wall that is missing is named; a run that demands it is refused, and others compute the same."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tacevo.choices import Confinement
+from tacevo.sandbox.confinement import available
+
+pytestmark = [
+    pytest.mark.timeout(120),
+    pytest.mark.skipif(available() is not Confinement.kernel, reason="the kernel has no wall that could be hidden"),
+]
+
+WEAKER = "from weaker_machine import lose_landlock; lose_landlock()\n"
+RUN = "import sys; from tacevo.app import main; sys.exit(main(sys.argv[1:]))"
+
+
+def tacevo(*arguments: str, folder: Path, weaker: bool = True) -> subprocess.CompletedProcess[str]:
+    """Run the command, by default on a machine without Landlock."""
+    command = [sys.executable, "-c", (WEAKER if weaker else "") + RUN, *arguments]
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.run(command, cwd=folder, env=paths, capture_output=True, text=True, check=False)
+
+
+def test_search_that_demands_the_walls_is_refused(tmp_path: Path) -> None:
+    """The user is told in one line what is missing and what to do, and nothing is left behind."""
+    done = tacevo("search", "experiment=demo", "sandbox.require=kernel", "tracking=none", folder=tmp_path)
+    assert done.returncode == 2
+    assert "sandbox.require=kernel is not available here; the strongest level is process" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_doctor_names_the_missing_wall(tmp_path: Path) -> None:
+    """A machine that is weaker is still fit for a search, and its report says where it is weaker."""
+    done = tacevo("doctor", folder=tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert "level: process" in done.stdout
+    assert "landlock: missing" in done.stdout
+    assert "seccomp: a short list" in done.stdout
+
+
+def test_doctor_names_the_walls_that_stand(tmp_path: Path) -> None:
+    """On this machine nothing is missing."""
+    done = tacevo("doctor", folder=tmp_path, weaker=False)
+    assert "level: kernel" in done.stdout
+    assert "missing" not in done.stdout
+
+
+def test_search_gives_the_same_digest_on_a_weaker_machine(tmp_path: Path) -> None:
+    """What candidates compute does not depend on the walls around them."""
+    small = ["experiment=demo", "tracking=none", "search.generations=0", "data.images=40", "training.epochs=1"]
+    digests = []
+    for weaker in (True, False):
+        folder = tmp_path / str(weaker)
+        folder.mkdir()
+        done = tacevo("search", *small, folder=folder, weaker=weaker)
+        assert done.returncode == 0, done.stderr
+        digests.append(done.stdout.splitlines()[-1])
+    assert digests[0].startswith("digest: ")
+    assert digests[0] == digests[1]

@@ -1,0 +1,182 @@
+"""Promise: behind the kernel's walls a candidate computes and answers, and everything else is refused by the kernel.
+
+Where an attack names what it tries, it is also seen to work without the walls.
+"""
+
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import attacks
+import numpy as np
+import pytest
+import wall_attacks
+from waiting import eventually
+
+from tacevo.choices import Confinement
+from tacevo.records import Json, Limits, Reason
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.sandbox.confinement import available
+from tacevo.sandbox.processes import descendants
+
+pytestmark = [
+    pytest.mark.timeout(60),
+    pytest.mark.skipif(available() is not Confinement.kernel, reason="the kernel has no Landlock or no seccomp"),
+]
+
+LIMITS = Limits(seconds=5, memory_mib=300)
+SHORT = Limits(seconds=1, memory_mib=300)
+ENTRIES = {
+    name: f"{module.__name__}:{name}"
+    for module in (attacks, wall_attacks)
+    for name, value in vars(module).items()
+    if callable(value) and getattr(value, "__module__", None) == module.__name__
+}
+
+#: Calls that newer kernels let pass every filter (uretprobe, uprobe); made by other code than the kernel's own, they
+#: kill the process.
+PROBES = {"x86_64": (335, 336)}
+
+
+def open_sandbox(folder: Path, strongest: Confinement) -> Sandbox:
+    """Open a sandbox with every attack and 12 bytes of images."""
+    images = folder / "images.npy"
+    np.save(images, np.ones((12,), np.uint8))
+    settings = {"OMP_NUM_THREADS": "1"}
+    return Sandbox(entries=ENTRIES, environment=settings, arrays={"images": images}, strongest=strongest)
+
+
+@pytest.fixture(scope="module")
+def walled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
+    """Give one sandbox with the kernel's walls to all attacks."""
+    with open_sandbox(tmp_path_factory.mktemp("walled"), Confinement.kernel) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
+    """Give one sandbox without them."""
+    with open_sandbox(tmp_path_factory.mktemp("plain"), Confinement.process) as opened:
+        yield opened
+
+
+def answer(sandbox: Sandbox, entry: str, header: Json = None) -> Json:
+    """Run an attack that must answer with one frame; give its header."""
+    finished = sandbox.run(entry, header, b"", LIMITS)
+    assert isinstance(finished, Finished), finished
+    (frame,) = finished.frames
+    return frame.header
+
+
+def folder_with_files(folder: Path) -> Path:
+    """Make a folder with what the attacks on names change."""
+    folder.mkdir()
+    for name in ("file", "victim", "doomed"):
+        (folder / name).write_text("content")
+    (folder / "old mark").symlink_to("an old message")
+    return folder
+
+
+def state(folder: Path) -> list[tuple[object, ...]]:
+    """Give all that the attacks could have changed in a folder."""
+    found = {path.name: path.lstat() for path in sorted(folder.iterdir())}
+    return [(name, seen.st_mode, seen.st_ino, seen.st_mtime_ns, seen.st_size) for name, seen in found.items()]
+
+
+def test_no_name_or_mode_in_the_file_system_changes(walled: Sandbox, plain: Sandbox, tmp_path: Path) -> None:
+    """What needs no open file is refused too: folders, links, modes, times, attributes, removal."""
+    open_folder, guarded = folder_with_files(tmp_path / "open"), folder_with_files(tmp_path / "guarded")
+    before = state(guarded)
+    worked = answer(plain, "attempt_names", {"folder": str(open_folder), "marked": True})
+    refused = answer(walled, "attempt_names", {"folder": str(guarded), "marked": False})
+    assert set(worked.values()) <= {"worked", "ENOTSUP"}  # some file systems have no extended attributes
+    assert set(refused.values()) == {"EPERM"}
+    assert state(guarded) == before
+
+
+def test_no_process_is_started_or_reached(walled: Sandbox, plain: Sandbox) -> None:
+    """There are no children, threads and programs, hence no races with the kill; nobody outside is signalled."""
+    refused = answer(walled, "attempt_processes", {"search": os.getpid()})
+    assert refused.pop("thread") == "EAGAIN"
+    assert set(refused.values()) == {"EPERM"}
+    worked = answer(plain, "attempt_processes", {"search": os.getpid()})
+    reached = {"fork", "thread", "signal", "signal to the supervisor", "signal to all", "limits of others", "session"}
+    assert {name for name, outcome in worked.items() if outcome == "worked"} >= reached
+    assert worked["exec"] == "ENOENT"
+
+
+def test_no_message_is_left_for_another_candidate(walled: Sandbox, plain: Sandbox) -> None:
+    """What System V keeps beyond a process cannot be made."""
+    assert set(answer(plain, "attempt_channels").values()) == {"worked"}
+    assert set(answer(walled, "attempt_channels").values()) == {"EPERM"}
+
+
+def test_every_unlisted_system_call_is_refused(walled: Sandbox) -> None:
+    """The kernel itself answers EPERM to every number that is in no list: rings, tracing, namespaces, all to come."""
+    header = {"machine": platform.machine(), "below": 1024, "spared": PROBES.get(platform.machine(), ())}
+    report = answer(walled, "attempt_every_number", header)
+    assert report["tried"] > 1900
+    assert report["through"] == []
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the machine code is that of x86")
+def test_calls_of_32_bits_are_refused(walled: Sandbox, plain: Sandbox) -> None:
+    """The old way into the kernel, where the numbers mean other calls, is shut."""
+    works = answer(plain, "call_as_another_architecture")
+    if works["returned"] != works["pid"]:
+        pytest.skip("the kernel has no 32-bit calls")
+    assert answer(walled, "call_as_another_architecture")["returned"] == -1
+
+
+def test_nothing_of_the_search_can_be_read(walled: Sandbox) -> None:
+    """Memory and environment of search and supervisor, files, sockets, pipes and programs are out of reach."""
+    assert answer(walled, "steal", {"search": os.getpid()}) == []
+    assert answer(walled, "open_things") == []
+
+
+def test_images_are_read_and_not_changed(walled: Sandbox) -> None:
+    """The walls leave what was mapped before they went up."""
+    assert answer(walled, "sum_images") == 12
+
+
+def test_module_that_was_not_imported_before_is_missing(walled: Sandbox, plain: Sandbox) -> None:
+    """An import that comes too late fails alike at each level, as an import."""
+    name = next(module for module in ("colorsys", "sndhdr", "chunk") if module not in sys.modules)
+    assert answer(walled, "import_more", name) == answer(plain, "import_more", name) == f"No module named '{name}'"
+
+
+def test_signals_to_itself_work(walled: Sandbox) -> None:
+    """Libraries that signal themselves go on as usual, and a failed assertion of theirs has its own verdict."""
+    assert answer(walled, "handle_own_signal") == "handled"
+    assert walled.run("abort", None, b"", LIMITS) == Died(Reason.crashed, "killed by signal 6")
+
+
+@pytest.mark.parametrize(
+    ("entry", "verdict"),
+    [
+        ("spin", Died(Reason.out_of_time, "over 1 s")),
+        ("exit_quietly", Died(Reason.crashed, "it exited with status 0 before it had answered")),
+        ("raise_system_exit", Died(Reason.crashed, "SystemExit: 0")),
+        ("divide_by_zero", Died(Reason.crashed, "ZeroDivisionError: division by zero")),
+        ("read_address_zero", Died(Reason.crashed, "killed by signal 11")),
+        ("kill_itself", Died(Reason.crashed, "killed by signal 9")),
+        ("fill_shared_memory", Died(Reason.out_of_memory, "over 300 MiB of resident memory")),
+        ("spin_with_family", Died(Reason.crashed, "PermissionError: [Errno 1] Operation not permitted")),
+        ("kill_supervisor", Died(Reason.crashed, "PermissionError: [Errno 1] Operation not permitted")),
+        ("stop_supervisor", Died(Reason.crashed, "PermissionError: [Errno 1] Operation not permitted")),
+    ],
+)
+def test_verdicts_come_through_the_walls(walled: Sandbox, entry: str, verdict: Died) -> None:
+    """Each way to end has its verdict, nothing is left of it, and the next job is answered."""
+    before = set(descendants(os.getpid()))
+    assert walled.run(entry, None, b"", SHORT) == verdict
+    assert walled.run("echo", 1, b"", LIMITS) == Finished((Frame(1, b""),))
+    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+
+
+@pytest.mark.parametrize("entry", ["spin_in_finaliser", "spin_at_exit", "print_much"])
+def test_answers_come_through_the_walls(walled: Sandbox, entry: str) -> None:
+    """What does not harm does not matter."""
+    assert answer(walled, entry) == "answered"
