@@ -90,7 +90,7 @@ def _label_lines(found: Inspection) -> Iterator[str]:
         for number, name in enumerate(names):
             yield f"  {name.ljust(width)}" + "".join(f"  {part.classes[number]:>10}" for part in parts)
         return
-    titles = [f"{plain_name(entry.name)} [{entry.unit or 'unit unknown'}]" for entry in parts[0].ranges]
+    titles = [f"{plain_name(entry.name, entry.unit)} [{entry.unit or 'unit unknown'}]" for entry in parts[0].ranges]
     width = max(map(len, titles))
     yield "  " + " " * (width + 12) + "".join(f"  {head:>9}" for head in ("min", "max", "mean", "deviation"))
     for number, title in enumerate(titles):

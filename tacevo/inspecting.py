@@ -13,6 +13,7 @@ from tacevo.composition import compose, load_task
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.export import export, overrides_for
+from tacevo.data.labels import units_of
 from tacevo.data.sheet import contact_sheet, format_of, sample_figure, save
 from tacevo.data.simulator import Simulated
 from tacevo.data.survey import survey
@@ -38,14 +39,15 @@ def check(overrides: Sequence[str], output: str | None, console: Console) -> Ins
     config = compose(overrides)
     dataset = _load(config, console)
     catalogue = source_of(config).catalogue()
+    units = units_of(catalogue)
     path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
     counts = " / ".join(map(str, dataset.facts.counts))
     title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
-    save(contact_sheet(dataset, title=title), path)
+    save(contact_sheet(dataset, units=units, title=title), path)
     return Inspection(
         config=config,
         dataset=dataset,
-        survey=survey(dataset),
+        survey=survey(dataset, units),
         catalogue=catalogue,
         sheet=path,
     )
@@ -58,7 +60,10 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
         TacevoError: as `check`.
     """
     path = _writable(output)
-    save(sample_figure(_load(compose(overrides), console), width=width), path)
+    config = compose(overrides)
+    dataset = _load(config, console)
+    units = units_of(source_of(config).catalogue())
+    save(sample_figure(dataset, units=units, width=width), path)
     return path
 
 
@@ -79,7 +84,9 @@ def simulate(settings: Sequence[str], console: Console) -> str:
     config = compose(overrides)
     source = source_of(config)
     if not isinstance(source, Simulated):
-        raise ConfigError(f"only simulated data can be written as files; got data={config.data.source}")
+        raise ConfigError(
+            f"only simulated data can be written as files; got data={config.data.source}; set data=simulated"
+        )
     with _shown(console) as progress:
         count = export(source, out, workers=config.executor.workers, progress=progress)
     command = shlex.join(overrides_for(source, source.catalogue(), out))
@@ -89,7 +96,7 @@ def simulate(settings: Sequence[str], console: Console) -> str:
 def _load(config: RunConfig, console: Console) -> Dataset:
     """Load a data set and see that it suits its task, as a search does."""
     with _shown(console) as progress:
-        dataset = load_data(config, progress)
+        dataset = load_data(config, progress, PlainView(console).say)
     load_task(config, dataset.facts)
     return dataset
 

@@ -52,7 +52,7 @@ def search(config: RunConfig, view: View) -> Result:
     require(config.sandbox.require)
     check_machine(config.numerics.kind)
     build_llm(config, Mode.record)  # a missing key is told before anything is made
-    data = load_data(config, view.data)
+    data = load_data(config, view.data, view.say)
     task = load_task(config, data.facts)
     plan = build_plan(config, task, Mode.record)
     header = run_header(config, task, data.facts, plan)

@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from enum import StrEnum
 from pathlib import Path
@@ -41,8 +41,13 @@ ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 _Tasks = TypeVar("_Tasks", bound=StrEnum)
 
 
-def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
+def load_data(config: RunConfig, progress: Progress | None, say: Callable[[str], None] | None = None) -> Dataset:
     """Load or make the data set that a configuration names.
+
+    Args:
+        config: the configuration.
+        progress: told while images are made.
+        say: told in one line where the images of another process are waited for.
 
     Raises:
         DataError: it is missing or broken.
@@ -60,6 +65,7 @@ def load_data(config: RunConfig, progress: Progress | None) -> Dataset:
             config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
         ),
         progress=progress,
+        say=say,
     )
 
 

@@ -84,7 +84,9 @@ def test_check_tells_how_many_rows_were_left_out(capsys: pytest.CaptureFixture[s
         "data.skip_missing=true",
     ]
     assert main(["data", "check", *settings]) == 0
-    assert "left out:    3 rows whose image is missing" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "left out:    3 rows whose image is missing" in out
+    assert "a [unit unknown]" in out
     assert main(["data", "check", *settings, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["skipped"] == 3
 
@@ -134,7 +136,11 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
         (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
         (["simulate", "task=force", "n=40"], "out=FOLDER must say once where the files go; got []"),
         (["simulate", "task=force", "n=4", "out=made"], "data.images needs a value >= 10"),
-        (["simulate", "data=folder", "data.root=x", "out=made"], "only simulated data can be written as files"),
+        (["simulate", "task=force", "n=40", "out=."], "out=. is the current folder; name one to make"),
+        (
+            ["simulate", "data=folder", "data.root=x", "out=made"],
+            "only simulated data can be written as files; got data=folder; set data=simulated",
+        ),
     ],
 )
 def test_mistake_is_one_line_and_leaves_nothing(

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -11,11 +13,11 @@ import pytest
 
 from tacevo.choices import LightScene, Normalisation, TargetScaling
 from tacevo.data.dataset import Dataset
-from tacevo.data.export import PATTERN, SENSOR, export
+from tacevo.data.export import PATTERN, export
 from tacevo.data.loading import load
 from tacevo.data.simulator import Simulated, SimulatedTask
 from tacevo.data.source import Source
-from tacevo.data.tacverse import TacVerse, TacVerseTask
+from tacevo.data.tacverse import SIMULATED_SENSOR, SIMULATION, TacVerse, TacVerseTask
 from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError
 
@@ -50,7 +52,7 @@ def loaded(source: Source, cache: Path) -> Dataset:
 
 def exported(root: Path, task: SimulatedTask) -> TacVerse:
     """Name an exported folder as a source."""
-    return TacVerse(root=root, task=TacVerseTask(task), sensor=SENSOR, pattern=PATTERN, image_size=20)
+    return TacVerse(root=root, task=TacVerseTask(task), sensor=SIMULATED_SENSOR, pattern=PATTERN, image_size=20)
 
 
 @pytest.mark.parametrize("task", SimulatedTask)
@@ -66,11 +68,34 @@ def test_loading_an_export_gives_the_same_tensors(task: SimulatedTask, tmp_path:
     assert theirs.facts == ours.facts
 
 
+@pytest.mark.parametrize("task", SimulatedTask)
+def test_units_survive(task: SimulatedTask, tmp_path: Path) -> None:
+    """What the simulation states of its labels is stated of its files."""
+    export(simulated(task), tmp_path / "out", workers=1)
+    assert exported(tmp_path / "out", task).catalogue().units == simulated(task).catalogue().units
+
+
+def test_units_are_those_of_the_simulation_and_of_no_other_images(tmp_path: Path) -> None:
+    """Images of another sensor in the same folder have no stated unit, nor ours without their description."""
+    source = exported(tmp_path / "out", SimulatedTask.force)
+    export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    assert source.catalogue().units == ("N", "N", "N")
+    forces = tmp_path / "out" / "Force_Regression"
+    shutil.copytree(forces / SIMULATED_SENSOR, forces / "Real")
+    (forces / "Real" / f"{SIMULATED_SENSOR}.csv").rename(forces / "Real" / "Real.csv")
+    assert replace(source, sensor="Real").catalogue().units is None
+    for text in ("no JSON", "[]", '{"source": "measured", "task": "force"}', '{"source": "simulated"}'):
+        (tmp_path / "out" / SIMULATION).write_text(text)
+        assert source.catalogue().units is None
+    (tmp_path / "out" / SIMULATION).unlink()
+    assert source.catalogue().units is None
+
+
 def test_every_bit_of_a_label_survives(tmp_path: Path) -> None:
     """The table holds the labels as Python writes floats, which is exact."""
     source = simulated(SimulatedTask.force)
     export(source, tmp_path / "out", workers=1)
-    with (tmp_path / "out" / "Force_Regression" / SENSOR / f"{SENSOR}.csv").open() as file:
+    with (tmp_path / "out" / "Force_Regression" / SIMULATED_SENSOR / f"{SIMULATED_SENSOR}.csv").open() as file:
         header, *rows = csv.reader(file)
     assert header == ["image_name", "fx", "fy", "fz"]
     assert np.array_equal([[float(text) for text in row[1:]] for row in rows], source.catalogue().labels)
@@ -80,7 +105,7 @@ def test_gratings_are_named_after_their_size(tmp_path: Path) -> None:
     """Each press is a group of one frame, and no size loses a digit or becomes an exponent."""
     source = simulated(SimulatedTask.grating, images=20, spacings=(0.00001, 1.1000000000000001, 2.0))
     export(source, tmp_path / "out", workers=1)
-    names = {path.name for path in (tmp_path / "out" / "Grating_Classification" / SENSOR / PATTERN).iterdir()}
+    names = {path.name for path in (tmp_path / "out" / "Grating_Classification" / SIMULATED_SENSOR / PATTERN).iterdir()}
     assert len(names) == 20
     assert {"0.00001_00001_1.png", "1.1_00007_1.png", "2_00006_1.png"} <= names
 
@@ -143,6 +168,32 @@ def test_occupied_folder_is_refused_and_kept(occupy: Callable[[Path], None], tmp
     with pytest.raises(DataError, match="exists and is no empty folder; remove it or choose another name"):
         export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
     assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == ["mine"]
+
+
+@pytest.mark.parametrize("out", [".", "./", "made/.."])
+def test_current_folder_is_refused_before_anything_is_drawn(
+    out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is empty, but to replace it would take the ground from under the user's shell."""
+    monkeypatch.chdir(tmp_path)
+    seen: list[tuple[int, int]] = []
+    with pytest.raises(DataError, match=r"is the current folder; name one to make, e\.g\. out=simulated"):
+        export(
+            simulated(SimulatedTask.force),
+            Path(out),
+            workers=1,
+            progress=lambda done, total: seen.append((done, total)),
+        )
+    assert (seen, list(tmp_path.iterdir())) == ([], [])
+
+
+def test_link_to_an_empty_folder_is_followed(tmp_path: Path) -> None:
+    """The folder behind it is filled, and the link stays."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    assert (tmp_path / "out").is_symlink()
+    assert (tmp_path / "disk" / SIMULATION).is_file()
 
 
 def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:

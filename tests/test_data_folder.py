@@ -29,6 +29,19 @@ def test_other_files_are_left_alone(tmp_path: Path) -> None:
     assert source.catalogue().labels.tolist() == [0, 1]
 
 
+@pytest.mark.parametrize(
+    "stray", ["a/.ipynb_checkpoints/1-checkpoint.png", "a/._1.png", "a/deep/.trash/deeper/1.png", "a/.hidden.png"]
+)
+def test_hidden_files_and_folders_within_a_class_are_no_images(tmp_path: Path, stray: str) -> None:
+    """An editor's copy of an image would stand in two parts of a split; a system's stub is no image at all."""
+    source = save_folder(tmp_path / ".data", "a/1.png", "a/deep/2.png", "b/1.png")
+    before = source.describe()
+    (tmp_path / ".data" / stray).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / ".data" / stray).write_text("no image")
+    assert source.describe() == before
+    assert source.catalogue().labels.tolist() == [0, 0, 1]
+
+
 def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
     """A copy elsewhere is the same data set; an edited or renamed image makes another."""
     here, there = (

@@ -1,6 +1,8 @@
 """Loading: made once, independent of workers, blind to the test split, and no image decoded before a fault is told."""
 
+import fcntl
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,6 +21,7 @@ from tacevo.data.loading import load, split_rows
 from tacevo.data.simulator import Simulated, SimulatedTask
 from tacevo.data.source import Catalogue, Picture, Source
 from tacevo.data.splitting import ordered_split
+from tacevo.data.staging import LOCK
 from tacevo.data.workers import FEW_PICTURES, Progress
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import Json, Kind
@@ -86,6 +89,7 @@ def load_greys(
     workers: int = 1,
     accept: Callable[[Catalogue], None] | None = None,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Dataset:
     """Load with the default protocol."""
     return load(
@@ -98,6 +102,7 @@ def load_greys(
         workers=workers,
         accept=accept,
         progress=progress,
+        say=say,
     )
 
 
@@ -343,7 +348,10 @@ from tacevo.errors import DataError
 
 cache, fate, seed = sys.argv[1:]
 
+told = []
+
 def progress(done, total):
+    told.append(done)
     if fate == "die" and done > total / 2:
         os.kill(os.getpid(), signal.SIGKILL)
 
@@ -357,6 +365,7 @@ try:
 except DataError as error:
     sys.exit(f"error: {error}")
 print(dataset.facts.fingerprint)
+print("made" if told else "found", file=sys.stderr)
 """
 
 
@@ -391,13 +400,31 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path, seed: int) -> Non
 
 
 def test_processes_that_start_at_once_share_one_entry(tmp_path: Path) -> None:
-    """All finish, with the same data, and one entry remains."""
+    """All finish, with the same data, of which only one has made a picture, and one entry remains."""
     started = [start(tmp_path, "live") for _ in range(3)]
-    outputs = [process.communicate()[0] for process in started]
+    outputs, told = zip(*[process.communicate() for process in started], strict=True)
     assert len(set(outputs)) == 1
     assert len(outputs[0].strip()) == 64
+    assert sorted(told) == ["found\n", "found\n", "made\n"]
     assert len(entries(tmp_path)) == 1
     assert unfinished(tmp_path) == []
+
+
+def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
+    """One line, before the wait, so that nobody takes it for a hang; who need not wait says nothing."""
+    said: list[str] = []
+    folder = load_greys(Greys(), tmp_path, say=said.append).images.parent
+    assert said == []
+    shutil.rmtree(folder)
+    with (tmp_path / f".{folder.name}{LOCK}").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+
+        def say(text: str) -> None:
+            said.append(text)
+            fcntl.flock(lock, fcntl.LOCK_UN)  # else the test would wait for ever
+
+        load_greys(Greys(), tmp_path, say=say)
+    assert said == ["data: another process makes this data set; waiting for it"]
 
 
 def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """Image files become upright RGB squares of 8 bits, whatever they were; what cannot become one is refused by name."""
 
+import hashlib
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -196,6 +198,18 @@ def test_hash_follows_bytes_and_order(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(content)
     hashes = {files_hash(tmp_path / name for name in names) for names in ("ab", "ba", "cd", "a")}
     assert len(hashes) == 4
+
+
+def test_file_is_hashed_in_pieces(tmp_path: Path) -> None:
+    """A file of 64 MB never stands in memory as a whole, and hashes as its bytes do."""
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(1 << 26)
+    tracemalloc.start()
+    found = files_hash([tmp_path / "large"])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 22
+    assert found == hashlib.sha256(hashlib.sha256(bytes(1 << 26)).digest()).hexdigest()
 
 
 def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:

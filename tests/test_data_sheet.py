@@ -11,7 +11,7 @@ from matplotlib.image import AxesImage
 
 from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data.dataset import Dataset
-from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, unit_of
+from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, units_of
 from tacevo.data.loading import load
 from tacevo.data.sheet import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.source import Catalogue, Picture
@@ -36,6 +36,7 @@ class Greys:
     kind: Kind = Kind.regression
     size: int = 16
     greys: tuple[int, ...] | None = None
+    units: tuple[str, ...] | None = ("N", "N")
 
     def describe(self) -> Json:
         """Name the content."""
@@ -49,6 +50,7 @@ class Greys:
             kind=self.kind,
             names=self.names,
             labels=labels[:, 0].astype(np.int64) if self.kind is Kind.classification else labels,
+            units=self.units,
             image_size=self.size,
             pictures=[partial(grey, value, self.size) for value in greys],
         )
@@ -59,6 +61,7 @@ LEVELS = Greys(labels=tuple((17.5 + 2.5 * (number % 3),) for number in range(60)
 CLASSES = Greys(
     labels=tuple((float(number % 4),) for number in range(200)), names=("a", "b", "c", "d"), kind=Kind.classification
 )
+FORCES_UNITS, NO_UNITS = ("N", "N"), ("",) * 4
 
 
 def loaded(source: Greys, cache: Path) -> Dataset:
@@ -86,57 +89,80 @@ def written(figure: Figure) -> list[str]:
 
 @pytest.mark.parametrize(
     ("name", "unit", "plain"),
-    [("Fx", "N", "Fx"), ("shear_yaw_deg", "deg", "shear yaw"), ("N", "", "N"), ("mass", "", "mass")],
+    [
+        ("shear_yaw_deg", "deg", "shear yaw"),
+        ("Fz_mN", "mN", "Fz"),
+        ("Fx", "", "Fx"),
+        ("fz", "", "fz"),
+        ("shore", "", "shore"),
+        ("N", "", "N"),
+        ("_N", "", " N"),
+        ("mass", "", "mass"),
+    ],
 )
-def test_units_are_those_that_a_name_tells(name: str, unit: str, plain: str) -> None:
-    """A unit is read from the name, and never guessed."""
-    assert unit_of(name) == unit
-    assert plain_name(name) == plain
+def test_units_are_those_that_a_name_ends_in(name: str, unit: str, plain: str) -> None:
+    """A force may be in mN: where a source states no unit, and neither does the column, there is none."""
+    assert units_of(Greys(labels=((1.0,),), names=(name,), units=None).catalogue()) == (unit,)
+    assert plain_name(name, unit) == plain
+
+
+def test_statement_of_the_source_comes_before_the_name() -> None:
+    """A source knows its units better than an ending."""
+    assert units_of(Greys(labels=((1.0, 2.0),), names=("a", "b_mm"), units=("N", "N")).catalogue()) == ("N", "N")
+
+
+def test_forces_of_an_unknown_unit_are_written_without_one(tmp_path: Path) -> None:
+    """Neither the text nor the order supposes that they share a unit, and each output has its own decimals."""
+    labels = tuple((0.001 * number, 300.0 - 10 * number) for number in range(20))
+    source = Greys(labels=labels, units=None)
+    dataset, units = loaded(source, tmp_path), units_of(source.catalogue())
+    assert texts_of(dataset, units)[1] == ("Fx 0.0010", "Fz 290")
+    assert in_order(dataset, units).tolist() == list(range(20))
 
 
 def test_forces_are_ordered_by_magnitude(tmp_path: Path) -> None:
     """Components with one unit count together; the least comes first."""
     dataset = loaded(FORCES, tmp_path)
-    assert in_order(dataset).tolist() == list(range(39, -1, -1))
+    assert in_order(dataset, FORCES_UNITS).tolist() == list(range(39, -1, -1))
 
 
 def test_outputs_of_different_units_are_ordered_by_the_first(tmp_path: Path) -> None:
     """Millimetres and degrees have no common magnitude."""
     labels = tuple((float(number), 100.0 * (20 - number)) for number in range(20))
     dataset = loaded(Greys(labels=labels, names=("depth_mm", "roll_deg")), tmp_path)
-    assert in_order(dataset).tolist() == list(range(20))
+    assert in_order(dataset, ("mm", "deg")).tolist() == list(range(20))
 
 
 def test_labels_come_back_in_their_units(tmp_path: Path) -> None:
     """The scaling of the targets is undone, and outputs of one unit have equal decimals."""
     dataset = loaded(FORCES, tmp_path)
     assert labels_of(dataset) == pytest.approx(np.array(FORCES.labels), abs=1e-5)
-    assert texts_of(dataset)[0] == ("Fx 1.20 N", "Fz -4.00 N")
+    assert texts_of(dataset, FORCES_UNITS)[0] == ("Fx 1.20 N", "Fz -4.00 N")
 
 
 def test_zero_has_no_sign(tmp_path: Path) -> None:
     """A value that rounds to zero from below is written as zero."""
     labels = tuple((-1e-9 if number == 0 else float(number),) for number in range(20))
-    assert texts_of(loaded(Greys(labels=labels, names=("Fx",)), tmp_path))[0] == ("Fx 0.0 N",)
+    assert texts_of(loaded(Greys(labels=labels, names=("Fx",)), tmp_path), ("N",))[0] == ("Fx 0.0 N",)
 
 
 def test_sample_figure_shows_one_of_each_level(tmp_path: Path) -> None:
     """Three levels give three samples, ascending, from the training split."""
     dataset = loaded(LEVELS, tmp_path)
-    figure = sample_figure(dataset, width="single")
+    figure = sample_figure(dataset, units=("Shore A",), width="single")
     assert written(figure) == ["17.5 Shore A", "20.0 Shore A", "22.5 Shore A"]
     assert set(shown(figure)) <= set(dataset.train.tolist())
 
 
 def test_sample_figure_shows_one_of_each_class(tmp_path: Path) -> None:
     """Every class is there, in the order of the outputs."""
-    assert written(sample_figure(loaded(CLASSES, tmp_path), width="double")) == ["a", "b", "c", "d"]
+    assert written(sample_figure(loaded(CLASSES, tmp_path), units=NO_UNITS, width="double")) == ["a", "b", "c", "d"]
 
 
 def test_sample_figure_goes_from_the_least_to_the_most(tmp_path: Path) -> None:
     """The training split's extremes are the first and the last sample."""
     dataset = loaded(FORCES, tmp_path)
-    values = shown(sample_figure(dataset, width="double"))
+    values = shown(sample_figure(dataset, units=FORCES_UNITS, width="double"))
     assert (values[0], values[-1]) == (dataset.train.max(), dataset.train.min())
     assert values == sorted(values, reverse=True)
 
@@ -144,7 +170,7 @@ def test_sample_figure_goes_from_the_least_to_the_most(tmp_path: Path) -> None:
 def test_large_pictures_are_magnified(tmp_path: Path) -> None:
     """From 96 pixels on every sample has a second picture, a third as wide in pixels."""
     dataset = loaded(Greys(labels=LEVELS.labels, names=("shore",), size=96), tmp_path)
-    axes = sample_figure(dataset, width="single").axes
+    axes = sample_figure(dataset, units=("Shore A",), width="single").axes
     shapes = [np.asarray(place.images[0].get_array()).shape for place in axes]
     assert shapes == [(96, 96, 3), (32, 32, 3)] * 3
 
@@ -152,7 +178,7 @@ def test_large_pictures_are_magnified(tmp_path: Path) -> None:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_figure_has_the_width_of_its_columns(width: str, tmp_path: Path) -> None:
     """A paper's column is filled, and no picture or text leaves it."""
-    figure = sample_figure(loaded(FORCES, tmp_path), width=width)
+    figure = sample_figure(loaded(FORCES, tmp_path), units=FORCES_UNITS, width=width)
     assert figure.get_size_inches()[0] == WIDTHS[width]
     for axes in figure.axes:
         box = axes.get_position()
@@ -164,7 +190,7 @@ def test_figure_has_the_width_of_its_columns(width: str, tmp_path: Path) -> None
 def test_contact_sheet_names_split_and_row(tmp_path: Path) -> None:
     """Every picture can be found again, and all splits are shown."""
     dataset = loaded(FORCES, tmp_path)
-    texts = written(contact_sheet(dataset, title="sheet"))
+    texts = written(contact_sheet(dataset, units=FORCES_UNITS, title="sheet"))
     assert texts[0] == "sheet"
     assert {f"train {row}" for row in dataset.train} <= set(texts)
     assert {f"test {row}" for row in dataset.test} <= set(texts)
@@ -172,7 +198,7 @@ def test_contact_sheet_names_split_and_row(tmp_path: Path) -> None:
 
 def test_contact_sheet_is_bounded(tmp_path: Path) -> None:
     """However many images there are, a sheet stays a sheet."""
-    assert len(contact_sheet(loaded(CLASSES, tmp_path), title="sheet").axes) == SHEET_IMAGES
+    assert len(contact_sheet(loaded(CLASSES, tmp_path), units=NO_UNITS, title="sheet").axes) == SHEET_IMAGES
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
@@ -180,7 +206,7 @@ def test_equal_data_give_equal_bytes(ending: str, tmp_path: Path) -> None:
     """No date and no random identifier is in the file; other data give another one."""
     dataset = loaded(LEVELS, tmp_path / "cache")
     for name, width in (("first", "single"), ("second", "single"), ("other", "double")):
-        save(sample_figure(dataset, width=width), tmp_path / f"{name}.{ending}")
+        save(sample_figure(dataset, units=("Shore A",), width=width), tmp_path / f"{name}.{ending}")
     first, second, other = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("first", "second", "other"))
     assert first == second
     assert first != other
@@ -207,7 +233,9 @@ def test_failed_save_leaves_the_old_picture_alone(tmp_path: Path) -> None:
 def test_survey_counts_ranges_of_each_split(tmp_path: Path) -> None:
     """Minimum, maximum, mean and deviation are those of the labels."""
     dataset = loaded(FORCES, tmp_path)
-    for part, rows in zip(survey(dataset).parts, (dataset.train, dataset.validation, dataset.test), strict=True):
+    for part, rows in zip(
+        survey(dataset, FORCES_UNITS).parts, (dataset.train, dataset.validation, dataset.test), strict=True
+    ):
         column = np.array(FORCES.labels)[rows, 1]
         found = part.ranges[1]
         assert (part.images, found.name, found.unit) == (len(rows), "Fz", "N")
@@ -217,7 +245,7 @@ def test_survey_counts_ranges_of_each_split(tmp_path: Path) -> None:
 
 def test_survey_counts_classes_of_each_split(tmp_path: Path) -> None:
     """The counts of all splits add up to the classes."""
-    parts = survey(loaded(CLASSES, tmp_path)).parts
+    parts = survey(loaded(CLASSES, tmp_path), NO_UNITS).parts
     assert np.sum([part.classes for part in parts], axis=0).tolist() == [50, 50, 50, 50]
 
 
@@ -227,7 +255,7 @@ def test_survey_finds_equal_images_and_which_of_them_leak(tmp_path: Path) -> Non
     greys = list(range(40))
     greys[parts.train[1]] = greys[parts.train[0]]
     greys[parts.test[0]] = greys[parts.train[2]]
-    found = survey(loaded(Greys(labels=FORCES.labels, greys=tuple(greys)), tmp_path))
+    found = survey(loaded(Greys(labels=FORCES.labels, greys=tuple(greys)), tmp_path), FORCES_UNITS)
     within = tuple(parts.train[:2].tolist())
     across = tuple(sorted([int(parts.test[0]), int(parts.train[2])]))
     assert {group.rows for group in found.duplicates} == {within, across}
@@ -240,4 +268,4 @@ def test_survey_finds_constant_images(tmp_path: Path) -> None:
     dataset = loaded(FORCES, tmp_path)
     images = np.load(dataset.images, mmap_mode="r+")
     images[7] = np.array([1, 2, 3], dtype=np.uint8)[:, None, None]
-    assert survey(dataset).constant == (7,)
+    assert survey(dataset, FORCES_UNITS).constant == (7,)

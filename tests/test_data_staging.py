@@ -2,7 +2,10 @@
 
 import errno
 import fcntl
+import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -77,6 +80,70 @@ def test_leftovers_go_and_folders_in_the_making_stay(tmp_path: Path) -> None:
         with staged(tmp_path / "set"):
             pass
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == {f".alive{PART}", ".other", "set"}
+
+
+@contextmanager
+def as_another_user() -> Iterator[None]:
+    """Act as one whom file permissions bind, which they do not the superuser."""
+    before = os.geteuid()
+    if before == 0:
+        os.seteuid(65_534)
+    try:
+        yield
+    finally:
+        os.seteuid(before)
+
+
+@pytest.fixture
+def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give a folder that everybody may write to, as a relative path, which needs no permission above it."""
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache").chmod(0o777)
+    monkeypatch.chdir(tmp_path / "cache")
+    return Path()
+
+
+@pytest.mark.parametrize("mode", [0o000, 0o444])
+def test_leftover_of_another_user_stops_nobody(shared: Path, mode: int) -> None:
+    """In a shared cache a lock that may not be opened, or a folder that may not be removed, is its owner's affair."""
+    left = shared / f".dead{PART}"
+    left.mkdir()
+    (left / "images.npy").write_text("half")
+    left.chmod(0o555)
+    (shared / f".dead{LOCK}").touch(mode)
+    with as_another_user(), staged(shared / "set") as stage:
+        assert stage is not None
+    assert (shared / "set").is_dir()
+    assert (left / "images.npy").exists()
+    left.chmod(0o755)
+
+
+def test_lock_file_of_another_user_is_obeyed(shared: Path) -> None:
+    """Who made a data set first owns its lock file; others lock it all the same, and are not refused."""
+    (shared / f".set{LOCK}").touch(0o444)
+    waits = []
+    with (shared / f".set{LOCK}").open("rb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+
+        def release() -> None:
+            waits.append("waited")
+            fcntl.flock(lock, fcntl.LOCK_UN)
+
+        with as_another_user(), staged(shared / "set", release) as stage:
+            assert stage is not None
+    assert waits == ["waited"]
+
+
+def test_own_part_that_may_not_be_removed_is_named(shared: Path) -> None:
+    """Nothing is filled into what another user's killed process left."""
+    left = shared / f".set{PART}"
+    left.mkdir()
+    (left / "old").write_text("half")
+    left.chmod(0o555)
+    message = rf"^\.set{PART} is left of a killed process and cannot be removed; have user {os.geteuid()} remove it"
+    with pytest.raises(DataError, match=message), as_another_user(), staged(shared / "set"):
+        pass
+    left.chmod(0o755)
 
 
 def test_own_leftover_is_cleared_before_it_is_filled_again(tmp_path: Path) -> None:

@@ -48,6 +48,11 @@ def test_forces_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert (catalogue.groups, catalogue.recorded_size) == (None, (8, 8))
 
 
+def test_release_states_no_units(tmp_path: Path) -> None:
+    """Forces of the release may be in N or in mN, and are called neither."""
+    assert save_forces(tmp_path, "image_0.png,1,2,3\n").catalogue().units is None
+
+
 def test_columns_are_taken_by_name(tmp_path: Path) -> None:
     """Other columns, and another order of them, change nothing."""
     source = save_forces(tmp_path, "3,x,image_1.png,1,2\n", header="fz,note,image_name,fx,fy\n")
@@ -88,6 +93,12 @@ def test_gratings_come_by_size_press_and_frame(tmp_path: Path) -> None:
     assert reds(catalogue) == pytest.approx([3, 2, 1, 4, 0], abs=1)  # JPEG files keep colours nearly
     assert catalogue.groups is not None
     assert catalogue.groups.tolist() == [0, 0, 1, 2, 3]
+
+
+def test_hidden_files_are_no_images(tmp_path: Path) -> None:
+    """A system's stub beside an image is neither read nor refused for its name."""
+    source = save_gratings(tmp_path, "0.5_1.png", "1_1.png", "._0.5_1.png", ".0.5_2.png")
+    assert len(source.catalogue().pictures) == 2
 
 
 def test_release_splits_25_presses_as_the_authors_do(tmp_path: Path) -> None:

@@ -19,12 +19,12 @@ from PIL import Image
 
 from tacevo.data.simulator import Simulated, SimulatedTask
 from tacevo.data.source import Catalogue, Picture
-from tacevo.data.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, TacVerseTask
+from tacevo.data.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION, TacVerseTask
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
 
-#: What the exported folders are called: the sensor, and the specimens of the gratings.
-SENSOR, PATTERN = "SimViTacTip", "Ridges"
+#: What the folder of the gratings' specimens is called.
+PATTERN = "Ridges"
 
 #: zlib's quickest: images with camera noise hardly get smaller with more, and take four times as long.
 COMPRESSION = 1
@@ -55,7 +55,7 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
         The number of images.
 
     Raises:
-        DataError: `out` exists and is no empty folder.
+        DataError: `out` exists and is no empty folder, or is the current one.
         ConfigError: the gratings are not in ascending order, in which their classes would be read back.
         OSError: the files cannot be written.
     """
@@ -63,13 +63,13 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
         raise ConfigError(f"an export needs data.spacings_mm in ascending order; got {list(source.spacings_mm)}")
     catalogue = source.catalogue()
     names = image_names(source, catalogue)
-    with _staged(out) as stage:
+    with _staged(_vacant(out)) as stage:
         folder = stage / _place(source.task)
         folder.mkdir(parents=True)
         _write_images(catalogue, [folder / name for name in names], workers, progress)
         if source.task is not SimulatedTask.grating:
-            _write_table(folder / f"{SENSOR}.csv", COLUMNS[TacVerseTask(source.task)], names, catalogue)
-        (stage / "simulation.json").write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
+            _write_table(folder / f"{SIMULATED_SENSOR}.csv", COLUMNS[TacVerseTask(source.task)], names, catalogue)
+        (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
         (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
     return len(names)
 
@@ -81,7 +81,7 @@ def overrides_for(source: Simulated, catalogue: Catalogue, out: Path) -> list[st
         f"task={source.task}",
         "data=tacverse",
         f"data.root={out}",
-        f"data.sensor={SENSOR}",
+        f"data.sensor={SIMULATED_SENSOR}",
         *(gratings if source.task is SimulatedTask.grating else []),
         "data.split=random",
         f"data.image_size={source.image_size}",
@@ -103,8 +103,18 @@ def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
 
 def _place(task: SimulatedTask) -> Path:
     """Find the folder of a task's images."""
-    folder = Path(FOLDERS[TacVerseTask(task)]) / SENSOR
+    folder = Path(FOLDERS[TacVerseTask(task)]) / SIMULATED_SENSOR
     return folder / PATTERN if task is SimulatedTask.grating else folder
+
+
+def _vacant(out: Path) -> Path:
+    """Find where a new folder is to stand, links and dots resolved; refuse what could not be replaced."""
+    place = out.resolve()
+    if place == Path.cwd():
+        raise DataError(f"out={out} is the current folder; name one to make, e.g. out=simulated")
+    if place.exists() and not (place.is_dir() and not any(place.iterdir())):
+        raise DataError(f"out={out} exists and is no empty folder; remove it or choose another name")
+    return place
 
 
 @contextmanager
@@ -113,9 +123,7 @@ def _staged(out: Path) -> Iterator[Path]:
 
     Unlike the cache's, no lock file stays behind: this is the user's own folder.
     """
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise DataError(f"out={out} exists and is no empty folder; remove it or choose another name")
-    stage = out.absolute().with_name(f".{out.absolute().name}-{uuid.uuid4().hex[:12]}")
+    stage = out.with_name(f".{out.name}-{uuid.uuid4().hex[:12]}")
     stage.mkdir(parents=True)
     try:
         yield stage

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash
+from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files
 from tacevo.data.source import Catalogue, refuse, repeats
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -93,7 +93,7 @@ def _key(name: str) -> float | str:
 
 def _images(folder: Path) -> list[Path]:
     """Find the images below a class folder, sorted by path."""
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    paths = image_files(folder, "**/*")
     names = [path.relative_to(folder).as_posix() for path in paths]
     twice = repeats((name, name.casefold()) for name in names)
     refuse(f"images of class {folder.name} differ in the case of their names only", twice, "Rename or remove them.")

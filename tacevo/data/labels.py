@@ -6,23 +6,30 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.dataset import Dataset
+from tacevo.data.source import Catalogue
 from tacevo.records import Kind
 
-#: Units of the outputs that this project itself names (see `tacevo.data.simulator`).
-_UNITS = {"Fx": "N", "Fy": "N", "Fz": "N", "shore": "Shore A"}
-#: Units that the name of a column may end in, e.g. `depth_mm`.
+#: Units that the name of a column may end in, e.g. `depth_mm`; who writes so states the unit.
 _ENDINGS = ("mm", "um", "deg", "rad", "N", "mN", "Nm", "MPa", "kPa")
 
 
-def unit_of(name: str) -> str:
-    """Find the unit of an output by its name: `N` for `Fx`, `mm` for `depth_mm`, nothing where it is not known."""
-    _, _, ending = name.rpartition("_")
-    return ending if ending in _ENDINGS and ending != name else _UNITS.get(name, "")
+def units_of(catalogue: Catalogue) -> tuple[str, ...]:
+    """Find the unit of every output: the source's statement, else the ending of its name.
+
+    Returns:
+        One text for each name, empty where nobody states a unit: a force may be in N or in mN.
+    """
+    return tuple(map(_stated, catalogue.names)) if catalogue.units is None else catalogue.units
 
 
-def plain_name(name: str) -> str:
-    """Write an output's name without its unit: `shear yaw` for `shear_yaw_deg`."""
-    unit = unit_of(name)
+def _stated(name: str) -> str:
+    """Read the unit that a name ends in, `mm` of `depth_mm`."""
+    stem, _, ending = name.rpartition("_")
+    return ending if stem and ending in _ENDINGS else ""
+
+
+def plain_name(name: str, unit: str) -> str:
+    """Write an output's name without its unit: `shear yaw` for `shear_yaw_deg` in `deg`."""
     return name.removesuffix(f"_{unit}").replace("_", " ")
 
 
@@ -38,30 +45,42 @@ def labels_of(dataset: Dataset) -> npt.NDArray[np.float64]:
     return np.asarray(dataset.targets * np.array(dataset.scale) + np.array(dataset.offset), dtype=np.float64)
 
 
-def texts_of(dataset: Dataset) -> list[tuple[str, ...]]:
+def texts_of(dataset: Dataset, units: tuple[str, ...]) -> list[tuple[str, ...]]:
     """Write every row's label: the class, or a line per output such as `Fx -0.12 N`.
 
-    Values are rounded so that the largest of all outputs with the same unit keeps three digits.
+    Values are rounded so that the largest of all outputs with the same unit keeps three digits; an output without a
+    unit counts alone.
+
+    Args:
+        dataset: the data set.
+        units: one for each output, see `units_of`.
     """
     names, labels = dataset.facts.names, labels_of(dataset)
     if dataset.facts.kind is Kind.classification:
         return [(names[int(number)],) for (number,) in labels]
-    units = np.array([unit_of(name) for name in names])
-    decimals = [_decimals(labels[:, units == unit]) for unit in units]
-    return [tuple(map(_text, names, row, decimals)) for row in labels]
+    decimals = [_decimals(labels[:, _sharing(units, output)]) for output in range(len(names))]
+    return [tuple(map(_text, names, units, row, decimals)) for row in labels]
 
 
-def in_order(dataset: Dataset) -> npt.NDArray[np.int64]:
+def in_order(dataset: Dataset, units: tuple[str, ...]) -> npt.NDArray[np.int64]:
     """Sort the rows by label, for looking at.
 
-    By class; by magnitude where several outputs share a unit, as the components of a force do; else by the first
-    output. Rows with equal labels stay in their order.
+    By class; by magnitude where all of several outputs have one known unit, as the components of a force do; else by
+    the first output. Rows with equal labels stay in their order.
+
+    Args:
+        dataset: the data set.
+        units: one for each output, see `units_of`.
     """
     labels = labels_of(dataset)
-    units = {unit_of(name) for name in dataset.facts.names}
-    vector = dataset.facts.kind is Kind.regression and labels.shape[1] > 1 and len(units) == 1 and units != {""}
+    vector = labels.shape[1] > 1 and units[0] != "" and len(set(units)) == 1
     key = np.hypot.reduce(labels, axis=1) if vector else labels[:, 0]
     return np.argsort(key, kind="stable")
+
+
+def _sharing(units: tuple[str, ...], output: int) -> list[int]:
+    """List the outputs that have the unit of one of them; only itself where that is unknown."""
+    return [other for other, unit in enumerate(units) if other == output or (unit and unit == units[output])]
 
 
 def _decimals(values: npt.NDArray[np.float64]) -> int:
@@ -70,9 +89,9 @@ def _decimals(values: npt.NDArray[np.float64]) -> int:
     return 0 if largest == 0 else max(0, 2 - math.floor(math.log10(largest)))
 
 
-def _text(name: str, value: float, decimals: int) -> str:
+def _text(name: str, unit: str, value: float, decimals: int) -> str:
     """Write one value with its name and unit; where the unit says it all, as in `17.5 Shore A`, without the name."""
-    number, unit = f"{round(value, decimals) + 0.0:.{decimals}f}", unit_of(name)  # + 0.0: -0.0 is written 0.0
+    number = f"{round(value, decimals) + 0.0:.{decimals}f}"  # + 0.0: -0.0 is written 0.0
     if name.lower() in unit.lower().split():
         return f"{number} {unit}"
-    return f"{plain_name(name)} {number} {unit}".rstrip()
+    return f"{plain_name(name, unit)} {number} {unit}".rstrip()

@@ -28,6 +28,7 @@ from tacevo.store import content_hash
 #: Changes when the same description would give other files in the cache.
 CACHE_SCHEMA = 2
 MINIMUM_IMAGES = 10
+WAITING = "data: another process makes this data set; waiting for it"
 
 
 def load(
@@ -41,6 +42,7 @@ def load(
     split: SplitRule = SplitRule.random,
     accept: Callable[[Catalogue], None] | None = None,
     progress: Progress | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Dataset:
     """Load a data set from the cache, or make it and keep it there.
 
@@ -54,6 +56,7 @@ def load(
         split: who decides which images are for training.
         accept: called with the catalogue before any picture is made; raises where it does not suit.
         progress: told after every chunk of pictures, while they are being made.
+        say: told in one line where another process makes the data set, so that this one waits.
 
     Returns:
         The data set, with its images in `cache`.
@@ -78,7 +81,7 @@ def load(
             accept(catalogue)
         parts = split_rows(catalogue, split, split_seed)
         targets = _targets(catalogue, parts.train, target_scaling)
-        with staged(folder) as stage:
+        with staged(folder, partial(say, WAITING) if say is not None else None) as stage:
             if stage is not None:
                 images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)

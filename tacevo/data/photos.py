@@ -26,6 +26,24 @@ ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 UNREADABLE = (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError)
 
 
+def image_files(folder: Path, pattern: str) -> list[Path]:
+    """Find the images of a folder, sorted by path.
+
+    Hidden files and what lies in hidden folders are left out: editors and systems put copies and stubs there, such as
+    `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
+
+    Args:
+        folder: where to look; its own name may begin with a dot.
+        pattern: `*`, or `**/*` for all folders below too.
+    """
+    images = (path for path in folder.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
+    return sorted(path for path in images if not _hidden(path.relative_to(folder)))
+
+
+def _hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
+
+
 def decode(path: Path, image_size: int) -> Picture:
     """Decode one image file to a square RGB picture.
 
@@ -133,13 +151,16 @@ def _upright_size(path: Path) -> tuple[int, int]:
 def files_hash(paths: Iterable[Path]) -> str:
     """Hash the bytes of files, in order: SHA-256 over the SHA-256 of each, so an edited image is noticed.
 
+    A file is read in pieces, so one larger than the memory can be hashed.
+
     Raises:
         DataError: a file cannot be read.
     """
     digest = hashlib.sha256()
     for path in paths:
         try:
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
+            with path.open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
             raise DataError(f"{path} cannot be read ({error.strerror}); see that you may read it") from error
     return digest.hexdigest()

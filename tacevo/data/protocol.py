@@ -90,6 +90,8 @@ def _offset_and_scale(column: list[float], scaling: TargetScaling) -> tuple[floa
             return min(column), max(column) - min(column)
         case TargetScaling.zscore:
             mean = math.fsum(column) / len(column)
-            return mean, math.sqrt(math.fsum((value - mean) ** 2 for value in column) / len(column))
+            distances = [value - mean for value in column]
+            # A product, which every machine rounds correctly; a power is the mathematics library's, which need not.
+            return mean, math.sqrt(math.fsum(distance * distance for distance in distances) / len(column))
         case TargetScaling.none:
             return 0.0, 1.0

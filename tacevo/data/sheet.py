@@ -69,7 +69,7 @@ class Panel:
     lines: tuple[str, ...]
 
 
-def sample_figure(dataset: Dataset, *, width: str) -> Figure:
+def sample_figure(dataset: Dataset, *, units: tuple[str, ...], width: str) -> Figure:
     """Draw a few samples in the order of their labels, with a magnified part each where that shows more.
 
     One of each class or level; else training images at even steps from the smallest label to the largest (see
@@ -77,24 +77,26 @@ def sample_figure(dataset: Dataset, *, width: str) -> Figure:
 
     Args:
         dataset: the data set.
+        units: one for each output, see `tacevo.data.labels.units_of`.
         width: `single` or `double`, columns of a paper (3.5 or 7.16 inches).
     """
-    images, texts = _images(dataset), texts_of(dataset)
-    panels = [Panel(image=images[row], lines=_signs(texts[row])) for row in _samples(dataset)]
+    images, texts = _images(dataset), texts_of(dataset, units)
+    panels = [Panel(image=images[row], lines=_signs(texts[row])) for row in _samples(dataset, units)]
     return _draw(panels, width=width, zoom=dataset.facts.image_size >= ZOOM_FROM, title=None)
 
 
-def contact_sheet(dataset: Dataset, *, title: str) -> Figure:
+def contact_sheet(dataset: Dataset, *, units: tuple[str, ...], title: str) -> Figure:
     """Draw images at even steps through all rows in the order of their labels, each with its split and row.
 
     Args:
         dataset: the data set.
+        units: one for each output, see `tacevo.data.labels.units_of`.
         title: a line above the images.
     """
-    images, texts, splits = _images(dataset), texts_of(dataset), split_of(dataset)
+    images, texts, splits = _images(dataset), texts_of(dataset, units), split_of(dataset)
     panels = [
         Panel(image=images[row], lines=(*_signs(texts[row]), f"{splits[row]} {row}"))
-        for row in _even(in_order(dataset), SHEET_IMAGES)
+        for row in _even(in_order(dataset, units), SHEET_IMAGES)
     ]
     return _draw(panels, width="double", zoom=False, title=title)
 
@@ -131,9 +133,9 @@ def _images(dataset: Dataset) -> npt.NDArray[np.uint8]:
     return np.asarray(np.load(dataset.images, mmap_mode="r"))
 
 
-def _samples(dataset: Dataset) -> list[int]:
+def _samples(dataset: Dataset, units: tuple[str, ...]) -> list[int]:
     """Choose the training rows that a sample figure shows."""
-    labels, order = labels_of(dataset), in_order(dataset)
+    labels, order = labels_of(dataset), in_order(dataset, units)
     training = order[np.isin(order, dataset.train)]
     levels, first = np.unique(labels[training], axis=0, return_index=True)
     if dataset.facts.kind is Kind.classification or (labels.shape[1] == 1 and len(levels) <= LEVELS):

@@ -1,7 +1,8 @@
 """Folders that are whole or absent: filled out of sight, flushed to the disk, then renamed.
 
-Promises: one process at a time makes a folder, and others wait for it; what a killed process left is removed by
-the next one that makes anything there; a disk without room is an error before anything is written to it.
+Promises: one process at a time makes a folder, and others say so and wait for it; what a killed process left is
+removed by the next one that makes anything there and may remove it; a disk without room is an error before anything
+is written to it.
 What it does not: it needs a file system on which `flock` works across the processes that share it.
 """
 
@@ -9,7 +10,7 @@ import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -26,31 +27,32 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path | None]:
+def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[Path | None]:
     """Offer a hidden sibling to fill; on success it becomes `folder` in one step, else it is removed.
 
     Args:
         folder: what shall exist afterwards; its parent is made where it is absent.
+        waiting: called where another process makes the folder, before we wait for it.
 
     Yields:
         The folder to fill; None where another process was first, so that there is nothing left to do.
 
     Raises:
-        DataError: the parent folder cannot be written to.
+        DataError: the parent folder cannot be written to, or holds a part of the folder that we may not remove.
     """
     stage = _hidden(folder, PART)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        lock = _hidden(folder, LOCK).open("w")
+        lock = _open_lock(_hidden(folder, LOCK))
     except OSError as error:
         raise DataError(f"{folder.parent} cannot be written to ({error.strerror}); choose another folder") from error
     with lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        _take(lock, waiting)
         if folder.is_dir():
             yield None
             return
         _sweep(folder.parent)
-        shutil.rmtree(stage, ignore_errors=True)
+        _clear(stage)
         try:
             stage.mkdir()
             yield stage
@@ -97,12 +99,39 @@ def _publish(stage: Path, folder: Path) -> None:
 def _sweep(parent: Path) -> None:
     """Remove what killed processes left: folders in the making whose lock nobody holds (ours is held already)."""
     for stage in parent.glob(f".*{PART}"):
-        with stage.with_suffix(LOCK).open("w") as lock:
-            try:
+        try:
+            with _open_lock(stage.with_suffix(LOCK)) as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            shutil.rmtree(stage, ignore_errors=True)
+                shutil.rmtree(stage, ignore_errors=True)
+        except OSError:  # it is held, or another user's, who will remove the folder
+            continue
+
+
+def _open_lock(path: Path) -> BinaryIO:
+    """Open a lock file, made where it is absent; another user's can be read only, which is enough for a lock."""
+    try:
+        return path.open("ab")
+    except PermissionError:
+        return path.open("rb")
+
+
+def _take(lock: BinaryIO, waiting: Callable[[], None] | None) -> None:
+    """Wait until the lock is ours."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        if waiting is not None:
+            waiting()
+        fcntl.flock(lock, fcntl.LOCK_EX)
+
+
+def _clear(stage: Path) -> None:
+    """Remove what a killed process left of this very folder."""
+    shutil.rmtree(stage, ignore_errors=True)
+    if stage.exists():
+        raise DataError(
+            f"{stage} is left of a killed process and cannot be removed; have user {stage.stat().st_uid} remove it"
+        )
 
 
 def _hidden(folder: Path, suffix: str) -> Path:

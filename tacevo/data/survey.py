@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tacevo.choices import Normalisation
 from tacevo.data.dataset import Dataset
-from tacevo.data.labels import labels_of, unit_of
+from tacevo.data.labels import labels_of
 from tacevo.data.protocol import input_statistics
 from tacevo.records import Kind
 
@@ -80,12 +80,17 @@ class Survey:
         return tuple(group for group in self.duplicates if group.leak)
 
 
-def survey(dataset: Dataset) -> Survey:
-    """Count a data set; reads every image once or twice."""
+def survey(dataset: Dataset, units: tuple[str, ...]) -> Survey:
+    """Count a data set; reads every training image three times and every other one twice.
+
+    Args:
+        dataset: the data set.
+        units: one for each output, see `tacevo.data.labels.units_of`.
+    """
     images: npt.NDArray[np.uint8] = np.load(dataset.images, mmap_mode="r")
     mean, deviation = input_statistics(images, dataset.train, Normalisation.standardise)
     return Survey(
-        parts=tuple(_part(dataset, name, rows) for name, rows in _splits(dataset)),
+        parts=tuple(_part(dataset, units, name, rows) for name, rows in _splits(dataset)),
         mean=mean,
         deviation=deviation,
         duplicates=_duplicates(images, split_of(dataset)),
@@ -106,7 +111,7 @@ def _splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
         yield name, getattr(dataset, name)
 
 
-def _part(dataset: Dataset, name: str, rows: npt.NDArray[np.int64]) -> Part:
+def _part(dataset: Dataset, units: tuple[str, ...], name: str, rows: npt.NDArray[np.int64]) -> Part:
     """Describe the labels of one split."""
     labels, names = labels_of(dataset)[rows], dataset.facts.names
     if dataset.facts.kind is Kind.classification:
@@ -115,13 +120,13 @@ def _part(dataset: Dataset, name: str, rows: npt.NDArray[np.int64]) -> Part:
     ranges = tuple(
         Range(
             name=output,
-            unit=unit_of(output),
+            unit=unit,
             minimum=float(column.min()),
             maximum=float(column.max()),
             mean=float(column.mean()),
             deviation=float(column.std()),
         )
-        for output, column in zip(names, labels.T, strict=True)
+        for output, unit, column in zip(names, units, labels.T, strict=True)
     )
     return Part(name=name, images=len(rows), ranges=ranges, classes=())
 

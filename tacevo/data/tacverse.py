@@ -9,6 +9,7 @@ Sizes are in mm, one class each; a group is one press. The release's own split (
 presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
 """
 
+import json
 import re
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,12 +19,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash
+from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files
 from tacevo.data.source import Catalogue, refuse, repeats
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.data.table import Row, pictures, read_rows
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
+
+#: What the sensor of exported simulations is called, and the file beside their images that says what they are.
+SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
 
 #: Most folders that a message lists.
 SHOWN_FOLDERS = 10
@@ -46,6 +50,8 @@ IMAGE_COLUMN = "image_name"
 #: Columns of the labels and the names of the outputs, in the same order.
 COLUMNS = {TacVerseTask.force: ("fx", "fy", "fz"), TacVerseTask.hardness: ("shore",)}
 OUTPUTS = {TacVerseTask.force: ("Fx", "Fy", "Fz"), TacVerseTask.hardness: ("shore",)}
+#: Units of exported simulations; the release states none.
+UNITS = {TacVerseTask.force: ("N", "N", "N"), TacVerseTask.hardness: ("Shore A",)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +97,7 @@ class TacVerse:
         return Catalogue(
             kind=Kind.regression,
             names=OUTPUTS[self.task],
+            units=UNITS[self.task] if self._simulated() else None,
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures(rows, self.image_size),
@@ -99,6 +106,17 @@ class TacVerse:
             files=[row.path for row in rows],
             skipped=skipped,
         )
+
+    def _simulated(self) -> bool:
+        """Tell whether these are images of ours, whose units we know."""
+        if self.sensor != SIMULATED_SENSOR:
+            return False
+        try:
+            simulation = json.loads((self.root / SIMULATION).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        found = simulation if isinstance(simulation, dict) else {}
+        return (found.get("source"), found.get("task")) == ("simulated", self.task.value)
 
     def _gratings(self) -> Catalogue:
         frames = self._frames()
@@ -142,7 +160,7 @@ class TacVerse:
         if self.pattern is None:
             raise DataError(f"data=tacverse with task=grating needs data.pattern; {parent} holds {_listed(parent)}")
         folder = _enter(parent, {"data.pattern": self.pattern})
-        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
+        paths = image_files(folder, "*")
         if not paths:
             raise DataError(f"{folder} holds no {sorted(SUFFIXES)} files; give the folder of the images")
         frames = [(path, _frame(path)) for path in paths]
