@@ -11,7 +11,7 @@ from pathlib import Path
 from tacevo.costs import Spending, spending_on, total, usd
 from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Json
-from tacevo.store import KINDS, Store, check_entry, content_hash, value_at
+from tacevo.store import KINDS, Store, check_entry, content_hash, shown, value_at
 from tacevo.summary import table
 
 #: Fewest digits that name an entry.
@@ -113,17 +113,24 @@ def explain(root: Path, what: str) -> str:
     _insist(root)
     if Path(what).is_file():
         kind, request = _asked(Path(what))
-        answer = Store(root, kind).read(request)
-        key = Store(root, kind).key(request)
-        begin = f"{kind} {key}: {'not recorded' if answer is None else 'recorded'}"
-        return "\n".join([begin, *([] if answer is None else _answered(kind, answer)), _nearest(root, kind, request)])
-    found = _entry(root, what)
-    entry = found.entry
-    if entry is None:
-        raise StoreError(found.problem)
+        store = Store(root, kind)
+        key = store.key(request)
+        if not store.holds(key):
+            return "\n".join([f"{kind} {key}: not recorded", _nearest(root, kind, request)])
+        _, entry = _sound(root, key)
+        return "\n".join([f"{kind} {key}: recorded", *_answered(kind, entry["answer"]), _nearest(root, kind, request)])
+    found, entry = _sound(root, what)
     lines = [f"{found.kind} {entry['key']}: recorded in {found.path}", *_answered(found.kind, entry["answer"])]
     lines += [f"  {name}: {_brief(value)}" for name, value in sorted(entry["request"].items())]
     return "\n".join([*lines, _nearest(root, found.kind, entry["request"])])
+
+
+def _sound(root: Path, digits: str) -> tuple[Found, Mapping[str, Json]]:
+    """Read the one entry whose key begins with some digits; a damaged one is refused."""
+    found = _entry(root, digits)
+    if found.entry is None:
+        raise StoreError(found.problem)
+    return found, found.entry
 
 
 def _insist(root: Path) -> None:
@@ -139,7 +146,7 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
         size = len(data)
         entry = check_entry(path, data, kind, path.stem)
         if kind == "completions":
-            _insist_on_completion(path, entry)
+            check_completion(path, entry)
     except StoreError as error:
         entry, problem = None, str(error)
     except OSError as error:
@@ -149,8 +156,16 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
     return Found(kind=kind, path=path, entry=entry, problem=problem, bytes=size)
 
 
-def _insist_on_completion(path: Path, entry: Mapping[str, Json]) -> None:
-    """Refuse a completion that this version cannot read, although its checksum is right."""
+def check_completion(path: Path, entry: Mapping[str, Json]) -> None:
+    """Refuse an entry among the completions that this version cannot read, although its checksum is right.
+
+    Args:
+        path: where it stands, for messages.
+        entry: what `check_entry` gave.
+
+    Raises:
+        StoreError: its answer is no completion, or its request names no model.
+    """
     try:
         Completion.from_json(entry["answer"])
         sound = isinstance(entry["request"]["model"], str)
@@ -202,7 +217,7 @@ def _asked(path: Path) -> tuple[str, Json]:
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
         content_hash(value)  # NaN and half characters, which no request holds
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path} is no JSON file with a request: {error}") from error
     if not isinstance(value, dict) or not isinstance(value.get("request", {}), dict):
         raise ConfigError(f"{path} needs a JSON object with a request; got {_brief(value)}")
@@ -234,9 +249,8 @@ def _nearest(root: Path, kind: str, request: Json) -> str:
     entry, fields = found
     lines = [f"nearest other recording: {entry['key']}; it differs in {len(fields)} fields:"]
     for field in fields:
-        lines.append(
-            f"  {field}: recorded {_brief(value_at(entry['request'], field))}, here {_brief(value_at(request, field))}"
-        )
+        was, now = (_brief(value_at(each, field)) for each in (entry["request"], request))
+        lines.append(f"  {shown(field)}: recorded {was}, here {now}")
     return "\n".join(lines)
 
 

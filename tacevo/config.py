@@ -144,6 +144,11 @@ class DataConfig:
         _require(spaced, "data.spacings_mm", "different finite values > 0", self.spacings_mm)
 
 
+def deliveries(provider: Provider) -> tuple[Delivery, ...]:
+    """Give the deliveries that a provider has."""
+    return tuple(Delivery) if provider is Provider.anthropic else (Delivery.direct,)
+
+
 @dataclass(kw_only=True)
 class LLMConfig:
     """Who answers the requests, and how the answers are recorded."""
@@ -178,10 +183,14 @@ class LLMConfig:
         _require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
         _require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
         self._check_sampling()
-        batches = self.delivery is Delivery.direct or self.provider is Provider.anthropic
-        _require(batches, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
+        delivered = self.delivery in deliveries(self.provider)
+        _require(delivered, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
         sound = self.budget_usd is None or 0 <= self.budget_usd < math.inf
         _require(sound, "llm.budget_usd", "a finite value >= 0, or null", self.budget_usd)
+        kept = self.budget_usd is None or self.mode is not Mode.live
+        _require(
+            kept, "llm.budget_usd", "null with llm.mode=live, where each command pays for all anew", self.budget_usd
+        )
 
     def _check_sampling(self) -> None:
         for key, providers in OPTIONAL_SAMPLING.items():

@@ -64,7 +64,8 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) ->
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once; each answer goes through the gate and into training as soon as it arrives, and
-    equal sources are trained once. What the gate turned away is then sent back together, up to `repairs` times.
+    equal sources are trained once. What the gate turned away is sent back together when all of that is
+    done, training included, up to `repairs` times.
 
     Args:
         proposals: the slots of a generation.
@@ -103,7 +104,7 @@ def _ask(
 
 
 def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
-    """Wait for the answers of a round, and write the requests that send rejected ones back."""
+    """Wait until a round is judged and trained, and write the requests that send rejected ones back."""
     again: dict[int, Request] = {}
     for index, request in asked.items():
         outcome = futures[index].result()

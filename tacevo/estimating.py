@@ -4,13 +4,15 @@ The requests of generation 0 are written out, as a search would write them. Thos
 found: a mutation holds one network, a crossover two, and how long these are is a guess or, at most, a bound.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tacevo.caching import scan
 from tacevo.composition import facts_without_data, load_prices, load_task
-from tacevo.config import RunConfig
+from tacevo.config import RunConfig, deliveries
 from tacevo.costs import spending_on
+from tacevo.errors import StoreError
 from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens
 from tacevo.proposals import Settings, Task, crossover_text, plan_initial
 from tacevo.records import Completion, Delivery, Message, Mode, Request, to_json
@@ -67,7 +69,7 @@ def estimate(config: RunConfig) -> Estimate:
     mutation, crossover = _typical(task, settings, config.temperature.start)
     rounds = 1 + config.proposals.repair_attempts
     asked = search.initial - recorded + later
-    spent = spending_on(_answers(store, config.llm.model))
+    spent = spending_on(_answers(Path(config.store.root), config.llm.model))
     inputs = (asked - crossed) * _likely_input(mutation) + crossed * _likely_input(crossover)
     likely = Tokens(input=inputs, output=float(asked * likely_tokens(task.baseline)))
     if spent.answers:
@@ -100,7 +102,7 @@ def describe(config: RunConfig) -> str:
         [name, f"{tokens.input:,.0f}", f"{tokens.output:,.0f}", *_costs(config, prices, tokens)]
         for name, tokens in (("likely", found.likely), ("at most", found.most))
     ]
-    header = ["", "input tokens", "output tokens", "USD direct", "USD batch"]
+    header = ["", "input tokens", "output tokens", *(f"USD {each.value}" for each in deliveries(config.llm.provider))]
     return "\n".join([*lines, "", table(header, rows), "", *_remarks(config, prices)])
 
 
@@ -130,14 +132,18 @@ def _most(asked: int, task: Task, *, mutation: Request, crossover: Request, roun
     return Tokens(input=asked * inputs, output=asked * rounds * answer)
 
 
-def _answers(store: Store, model: str) -> list[Completion]:
-    """Read the recorded answers to requests of a model."""
-    return [Completion.from_json(entry["answer"]) for entry in store.entries() if entry["request"]["model"] == model]
+def _answers(root: Path, model: str) -> Iterator[Completion]:
+    """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
+    for found in scan(root, ("completions",)):
+        if found.entry is None:
+            raise StoreError(found.problem)
+        if found.entry["request"]["model"] == model:
+            yield Completion.from_json(found.entry["answer"])
 
 
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:
-    """Price tokens for each delivery."""
-    found = [prices.price(config.llm.model, delivery) for delivery in Delivery]
+    """Price tokens for each delivery that the provider has."""
+    found = [prices.price(config.llm.model, delivery) for delivery in deliveries(config.llm.provider)]
     return ["unknown" if price is None else f"{price.cost(tokens.input, tokens.output):.2f}" for price in found]
 
 

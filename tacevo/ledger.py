@@ -13,7 +13,7 @@ from typing import IO, Self
 
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json
-from tacevo.store import canonical, content_hash, differences, value_at
+from tacevo.store import canonical, content_hash, differences, shown, value_at
 
 #: The hash before the first line.
 GENESIS = "0" * 64
@@ -142,7 +142,7 @@ def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
     place = f"generation {recorded['generation']}" if "generation" in recorded else "the run's header"
     place += f", slot {recorded['slot']}" if "slot" in recorded else ""
     before, after = (_brief(value_at(line, field)) for line in (was, now))
-    raise DivergenceError(f"{place}: field {field!r} was recorded as {before} and is now {after}")
+    raise DivergenceError(f"{place}: field {shown(field)!r} was recorded as {before} and is now {after}")
 
 
 def _unsealed(line: dict[str, Json]) -> dict[str, Json]:

@@ -11,7 +11,9 @@ import re
 import tarfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Self
 
+from tacevo.caching import check_completion
 from tacevo.errors import StoreError
 from tacevo.progress import View
 from tacevo.records import Json
@@ -27,6 +29,25 @@ _MANIFEST = "manifest.json"
 
 #: Where an entry lies: its kind, the first digits of its key, its key.
 _PLACE = re.compile(rf"({'|'.join(KINDS)})/([0-9a-f]{{2}})/(\2[0-9a-f]{{62}})\.json")
+
+
+class _PlainFile(tarfile.TarInfo):
+    """A member of an import; headers of any other kind are refused before anything in them is followed.
+
+    Extended headers and sparse files let a small archive claim any size, and no export has them.
+    """
+
+    @classmethod
+    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> Self:
+        """Read a header.
+
+        Raises:
+            ReadError: it is not that of a plain file.
+        """
+        info = super().frombuf(buf, encoding, errors)
+        if info.type not in (tarfile.REGTYPE, tarfile.AREGTYPE):
+            raise tarfile.ReadError(f"it holds {info.name!r}, which is no plain file")
+        return info
 
 
 def export(run: Path, target: Path, store: str | None, view: View) -> int:
@@ -91,14 +112,17 @@ def _packed(members: Mapping[str, bytes]) -> bytes:
 
 
 def _unpacked(source: Path) -> dict[str, bytes]:
-    """Read every member into memory; a link, a folder, a second of the same name or a strange name is refused."""
+    """Read every member into memory; only plain files, each of one entry's name and within the archive, pass."""
     members: dict[str, bytes] = {}
     try:
-        with tarfile.open(source, mode="r:") as archive:
+        most = source.stat().st_size
+        with tarfile.open(source, mode="r:", tarinfo=_PlainFile) as archive:
             for info in archive:
                 place = info.name == _MANIFEST or _PLACE.fullmatch(info.name) is not None
-                if not (place and info.isreg() and info.name not in members):
+                if not place or info.name in members:
                     raise StoreError(f"{source} holds {info.name!r}, which is no entry of a store, or is there twice")
+                if not 0 <= info.size <= most:
+                    raise tarfile.ReadError(f"{info.name} claims {info.size} bytes, more than the whole file has")
                 file = archive.extractfile(info)
                 members[info.name] = b"" if file is None else file.read()
     except (OSError, tarfile.TarError, EOFError) as error:
@@ -110,7 +134,7 @@ def _manifest(source: Path, data: bytes) -> dict[str, Json]:
     try:
         manifest: dict[str, Json] = json.loads(data)
         sound = manifest["schema"] == SCHEMA and isinstance(manifest["entries"], list)
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise StoreError(f"{source} has no manifest; it is no file that `tacevo cache export` wrote") from error
     if not sound:
         raise StoreError(f"{source} has a manifest of schema {manifest['schema']!r}; this version reads {SCHEMA}")
@@ -121,6 +145,8 @@ def _is_new(source: Path, root: Path, name: str, data: bytes) -> bool:
     """Verify a member, and hold it against what stands in its place."""
     kind, _, file = name.split("/")
     entry = check_entry(source / name, data, kind, file.removesuffix(".json"))
+    if kind == "completions":
+        check_completion(source / name, entry)
     target = root / name
     if not target.resolve().is_relative_to(root.resolve()) or target.is_symlink():
         raise StoreError(f"{target} leads out of {root} by a link; nothing is written there")

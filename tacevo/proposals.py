@@ -217,7 +217,10 @@ def repair_request(request: Request, answer: str, rejection: Rejection) -> Reque
 
 
 def repair_text(rejection: Rejection) -> str:
-    """Write the user message that sends an answer back."""
+    """Write the user message that sends an answer back.
+
+    It is part of the request's key: another wording, here or of the gate's `detail`, asks a model anew.
+    """
     return (
         f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
         f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and answer with the whole class "

@@ -7,15 +7,18 @@ from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.composition import load_prices
 from tacevo.config import LLMConfig, RunConfig
 from tacevo.errors import ConfigError
+from tacevo.llm.batch_records import BatchRecords
 from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
 from tacevo.llm.client import LLM
 from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.outcomes import Models
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import RecordingLLM
+from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.llm.unbatched import UnbatchedLLM
 from tacevo.records import Delivery, Mode, Price, Setting
-from tacevo.store import Seen, Store
+from tacevo.store import Seen, Store, content_hash
 
 
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
@@ -60,7 +63,13 @@ def _provider(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
         case Provider.anthropic:
             return _anthropic(llm, root, stop)
         case Provider.openai:
-            return _openai(llm, stop)
+            return _openai(llm, root, stop)
+
+
+def _models(root: Path) -> Models:
+    """Know of the models what the recorded answers say."""
+    store = Store(root, "completions")
+    return Models(lambda request: ever_answered(store, request))
 
 
 def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
@@ -68,31 +77,39 @@ def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
     from tacevo.llm.anthropic import connect, connect_batches  # a second to import the SDK, for the runs that need it
     from tacevo.llm.batches import BatchLLM
 
+    store, folder = Store(root, "completions"), root / "batches"
+    with connect_batches(llm.base_url) as client:
+        server = content_hash(str(client.base_url))
     if llm.delivery is Delivery.batch:
-        connect_batches(llm.base_url).close()
         return BatchLLM(
             lambda: connect_batches(llm.base_url),
-            store=Store(root, "completions"),
-            folder=root / "batches",
+            store=store,
+            folder=folder,
             name="llm=anthropic",
+            models=_models(root),
             stop=stop,
         )
-    connect(llm.base_url, llm.concurrency)
-    return HostedLLM(
+    hosted = HostedLLM(
         lambda: connect(llm.base_url, llm.concurrency),
         concurrency=llm.concurrency,
         name="llm=anthropic",
+        models=_models(root),
         stop=stop,
     )
+    return UnbatchedLLM(hosted, store=store, records=BatchRecords(folder, server))
 
 
-def _openai(llm: LLMConfig, stop: threading.Event) -> LLM:
+def _openai(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
     """Connect to an OpenAI-compatible server once, so that a missing key or extra is told at once."""
     from tacevo.llm.openai import connect
 
-    connect(llm.base_url, llm.concurrency)
+    connect(llm.base_url, 1)
     return HostedLLM(
-        lambda: connect(llm.base_url, llm.concurrency), concurrency=llm.concurrency, name="llm=openai", stop=stop
+        lambda: connect(llm.base_url, llm.concurrency),
+        concurrency=llm.concurrency,
+        name="llm=openai",
+        models=_models(root),
+        stop=stop,
     )
 
 

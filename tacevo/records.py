@@ -105,7 +105,8 @@ class Rejection:
 
     stage: Stage
     reason: Reason
-    #: One line for a person, with what was expected and what came; never hashed.
+    #: One line for a person, with what was expected and what came. In no line of the ledger; but a repair quotes it to
+    #: the model, which makes it part of that request's key.
     detail: str
 
     @classmethod

@@ -23,6 +23,9 @@ SCHEMA = 1
 #: Is told the path of an entry that was read.
 Seen = Callable[[Path], object]
 
+#: The way to a value inside a request: names of fields, which may hold any character, and places in lists.
+Field = tuple[str | int, ...]
+
 #: The kinds of answers that a run keeps.
 KINDS = ("answers", "centroids", "completions", "evaluations", "probes")
 
@@ -132,7 +135,7 @@ class Store:
         for path in sorted(self._folder.glob("*/*.json")):
             yield check_entry(path, path.read_bytes(), self._kind, path.stem)
 
-    def nearest(self, request: Json, most: int | None = None) -> tuple[Json, list[str]] | None:
+    def nearest(self, request: Json, most: int | None = None) -> tuple[Json, list[Field]] | None:
         """Find the recording that differs from a request in the fewest fields, but in at least one.
 
         Args:
@@ -140,7 +143,7 @@ class Store:
             most: how many recordings to compare, in the order of their keys; None for all.
 
         Returns:
-            The entry and the names of the fields, or None where there is no other sound entry.
+            The entry and the fields, or None where there is no other sound entry.
         """
         compared = ((entry, differences(entry["request"], request)) for entry in self._sound(most))
         return min((pair for pair in compared if pair[1]), key=lambda pair: len(pair[1]), default=None)
@@ -162,8 +165,8 @@ class Store:
             return f"{missed}; that store is empty or not there: name it by store.root (in a replay, --store)"
         nearest, fields = found
         return (
-            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {fields[0]!r} differs. Replay with "
-            "the configuration of the recording, or record anew with llm.mode=record."
+            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {shown(fields[0])!r} differs. "
+            "Replay with the configuration of the recording, or record anew with llm.mode=record."
         )
 
 
@@ -221,34 +224,47 @@ def check_entry(path: Path, data: bytes, kind: str, key: str) -> dict[str, Json]
         entry: dict[str, Json] = json.loads(data)
         checksum = entry.pop("checksum")
         sound = content_hash(entry) == checksum and entry.get("key") == key
-    except (ValueError, KeyError, AttributeError, TypeError) as error:
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         raise StoreError(f"{path} is not a store entry ({type(error).__name__}: {error}); {remedy}") from error
     if entry.get("schema") != SCHEMA:
         raise StoreError(f"{path} has schema {entry.get('schema')!r}; this version reads {SCHEMA}; {remedy}")
     if not sound:
         raise StoreError(f"{path} does not match its checksum; {remedy}")
+    missing = sorted({"kind", "request", "answer"} - entry.keys())
+    if missing:
+        raise StoreError(f"{path} has no {' and no '.join(missing)}; {remedy}")
     if entry["kind"] != kind or _key(kind, entry["request"]) != key:
         raise StoreError(f"{path} holds another question than its name stands for; {remedy}")
     return entry
 
 
-def differences(recorded: Json, asked: Json, name: str = "") -> list[str]:
-    """List the fields in which two requests differ, outermost name first, e.g. `messages.0.content`."""
+def differences(recorded: Json, asked: Json, at: Field = ()) -> list[Field]:
+    """List the fields in which two requests differ, e.g. `("messages", 0, "content")`.
+
+    Args:
+        recorded: one request.
+        asked: the other.
+        at: where both stand in the values that are compared.
+    """
     if isinstance(recorded, dict) and isinstance(asked, dict):
-        found: list[str] = []
+        found: list[Field] = []
         for key in sorted(recorded.keys() | asked.keys()):
-            inner = f"{name}.{key}".lstrip(".")
             shared = key in recorded and key in asked
-            found += differences(recorded[key], asked[key], inner) if shared else [inner]
+            found += differences(recorded[key], asked[key], (*at, key)) if shared else [(*at, key)]
         return found
     if isinstance(recorded, list) and isinstance(asked, list) and len(recorded) == len(asked):
         pairs = enumerate(zip(recorded, asked, strict=True))
-        return [d for i, (a, b) in pairs for d in differences(a, b, f"{name}.{i}".lstrip("."))]
-    return [] if canonical(recorded) == canonical(asked) else [name or "request"]  # 1 and 1.0 are two keys
+        return [field for index, (a, b) in pairs for field in differences(a, b, (*at, index))]
+    return [] if canonical(recorded) == canonical(asked) else [at]  # 1 and 1.0 are two keys
 
 
-def value_at(value: Json, field: str) -> Json:
-    """Look a field up by the name that `differences` gives it; None where it is missing."""
-    for name in field.split("."):
+def shown(field: Field) -> str:
+    """Write a field for a person, e.g. `messages.0.content`; the value itself is `request`."""
+    return ".".join(map(str, field)) if field else "request"
+
+
+def value_at(value: Json, field: Field) -> Json:
+    """Look a field up that `differences` found; None where it is missing."""
+    for name in field:
         value = value[int(name)] if isinstance(value, list) else value.get(name)
     return value

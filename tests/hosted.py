@@ -6,6 +6,7 @@ from collections.abc import Callable
 from tacevo.llm import anthropic, openai
 from tacevo.llm.faults import Patience
 from tacevo.llm.hosted import HostedLLM, Server
+from tacevo.llm.outcomes import Models
 from tacevo.records import Message, Request, Setting
 
 KEY = "sk-ant-a-secret-key-0123456789"
@@ -26,6 +27,7 @@ def hosted(
     *,
     concurrency: int = 8,
     patience: Patience = PATIENCE,
+    models: Models | None = None,
     stop: threading.Event | None = None,
 ) -> HostedLLM:
     """Make the LLM that talks to a server; the key is to stand in the environment."""
@@ -35,6 +37,7 @@ def hosted(
         concurrency=concurrency,
         name=f"llm={provider}",
         patience=patience,
+        models=models,
         stop=stop,
     )
 

@@ -60,6 +60,10 @@ class Script:
     stall: str = ""
     #: Where it cuts the connection, once; the same places.
     cut: str = ""
+    #: What is wrong with a batch's results: `lacking` their last line, or `unreadable` in it; empty where nothing is.
+    results: str = ""
+    #: How many tries of every single request fail first, with status 500.
+    failing: int = 0
     #: How many calls about batches get this status first.
     batch_faults: int = 0
     batch_status: int = 529
@@ -69,6 +73,8 @@ class Script:
         command = _COMMAND.search(text_of(body))
         if command is not None:
             return command[1] if command[2] is None or tried <= int(command[2]) else ""
+        if tried <= self.failing:
+            return "500"
         draw = random.Random(f"{self.seed} {key_of(body)} {tried}")
         return draw.choice(PASSING) if draw.random() < self.rate else ""
 

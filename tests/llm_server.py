@@ -22,7 +22,7 @@ from typing import Any
 from llm_script import REFUSALS, Body, Script, chat, error, key_of, message, outcome_in_batch, text_of
 
 #: What time a batch was made is of no interest here, but the API says it.
-_TIMES = {"created_at": "2026-01-01T00:00:00Z", "expires_at": "2026-01-02T00:00:00Z", "archived_at": None}
+_TIMES = {"created_at": "2026-01-01T00:00:00Z", "expires_at": "2026-01-02T00:00:00Z"}
 
 
 @dataclass
@@ -37,6 +37,8 @@ class Batch:
     #: The results, once it has ended, one JSON a line.
     lines: list[str] = field(default_factory=list)
     canceled: bool = False
+    #: When its results were deleted.
+    archived_at: str | None = None
 
 
 @dataclass
@@ -65,6 +67,8 @@ class LLMServer:
         self.open = 0
         self.most = 0
         self.batches: list[Batch] = []
+        #: How often a batch's results were sent whole.
+        self.results_read = 0
         #: Set where the script stalls.
         self.stalled = threading.Event()
         #: Answers that wait until the test sets their event, by the text of the request.
@@ -171,7 +175,16 @@ class LLMServer:
             writer.write(data[: 2 * len(data) // 3])
             await writer.drain()
             await self._stall("results")
-        await _send_text(writer, 200, "\n".join(batch.lines) + "\n")
+        self.results_read += 1
+        await _send_text(writer, 200, "\n".join(self._spoilt(batch.lines)) + "\n")
+
+    def _spoilt(self, lines: list[str]) -> list[str]:
+        """Spoil the last of a batch's results as the script says."""
+        if self.script.results == "unreadable":
+            last = json.loads(lines[-1])
+            del last["result"]["message"]["usage"]
+            return [*lines[:-1], json.dumps(last)]
+        return lines[:-1] if self.script.results == "lacking" else lines
 
     def _advance(self, batch: Batch) -> None:
         """Look at a batch once more; with the last look it ends, its results in any order."""
@@ -201,6 +214,7 @@ class LLMServer:
             "results_url": f"{self.url}/v1/messages/batches/{batch.id}/results" if batch.lines else None,
             "ended_at": None,
             "cancel_initiated_at": None,
+            "archived_at": batch.archived_at,
             **_TIMES,
         }
 

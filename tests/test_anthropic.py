@@ -1,5 +1,8 @@
 """Promise: a request reaches Claude whole, and its answer is read whole; a missing key is told at once."""
 
+from pathlib import Path
+
+import anthropic
 import pytest
 from hosted import KEY, hosted, request
 from llm_server import serving
@@ -66,3 +69,16 @@ def test_missing_key_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     for missing in (lambda: connect(None, 1), lambda: connect_batches(None)):
         with pytest.raises(ConfigError, match="set ANTHROPIC_API_KEY, or replay"):
             missing()
+
+
+def test_login_that_is_no_key_is_not_taken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The SDK finds other logins by itself, whose tokens could not be blacked out."""
+    monkeypatch.delenv("ANTHROPIC_API_KEY")
+    (tmp_path / "token").write_text("a-token", encoding="utf-8")
+    monkeypatch.setenv("ANTHROPIC_IDENTITY_TOKEN_FILE", str(tmp_path / "token"))
+    monkeypatch.setenv("ANTHROPIC_FEDERATION_RULE_ID", "fdrl_1")
+    monkeypatch.setenv("ANTHROPIC_ORGANIZATION_ID", "org_1")
+    with anthropic.Anthropic() as client:
+        assert client.credentials is not None
+    with pytest.raises(ConfigError, match="needs an API key; set ANTHROPIC_API_KEY"):
+        connect_batches(None)

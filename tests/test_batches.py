@@ -132,9 +132,48 @@ def test_request_that_can_never_be_answered_is_recorded(
     fault: str, stop_reason: str, server: LLMServer, tmp_path: Path
 ) -> None:
     """It stops no run, and is not submitted again."""
-    ((_, completion),) = batches(server.url, tmp_path).complete([request(f"a [fault {fault}]")])
+    answers = dict(batches(server.url, tmp_path).complete([request(f"a [fault {fault}]"), request("b")]))
+    completion = answers[0]
     assert (completion.text, completion.stop_reason, completion.delivery) == ("", stop_reason, Delivery.batch)
     assert len(server.batches) == 1
+
+
+def test_refusal_of_all_but_one_is_recorded_for_none(server: LLMServer, tmp_path: Path) -> None:
+    """A batch has no order, so an answer in it does not say that the account stood when another was refused."""
+    asked = [request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]
+    with pytest.raises(ConfigError, match="this is not understood"):
+        recorded(server.url, tmp_path, asked)
+    assert [entry["answer"]["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
+
+
+@pytest.mark.parametrize("results", ["lacking", "unreadable"])
+def test_results_without_an_answer_are_read_again_with_pauses_and_not_for_ever(results: str, tmp_path: Path) -> None:
+    """What is paid for is neither submitted again nor waited for without end; a later command takes it."""
+    with serving(Script(results=results)) as server:
+        with pytest.raises(TransportError, match=r"lack 1 answers.*give the same command again"):
+            recorded(server.url, tmp_path)
+        assert server.results_read == 5
+        server.script = Script()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        assert len(server.batches) == 1
+
+
+def test_interruption_ends_the_reading_of_results_without_an_answer(tmp_path: Path) -> None:
+    """The pauses between the readings see it."""
+    stop = threading.Event()
+    with serving(Script(results="lacking")) as server:
+        threading.Timer(0.2, stop.set).start()
+        with pytest.raises(LLMError, match="interrupted"):
+            list(batches(server.url, tmp_path, stop=stop, tries=10**9).complete(ASKED))
+
+
+def test_broken_results_count_no_failure_twice(tmp_path: Path) -> None:
+    """A request that the server failed on stands in both readings, but was submitted once."""
+    with serving(Script(cut="results")) as server:
+        asked = [request(f"{number} [fault errored]") for number in range(9)]
+        with pytest.raises(TransportError, match="9 of 9 requests failed after all tries"):
+            list(batches(server.url, tmp_path).complete(asked))
+        assert [len(batch.requests) for batch in server.batches] == [9, 9, 9]
 
 
 def test_refused_payment_stops_the_run(server: LLMServer, tmp_path: Path) -> None:
@@ -176,6 +215,22 @@ def test_someone_elses_batch_is_not_taken_for_ours(tmp_path: Path) -> None:
         assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
         intruder.join()
         assert [len(batch.requests) for batch in server.batches] == [5, 5]
+        assert server.batches[0].requests[0]["custom_id"] == "other0"
+
+
+def test_batch_whose_results_are_deleted_is_not_taken_for_ours(tmp_path: Path) -> None:
+    """Somebody else's batch of the same size stops no run, though nothing in it can be recognised."""
+
+    def intrude(on: LLMServer) -> None:
+        _submit_elsewhere(on.url)
+        on.batches[0].archived_at = "2026-01-01T00:00:00Z"
+
+    with serving(Script(cut="submitted")) as server:
+        intruder = threading.Timer(0.03, intrude, (server,))  # while the loss settles
+        intruder.start()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        intruder.join()
+        assert server.batches[0].requests[0]["custom_id"] == "other0"
 
 
 def _submit_elsewhere(url: str) -> None:

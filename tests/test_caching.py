@@ -185,6 +185,23 @@ def test_explain_says_what_an_unrecorded_request_differs_in(root: Path, tmp_path
     assert "  temperature: recorded 0.5, here 0.25" in page
 
 
+@pytest.mark.parametrize("name", ["a.b", "messages.0", ".", "", "temperature."])
+def test_explain_takes_a_field_of_any_name(name: str, root: Path, tmp_path: Path) -> None:
+    """A dot in a name leads nowhere else: the field is shown with its own value."""
+    file = tmp_path / "request.json"
+    file.write_text(json.dumps({**to_json(request(1)), name: "odd"}))
+    assert f'  {name}: recorded null, here "odd"' in explain(root, str(file))
+
+
+def test_entry_that_is_no_completion_is_not_explained(root: Path, tmp_path: Path) -> None:
+    """Its checksum is right, but this version cannot read it; asked for by its request it is named as well."""
+    Store(root, "completions").write({"model": "m"}, {"text": "no completion"})
+    file = tmp_path / "request.json"
+    file.write_text(json.dumps({"model": "m"}))
+    with pytest.raises(StoreError, match="holds no completion"):
+        explain(root, str(file))
+
+
 def test_explain_takes_any_kind_from_a_file(root: Path, tmp_path: Path) -> None:
     """A file that names a kind and a request, such as an entry, is about that kind."""
     file = tmp_path / "probe.json"
@@ -225,6 +242,7 @@ def test_damaged_entry_is_not_explained(root: Path) -> None:
         ('{"request": 5}', "needs a JSON object with a request"),
         ('{"temperature": NaN}', "is no JSON file with a request"),
         ('{"system": "\\ud800"}', "is no JSON file with a request"),
+        ("[" * 100_000, "is no JSON file with a request"),
         ('{"kind": "x", "request": {}}', "names the kind 'x'; there are answers, centroids, completions"),
     ],
 )

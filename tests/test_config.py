@@ -161,6 +161,7 @@ def test_message_says_what_was_expected_and_what_came() -> None:
             ["llm=anthropic", "llm.max_tokens=10", "llm.thinking_tokens=10"],
             r"from 1 to below llm\.max_tokens=10; got 10",
         ),
+        (["llm.mode=live", "llm.budget_usd=0"], r"^llm\.budget_usd needs null with llm\.mode=live, .*; got 0.0$"),
         (
             ["archive.bounds=fixed", "archive.eff_ratio_scale=log"],
             r"^archive\.eff_ratio_bounds needs low > 0 with eff_ratio_scale=log; got 0.0",

@@ -7,10 +7,11 @@ import pytest
 
 from tacevo.app import main
 from tacevo.composition import compose, facts_without_data, load_prices, load_task
+from tacevo.errors import StoreError
 from tacevo.estimating import describe, estimate
 from tacevo.llm.prices import most_input_tokens
 from tacevo.proposals import plan_initial
-from tacevo.records import Completion, Delivery, Request, to_json
+from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.store import Store
 from tacevo.wiring import build_settings
 
@@ -111,6 +112,23 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
         assert price is not None
         costs.append(f"{price.cost(found.likely.input, found.likely.output):.2f}")
     assert [cell.strip() for cell in likely.split("|")[4:6]] == costs
+
+
+def test_delivery_that_the_provider_refuses_has_no_cost(overrides: Estimating) -> None:
+    """A chat-completions server takes no batches, so no price of one is shown."""
+    shown = describe(compose(overrides("llm=openai", "llm.model=claude-3-haiku")))
+    assert "USD direct |" in shown
+    assert "USD batch" not in shown
+    (likely,) = (line for line in shown.splitlines() if line.startswith("| likely"))
+    assert likely.count("|") == 5
+
+
+@pytest.mark.parametrize("asked", [{"system": "no model"}, {"model": "claude-3-haiku-20240307"}])
+def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating) -> None:
+    """A mean over answers that cannot be read is not guessed, and the file is named."""
+    Store(Path(compose(overrides()).store.root), "completions").write(asked, {"text": "no completion"})
+    with pytest.raises(StoreError, match="holds no completion"):
+        estimate(compose(overrides()))
 
 
 def test_unknown_price_is_said(overrides: Estimating) -> None:

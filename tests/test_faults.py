@@ -28,6 +28,15 @@ def refusal(words: str, status: int = 400, **error: str) -> Fault:
         (400, "This model's maximum context length is 8192 tokens", FaultKind.request),
         (400, "Output blocked by content filtering policy", FaultKind.request),
         (400, "Your credit balance is too low", FaultKind.refused),
+        (
+            400,
+            "You have reached your specified API usage limits. You will regain access on 2026-12-01",
+            FaultKind.refused,
+        ),
+        (400, "This organization has been disabled.", FaultKind.refused),
+        (429, "Rate limit reached; add a payment method at https://x.test/account/billing", FaultKind.passing),
+        (429, "This would exceed your organization's usage limits per minute", FaultKind.passing),
+        (400, "Check your plan and billing details", FaultKind.refused),
         (429, "You exceeded your current quota (insufficient_quota)", FaultKind.refused),
     ],
 )

@@ -6,6 +6,8 @@ The real SDKs talk to a server in this process, over real connections; each rule
 import itertools
 import logging
 import threading
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hosted import KEY, PROVIDERS, hosted, request
@@ -15,6 +17,9 @@ from llm_server import serving
 from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.faults import Patience
 from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.outcomes import Models
+from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
@@ -126,9 +131,39 @@ def test_refused_key_model_or_payment_stops_the_run(fault: str, provider: str) -
 def test_request_that_can_never_be_answered_stops_no_run(fault: str, stop_reason: str, provider: str) -> None:
     """A completion without text stands in for the answer, and the gate rejects it; the request is not retried."""
     with serving() as server:
-        ((_, completion),) = hosted(server.url, provider).complete([request(f"a [fault {fault}]")])
-        assert (completion.text, completion.stop_reason, completion.output_tokens) == ("", stop_reason, 0)
-        assert sum(server.tried.values()) == 1
+        answers = dict(hosted(server.url, provider).complete([request(f"a [fault {fault}]"), request("b")]))
+        assert (answers[0].text, answers[0].stop_reason, answers[0].output_tokens) == ("", stop_reason, 0)
+        assert answers[1].text == "b!"
+        assert sorted(server.tried.values()) == [1, 1]
+
+
+@both
+def test_settings_with_which_no_request_is_answered_are_at_fault(provider: str) -> None:
+    """A token limit that the model does not have would else be recorded as a generation of empty answers."""
+    with serving() as server, pytest.raises(ConfigError, match=r"set llm\.max_tokens or llm\.model.*too long"):
+        texts(hosted(server.url, provider), "a [fault too_long]", "b [fault too_long]")
+
+
+@both
+def test_settings_that_an_earlier_run_was_answered_with_are_not_at_fault(provider: str, tmp_path: Path) -> None:
+    """A resumed run that lacks nothing but one odd request goes on; other settings prove nothing."""
+    store = Store(tmp_path, "completions")
+    odd = request("b [fault invalid]")
+    with serving() as server:
+        list(RecordingLLM(hosted(server.url, provider), store).complete([request("a")]))
+        other = replace(odd, max_tokens=78)
+        with pytest.raises(ConfigError, match="this is not understood"):
+            list(resumed(server.url, provider, store).complete([other]))
+        ((_, completion),) = resumed(server.url, provider, store).complete([odd])
+        assert completion.stop_reason == "invalid_request"
+        with pytest.raises(ConfigError, match="this is not understood"):
+            list(resumed(server.url, provider, store).complete([other]))
+
+
+def resumed(url: str, provider: str, store: Store) -> RecordingLLM:
+    """Make what a new process makes over an old store."""
+    models = Models(lambda asked: ever_answered(store, asked))
+    return RecordingLLM(hosted(url, provider, models=models), store)
 
 
 @both
@@ -145,6 +180,42 @@ def test_doubtful_refusal_of_everything_is_about_the_settings(provider: str) -> 
     """Where the model answers nothing at all, nothing is recorded: the configuration is at fault."""
     with serving() as server, pytest.raises(ConfigError, match="this is not understood"):
         texts(hosted(server.url, provider), "a [fault invalid]", "b [fault invalid]")
+
+
+@both
+def test_refusal_of_all_that_follows_an_answer_is_recorded_for_none(provider: str, tmp_path: Path) -> None:
+    """Money or an account may have ended in words that nobody knows: the store is not filled with refusals."""
+    store = Store(tmp_path, "completions")
+    with serving() as server:
+        llm = RecordingLLM(hosted(server.url, provider, concurrency=1), store)
+        with pytest.raises(ConfigError, match="this is not understood"):
+            list(llm.complete([request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]))
+        with pytest.raises(ConfigError, match="this is not understood"):
+            list(llm.complete([request(text) for text in ("d [fault invalid]", "e [fault invalid]")]))
+    assert [entry["request"]["messages"][-1]["content"] for entry in store.entries()] == ["a"]
+
+
+@both
+def test_same_refusals_are_about_the_requests_where_an_answer_follows(provider: str) -> None:
+    """What was sent after the last of them was answered, so the account stands."""
+    with serving() as server:
+        asked = [request(text) for text in ("a [fault invalid]", "b [fault invalid]", "c")]
+        answers = dict(hosted(server.url, provider, concurrency=1).complete(asked))
+        assert [answers[number].stop_reason for number in range(3)] == [
+            "invalid_request",
+            "invalid_request",
+            "end_turn",
+        ]
+
+
+@both
+def test_answer_to_what_was_sent_before_a_refusal_proves_nothing(provider: str) -> None:
+    """It was in flight when the money ended, and arrives last."""
+    with serving() as server:
+        server.held = {"a": threading.Event()}
+        threading.Timer(0.3, server.held["a"].set).start()
+        with pytest.raises(ConfigError, match="this is not understood"):
+            texts(hosted(server.url, provider, concurrency=2), "a", "b [fault invalid]", "c [fault invalid]")
 
 
 @both
@@ -194,6 +265,33 @@ def test_key_is_seen_nowhere(provider: str, caplog: pytest.LogCaptureFixture) ->
         assert error.__cause__ is None
         assert error.__context__ is None
     assert KEY not in caplog.text
+
+
+@both
+def test_user_hears_of_each_kind_of_retried_fault_once(provider: str, caplog: pytest.LogCaptureFixture) -> None:
+    """A wrong address or an overloaded server is told of while there is still time to stop; the key is not."""
+    with serving() as server:
+        llm = hosted(server.url, provider)
+        for number in (1, 2):
+            texts(llm, f"a{number} [fault 529 x3]", f"b{number} [fault 503 x3]", "c")
+    said = sorted(record.getMessage() for record in caplog.records if record.name.startswith("tacevo"))
+    assert [line.partition("; asking again")[0] for line in said] == [
+        f"llm={provider}: 503: no, *** (some_error)",
+        f"llm={provider}: 529: no, *** (some_error)",
+    ]
+
+
+@both
+@pytest.mark.parametrize("spoilt", [f"{KEY}\n", f" {KEY}", f"{KEY}\x7f", f"{KEY}é"])
+def test_key_that_cannot_be_sent_as_it_stands_is_refused(
+    spoilt: str, provider: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a client makes of it could not be blacked out; the message says which variable, and not what is in it."""
+    variable = f"{provider.upper()}_API_KEY"
+    monkeypatch.setenv(variable, spoilt)
+    with pytest.raises(ConfigError, match=f"{variable} holds a blank, a line break") as caught:
+        texts(hosted("http://127.0.0.1:1", provider), "a")
+    assert KEY not in str(caught.value)
 
 
 @both

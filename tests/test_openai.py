@@ -83,9 +83,15 @@ def test_answer_without_counts_counts_as_free() -> None:
 
 @pytest.mark.parametrize(
     ("finish", "stop_reason"),
-    [("stop", "end_turn"), ("length", "max_tokens"), ("content_filter", "refusal"), ("tool_calls", "tool_calls")],
+    [
+        ("stop", "end_turn"),
+        ("length", "max_tokens"),
+        ("content_filter", "refusal"),
+        ("tool_calls", "tool_calls"),
+        (None, "end_turn"),
+    ],
 )
-def test_stop_reasons_are_those_of_the_gate(finish: str, stop_reason: str) -> None:
+def test_stop_reasons_are_those_of_the_gate(finish: str | None, stop_reason: str) -> None:
     """What the Messages API has a name for gets that name; the rest is kept."""
     assert completion_of(chat(finish_reason=finish)).stop_reason == stop_reason
 

@@ -152,7 +152,71 @@ def test_link_folder_or_pipe_is_refused(kind: bytes, exported: Path, tmp_path: P
         info.type, info.linkname, info.size = kind, "/etc/passwd", 0
 
     archive = packed(members(exported / "run.tar"), tmp_path / "evil.tar", change)
-    refused(archive, tmp_path / "cache", "which is no entry of a store")
+    refused(archive, tmp_path / "cache", "which is no plain file")
+
+
+def headers(extended: dict[str, str]) -> bytes:
+    """Write a member of 0 bytes with the name of an entry and with extended headers."""
+    info = tarfile.TarInfo(f"completions/ab/{'ab' * 32}.json")
+    info.pax_headers = extended
+    return info.tobuf(tarfile.PAX_FORMAT)
+
+
+@pytest.mark.parametrize(
+    "extended",
+    [
+        {"GNU.sparse.map": "zero,none"},
+        {"GNU.sparse.map": "0,0", "GNU.sparse.size": str(2**40)},
+        {"GNU.sparse.major": "1", "GNU.sparse.minor": "0", "GNU.sparse.realsize": str(2**40)},
+        {"size": "-512"},
+        {"comment": "harmless"},
+    ],
+)
+def test_extended_header_is_refused_unread(extended: dict[str, str], tmp_path: Path) -> None:
+    """No export has one, and what it says of sizes and holes would be believed."""
+    (tmp_path / "evil.tar").write_bytes(headers(extended) + bytes(1024))
+    refused(tmp_path / "evil.tar", tmp_path / "cache", "is no file that .* which is no plain file")
+
+
+def test_sparse_file_is_refused_unread(exported: Path, tmp_path: Path) -> None:
+    """A member of GNU's own sparse type, which may claim any size with no byte of data."""
+
+    def change(info: tarfile.TarInfo) -> None:
+        info.type = tarfile.GNUTYPE_SPARSE
+
+    archive = packed(members(exported / "run.tar"), tmp_path / "evil.tar", change)
+    refused(archive, tmp_path / "cache", "which is no plain file")
+
+
+@pytest.mark.parametrize("size", [10_000, 2**50, 2**80])
+def test_member_larger_than_the_file_is_refused_unread(size: int, tmp_path: Path) -> None:
+    """No memory is asked for by what a header claims."""
+    info = tarfile.TarInfo("manifest.json")
+    info.size = size
+    (tmp_path / "evil.tar").write_bytes(info.tobuf(tarfile.GNU_FORMAT) + bytes(1024))
+    refused(tmp_path / "evil.tar", tmp_path / "cache", f"claims {size} bytes, more than the whole file has")
+
+
+@pytest.mark.parametrize("name", ["manifest.json", f"completions/ab/{'ab' * 32}.json"])
+def test_endless_nesting_is_refused(name: str, exported: Path, tmp_path: Path) -> None:
+    """JSON that is deeper than the parser goes is a bad file like any other."""
+    contents = listed({**members(exported / "run.tar"), "completions/ab/" + "ab" * 32 + ".json": b"{}"})
+    contents[name] = b"[" * 100_000
+    refused(packed(contents, tmp_path / "deep.tar"), tmp_path / "cache", "has no manifest|is not a store entry")
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"), [({"model": "m"}, {"text": "no completion"}), ({"model": 5}, None), (["m"], None)]
+)
+def test_completion_that_nobody_can_read_is_refused(asked: Json, said: Json, exported: Path, tmp_path: Path) -> None:
+    """What `verify` would condemn afterwards does not come in, although its checksum is right."""
+    contents = members(exported / "run.tar")
+    sound = json.loads(next(contents[name] for name in sorted(contents) if name.startswith("completions/")))
+    source = Store(tmp_path / "source", "completions")
+    source.write(asked, sound["answer"] if said is None else said)
+    (path,) = files(tmp_path / "source")
+    contents[path.relative_to(tmp_path / "source").as_posix()] = path.read_bytes()
+    refused(packed(listed(contents), tmp_path / "evil.tar"), tmp_path / "cache", "holds no completion")
 
 
 def test_second_member_of_a_name_is_refused(exported: Path, tmp_path: Path) -> None:

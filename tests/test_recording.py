@@ -245,3 +245,15 @@ def _until(condition: Callable[[], bool]) -> None:
     """Wait for another thread, up to the test's own time limit."""
     while not condition():
         time.sleep(0.005)
+
+
+def test_lone_surrogates_of_any_field_are_replaced(tmp_path: Path) -> None:
+    """A model's name and a stop reason come from the server, too, and no UTF-8 file can hold half an emoji."""
+
+    class Halves:
+        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+            yield 0, Completion(text="\ud83d", model="m\ud83d", stop_reason="e\ud83d", input_tokens=1, output_tokens=1)
+
+    ((_, completion),) = RecordingLLM(Halves(), completions(tmp_path)).complete(REQUESTS[:1])
+    assert (completion.text, completion.model, completion.stop_reason) == ("?", "m?", "e?")
+    assert texts(RecordingLLM(None, completions(tmp_path, Mode.replay)), REQUESTS[:1]) == ["?"]

@@ -369,6 +369,17 @@ def test_every_entry_that_is_read_is_told(tmp_path: Path) -> None:
     assert seen == [entry_path(tmp_path)]
 
 
+@pytest.mark.parametrize("part", ["kind", "request", "answer"])
+def test_entry_without_a_part_is_an_error(part: str, tmp_path: Path) -> None:
+    """A right checksum over an entry that lacks a part is no answer."""
+    Store(tmp_path, "things").write({"x": 1}, "one")
+    path = entry_path(tmp_path)
+    entry = {key: value for key, value in json.loads(path.read_text()).items() if key not in {part, "checksum"}}
+    path.write_text(json.dumps({**entry, "checksum": content_hash(entry)}))
+    with pytest.raises(StoreError, match=f"has no {part}; restore the file"):
+        Store(tmp_path, "things").read({"x": 1})
+
+
 def test_nearest_is_another_recording_with_all_its_differences(tmp_path: Path) -> None:
     """The entry itself is not its own neighbour, and every field that differs is named."""
     store = Store(tmp_path, "things")
@@ -376,7 +387,7 @@ def test_nearest_is_another_recording_with_all_its_differences(tmp_path: Path) -
         store.write(request, "answer")
     found = store.nearest({"a": 1, "b": 1, "c": 1})
     assert found is not None
-    assert (found[0]["request"], found[1]) == ({"a": 1, "b": 2, "c": 2}, ["b", "c"])
+    assert (found[0]["request"], found[1]) == ({"a": 1, "b": 2, "c": 2}, [("b",), ("c",)])
     assert Store(tmp_path, "others").nearest({"a": 1}) is None
 
 

@@ -12,7 +12,7 @@ from anthropic.types import Message
 
 from tacevo.errors import ConfigError
 from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
-from tacevo.llm.outcomes import checked
+from tacevo.llm.outcomes import check_key, checked
 from tacevo.llm.pools import shares
 from tacevo.records import Completion, Delivery, Json, Request
 
@@ -98,9 +98,14 @@ def _explaining() -> Iterator[None]:
 
 
 def _insist_on_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
-    """Refuse a client without credentials; the SDK itself would only notice when it asks."""
-    if not client.auth_headers and client.credentials is None:
+    """Refuse a client without a usable key; the SDK itself would only notice when it asks.
+
+    The SDK's other logins are not taken: their tokens change while it asks, so none could be blacked out for certain.
+    """
+    if not secrets_of(client):
         raise ConfigError(f"llm=anthropic needs an API key; {_REMEDY}")
+    for key, variable in ((client.api_key, "ANTHROPIC_API_KEY"), (client.auth_token, "ANTHROPIC_AUTH_TOKEN")):
+        check_key(key or "", variable)
 
 
 def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from anthropic.types.messages.batch_create_params import Request as BatchRequest
 from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.anthropic import FAILURES, fault_of, secrets_of
 from tacevo.llm.faults import Fault, FaultKind, Patience
+from tacevo.llm.notices import Notices
 from tacevo.llm.outcomes import without_secrets
 from tacevo.records import Json
 
@@ -60,6 +61,7 @@ class BatchServer:
         self._pace = pace
         self._stop = stop
         self._jitter = random.Random()
+        self._notices = Notices(name)
         self.secrets = secrets_of(client)
 
     def latest(self) -> tuple[str, ...]:
@@ -87,10 +89,13 @@ class BatchServer:
                 fault = self._fault(error)
                 if fault.kind is FaultKind.passing and getattr(error, "status_code", None) not in _NOT_BEGUN:
                     raise LostSubmissionError(fault.message) from None
-            self._wait_or_raise(tried, fault)
+            self.wait_or_raise(tried, fault)
 
     def younger_than(self, known: Sequence[str], requests: int) -> list[str]:
-        """Find batches of so many requests that were submitted after others were known, the oldest first."""
+        """Find batches of so many requests that were submitted after others were known, the oldest first.
+
+        Those whose results the server has deleted are left out: nothing could be recognised in them.
+        """
         self._wait(self._pace.settling)
 
         def look() -> list[str]:
@@ -98,7 +103,7 @@ class BatchServer:
             for batch in self._client.messages.batches.list(limit=100):
                 if batch.id in known:
                     break
-                if sum(batch.request_counts.model_dump().values()) == requests:
+                if batch.archived_at is None and sum(batch.request_counts.model_dump().values()) == requests:
                     found.append(batch.id)
             return found[::-1]
 
@@ -128,7 +133,7 @@ class BatchServer:
                 return
             except (*FAILURES, httpx2.TransportError) as error:
                 fault = self._fault(error)
-            self._wait_or_raise(tried, fault)
+            self.wait_or_raise(tried, fault)
 
     def _look(self, batch: str) -> MessageBatch:
         return self._call(lambda: self._client.messages.batches.retrieve(batch))
@@ -142,13 +147,13 @@ class BatchServer:
                 return function()
             except FAILURES as error:
                 fault = self._fault(error)
-            self._wait_or_raise(tried, fault)
+            self.wait_or_raise(tried, fault)
 
     def _fault(self, error: Exception) -> Fault:
         fault = fault_of(error)
         return replace(fault, message=without_secrets(fault.message, self.secrets))
 
-    def _wait_or_raise(self, tried: int, fault: Fault) -> None:
+    def wait_or_raise(self, tried: int, fault: Fault) -> None:
         """Wait before another try, or say why there is none."""
         if fault.kind is not FaultKind.passing:
             raise ConfigError(f"{self._name}: the server refuses the batch, the key or the model: {fault.message}")
@@ -158,6 +163,7 @@ class BatchServer:
                 f"{self._name}: a call about a batch failed after all tries, the last with {fault.message}; give the "
                 "same command again: what was submitted is remembered"
             )
+        self._notices.tell(fault, wait)
         self._wait(wait)
 
     def _wait(self, seconds: float) -> None:

@@ -3,7 +3,8 @@
 What it promises: a batch is remembered on disk before it is submitted, so a run that is killed at any moment finds it
 again and neither submits it nor pays for it twice; an interruption leaves it running. A killed submission is found
 again by its size and by its place in the server's list, and recognised for certain by the names in its results, for
-which it must have ended. What it does not: two runs at the same time do not share a batch.
+which it must have ended. What it does not: two runs at the same time do not share a batch; and a batch that appears in
+the server's list only after the time that `Pace.settling` gives it is not found, so it is submitted again.
 """
 
 import threading
@@ -57,11 +58,12 @@ class _Round:
         self.failed[key] = self.failed.get(key, 0) + 1
         if final or self.failed[key] >= SUBMISSIONS:
             position, request = self.open.pop(key)
+            self.failures.models.note_refusal(request)
             self.failures.add(position, request, fault)
 
-    def free(self, record: BatchRecord) -> bool:
-        """Say whether a record has nothing that is waited for."""
-        return self.open.keys().isdisjoint(record.keys)
+    def awaited(self, record: BatchRecord) -> set[str]:
+        """Give the keys of a record that are waited for."""
+        return self.open.keys() & record.keys
 
 
 class BatchLLM:
@@ -74,6 +76,7 @@ class BatchLLM:
         name: what the user chose, for messages.
         patience: how failed calls are retried.
         pace: how often a batch is looked at.
+        models: what is known of the models before the first request.
         stop: once set, waiting ends; batches go on at the server.
     """
 
@@ -86,6 +89,7 @@ class BatchLLM:
         name: str,
         patience: Patience | None = None,
         pace: Pace | None = None,
+        models: Models | None = None,
         stop: threading.Event | None = None,
     ) -> None:
         self._connect = connect
@@ -95,7 +99,7 @@ class BatchLLM:
         self._patience = patience or Patience()
         self._pace = pace or Pace()
         self._stop = stop or threading.Event()
-        self._models = Models()
+        self._models = models or Models()
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer different requests, batch by batch (see `tacevo.llm.client.LLM`).
@@ -125,13 +129,14 @@ class BatchLLM:
 
     def _ask_once(self, round_: _Round, server: BatchServer, records: BatchRecords) -> Iterator[tuple[int, Completion]]:
         """Take the answers of the batches that stand, and of new ones for the requests that are in none."""
-        standing = [self._found(record, server, records) for record in records.all() if not round_.free(record)]
+        begun = self._models.now()  # refusals of this round, if any, came before whatever is submitted now
+        standing = [self._found(record, server, records) for record in records.all() if round_.awaited(record)]
         asked = {key for record in standing if record is not None for key in record.keys}
         for keys in _portions(round_.open, asked):
             standing.append(self._submit(keys, round_, server, records))
         for record in standing:
             if record is not None:
-                yield from self._take(record, round_, server, records)
+                yield from self._take(record, round_, server, records, begun)
 
     def _submit(
         self, keys: Sequence[str], round_: _Round, server: BatchServer, records: BatchRecords
@@ -170,9 +175,12 @@ class BatchLLM:
         return None
 
     def _take(
-        self, record: BatchRecord, round_: _Round, server: BatchServer, records: BatchRecords
+        self, record: BatchRecord, round_: _Round, server: BatchServer, records: BatchRecords, begun: int
     ) -> Iterator[tuple[int, Completion]]:
-        """Wait for a batch, and take the answers that are wanted; what came to nothing leaves the record."""
+        """Wait for a batch, and take the answers that are wanted; what came to nothing leaves the record.
+
+        Results that lack an answer, or hold it unreadable, are read anew: the answer is paid for.
+        """
         batch = str(record.id)
         try:
             server.wait_for(batch)
@@ -180,25 +188,44 @@ class BatchLLM:
             raise ConfigError(
                 f"{error}; {records.path(record)} remembers the batch: delete it to have, and to pay, its requests anew"
             ) from error
-        nothing = set()
-        for result in server.results(batch):
-            key = result.custom_id
-            if key not in round_.open:
-                continue
-            position, request = round_.open[key]
-            try:
-                completion = self._read(result, request, record.dropped)
-            except FaultError as error:
-                nothing.add(key)
-                fault = replace(error.fault, message=without_secrets(error.fault.message, server.secrets))
-                if not self._models.learn(request, _wanted(request) - {*record.dropped}, fault):
-                    final = fault.kind is not FaultKind.passing or result.result.type == "canceled"
-                    round_.fail(key, fault, final=final)
-            else:
-                self._models.note_answer(request)
-                del round_.open[key]
-                yield position, scrubbed(completion, server.secrets)
+        nothing: set[str] = set()
+        tried = 0
+        while lacking := round_.awaited(record) - nothing:
+            if tried:
+                said = f"the results of batch {batch} lack {len(lacking)} answers, or hold them unreadable"
+                server.wait_or_raise(tried, Fault(kind=FaultKind.passing, message=said))
+            tried += 1
+            for result in server.results(batch):
+                key = result.custom_id
+                if key not in round_.open or key in nothing:
+                    continue
+                position, request = round_.open[key]
+                try:
+                    completion = self._read(result, request, record.dropped)
+                except FaultError as error:
+                    if result.result.type != "succeeded":
+                        nothing.add(key)
+                        self._note_nothing(result, error.fault, record, round_, server)
+                else:
+                    self._models.note_answer(request, begun)
+                    del round_.open[key]
+                    yield position, scrubbed(completion, server.secrets)
         records.settle(record, nothing)
+
+    def _note_nothing(
+        self,
+        result: MessageBatchIndividualResponse,
+        fault: Fault,
+        record: BatchRecord,
+        round_: _Round,
+        server: BatchServer,
+    ) -> None:
+        """Note that a request of a batch has no answer; it is submitted again where that may help."""
+        _, request = round_.open[result.custom_id]
+        told = replace(fault, message=without_secrets(fault.message, server.secrets))
+        if not self._models.learn(request, _wanted(request) - {*record.dropped}, told):
+            final = told.kind is not FaultKind.passing or result.result.type == "canceled"
+            round_.fail(result.custom_id, told, final=final)
 
     def _read(self, result: MessageBatchIndividualResponse, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Read what became of one request.

@@ -13,14 +13,15 @@ from collections.abc import Callable, Iterator, Sequence
 from tacevo.errors import BudgetError
 from tacevo.llm.client import LLM
 from tacevo.llm.prices import worst_case
-from tacevo.records import Completion, Price, Request
+from tacevo.records import Completion, Price, Request, to_json
+from tacevo.store import content_hash
 
 #: Prices an answer.
 PriceOf = Callable[[Request, Completion], Price | None]
 
 
 class Account:
-    """What the answers of one run cost, each request counted once.
+    """What the answers of one run cost, each request counted once; of a request only its hash is kept.
 
     Args:
         price_of: prices an answer that was recorded without one.
@@ -28,7 +29,7 @@ class Account:
 
     def __init__(self, price_of: PriceOf) -> None:
         self._price_of = price_of
-        self._costs: dict[Request, float] = {}
+        self._costs: dict[str, float] = {}
         self._lock = threading.Lock()  # recorded answers are counted by one thread, new ones by another
 
     @property
@@ -41,8 +42,9 @@ class Account:
         """Count an answer; the second time it is seen changes nothing."""
         price = completion.price or self._price_of(request, completion)
         if price is not None:
+            key = content_hash(to_json(request))
             with self._lock:
-                self._costs[request] = price.cost(completion.input_tokens, completion.output_tokens)
+                self._costs[key] = price.cost(completion.input_tokens, completion.output_tokens)
 
 
 class AccountedLLM:

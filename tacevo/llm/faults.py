@@ -2,7 +2,7 @@
 
     passing    rate limit, overload, time-out, server error, lost connection, unreadable body: asked again
     request    this request can never be answered (too long, filtered): recorded as an answer without text
-    doubtful   refused, for this request or for every one: the first if others of the model were answered
+    doubtful   refused, for this request or for every one: `tacevo.llm.outcomes` says which
     refused    key, permission, model or payment: no retry and no other request can help, so the run stops
 
 The providers' SDKs retry too, but not alike: neither asks again after a malformed body, and one gives up where the
@@ -29,8 +29,20 @@ _PASSING = {408, 409, 429}
 #: Statuses that may be about one request: bad request, too large, unprocessable.
 _OF_A_REQUEST = {400, 413, 422}
 
-#: How servers say that there is no money, some with a status that would otherwise pass or blame the request.
-_PAYMENT = ("credit balance", "billing", "insufficient_quota", "spend limit", "spending limit")
+#: How servers say that there is no money or no account, some with a status that would otherwise blame the request.
+_PAYMENT = (
+    "credit balance",
+    "billing details",
+    "billing_error",
+    "insufficient_quota",
+    "spend limit",
+    "spending limit",
+    "usage limit",
+    "organization has been disabled",
+)
+
+#: The code of a spent quota; a rate limit, too, has status 429, and its words may mention limits and billing.
+_QUOTA = ("insufficient_quota",)
 
 #: How servers say that a request does not fit into a model.
 _TOO_LONG = ("too long", "too large", "context length", "context window", "context size", "maximum context")
@@ -134,7 +146,7 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
 
 
 def _kind(status: int, said: str) -> FaultKind:
-    if status == 402 or _mentions(said, _PAYMENT):
+    if status == 402 or _mentions(said, _QUOTA if status == 429 else _PAYMENT):
         return FaultKind.refused
     if status in _PASSING or status >= 500:
         return FaultKind.passing

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from tacevo.llm.faults import Fault, FaultError, Patience
+from tacevo.llm.notices import Notices
 from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
 from tacevo.records import Completion, Request
 
@@ -54,6 +55,7 @@ class HostedLLM:
         concurrency: requests in flight at once.
         name: what the user chose, for messages, e.g. `llm=anthropic`.
         patience: how failures are retried.
+        models: what is known of the models before the first request.
         stop: once set, no request and no retry begins; what is in flight still arrives.
     """
 
@@ -64,6 +66,7 @@ class HostedLLM:
         concurrency: int,
         name: str,
         patience: Patience | None = None,
+        models: Models | None = None,
         stop: threading.Event | None = None,
     ) -> None:
         self._connect = connect
@@ -71,7 +74,8 @@ class HostedLLM:
         self._name = name
         self._patience = patience or Patience()
         self._stop = stop or threading.Event()
-        self._models = Models()
+        self._models = models or Models()
+        self._notices = Notices(name)
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer every request, in the order of arrival (see `tacevo.llm.client.LLM`).
@@ -88,6 +92,7 @@ class HostedLLM:
             server=self._connect(),
             models=self._models,
             patience=self._patience,
+            notices=self._notices,
             over=lambda: left.is_set() or self._stop.is_set() or failures.hopeless,
         )
         threading.Thread(target=asking.run, args=(requests, arrivals, self._concurrency), daemon=True).start()
@@ -115,13 +120,17 @@ class _Asking:
         server: where to ask.
         models: what the run knows of its models.
         patience: how failures are retried.
+        notices: told of retries.
         over: says that nothing further may begin.
     """
 
-    def __init__(self, *, server: Server, models: Models, patience: Patience, over: Callable[[], bool]) -> None:
+    def __init__(
+        self, *, server: Server, models: Models, patience: Patience, notices: Notices, over: Callable[[], bool]
+    ) -> None:
         self._server = server
         self._models = models
         self._patience = patience
+        self._notices = notices
         self._over = over
         self._jitter = random.Random()
         self._ended = asyncio.Event()
@@ -158,17 +167,21 @@ class _Asking:
         while True:
             dropped = tuple(name for name in self._models.dropped(request) if name in wanted)
             tried += 1
+            begun = self._models.now()
             try:
                 completion = await self._server.ask(request, dropped)
             except FaultError as error:
                 fault = replace(error.fault, message=without_secrets(error.fault.message, secrets))
             else:
-                self._models.note_answer(request)
+                self._models.note_answer(request, begun)
                 return scrubbed(replace(completion, dropped=dropped), secrets)
             if self._models.learn(request, wanted - {*dropped}, fault):
                 continue
             wait = self._patience.wait(tried, fault, jitter=self._jitter.random())
+            if wait is not None:
+                self._notices.tell(fault, wait)
             if wait is None or not await self._waited(wait):
+                self._models.note_refusal(request)
                 return fault
 
     async def _waited(self, seconds: float) -> bool:

@@ -14,7 +14,7 @@ import httpx2
 
 from tacevo.errors import ConfigError
 from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
-from tacevo.llm.outcomes import checked
+from tacevo.llm.outcomes import check_key, checked
 from tacevo.llm.pools import shares
 from tacevo.records import Completion, Json, Request
 
@@ -87,6 +87,7 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
             "llm=openai needs an API key for OpenAI's own server; set OPENAI_API_KEY, name a server of yours by "
             "llm.base_url, or replay with llm.mode=replay"
         )
+    check_key(key, "OPENAI_API_KEY")
     try:
         # The SDK's own retries are off: `tacevo.llm.faults` says why.
         clients = [
@@ -128,7 +129,7 @@ def completion_of(chat: ChatCompletion) -> Completion:
     """
     try:
         choice, usage = chat.choices[0], chat.usage
-        reason = "refusal" if getattr(choice.message, "refusal", None) else str(choice.finish_reason)
+        reason = "refusal" if getattr(choice.message, "refusal", None) else str(choice.finish_reason or "stop")
         completion = Completion(
             text=choice.message.content or "",
             model=chat.model,

@@ -1,19 +1,33 @@
 """What a run learns of its models, and what becomes of the requests that got no answer; for every provider."""
 
-from collections.abc import Set
+from collections import Counter
+from collections.abc import Callable, Set
 from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.faults import Fault, FaultError, FaultKind, setting_to_drop
-from tacevo.records import Completion, Delivery, Request
+from tacevo.records import Completion, Delivery, Request, Setting
+
+#: What has to be right for a model to answer at all: its name, the token limit, the further settings.
+_Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
 
 
 class Models:
-    """Remembers, for a run, which sampling settings a model refuses, and which models answer at all."""
+    """Remembers, for a run, which sampling settings a model refuses, and which models answer, and when.
 
-    def __init__(self) -> None:
+    Args:
+        recorded: says whether an earlier run had an answer to a request with the same model, token limit and settings;
+            asked only where that matters. None where nothing is recorded.
+    """
+
+    def __init__(self, recorded: Callable[[Request], bool] | None = None) -> None:
+        self._recorded = recorded
         self._dropped: dict[str, tuple[str, ...]] = {}
-        self._answering: set[str] = set()
+        self._answers: dict[_Choice, bool] = {}
+        #: How many refusals there were; the number of each; by model, how many before the latest answered try began.
+        self._refusals = 0
+        self._refused: dict[Request, int] = {}
+        self._answered: dict[str, int] = {}
 
     def dropped(self, request: Request) -> tuple[str, ...]:
         """Name the sampling settings that are not to be sent to a request's model, sorted."""
@@ -32,13 +46,39 @@ class Models:
             self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
         return name is not None
 
-    def note_answer(self, request: Request) -> None:
-        """Note that a model answers: what it refuses from now on is about the request."""
-        self._answering.add(request.model)
+    def now(self) -> int:
+        """Say how many requests were refused so far: a clock for `note_answer`."""
+        return self._refusals
+
+    def note_answer(self, request: Request, begun: int) -> None:
+        """Note that a model answers.
+
+        Args:
+            request: what was answered.
+            begun: what `now` said before the request was sent.
+        """
+        self._answers[_choice(request)] = True
+        self._answered[request.model] = max(self._answered.get(request.model, 0), begun)
+
+    def note_refusal(self, request: Request) -> None:
+        """Note that a request got no answer, and when."""
+        self._refusals += 1
+        self._refused[request] = self._refusals
 
     def answers(self, request: Request) -> bool:
-        """Say whether a request's model ever answered in this run."""
-        return request.model in self._answering
+        """Say whether such a request was ever answered, in this run or in one that recorded it."""
+        choice = _choice(request)
+        if choice not in self._answers:
+            self._answers[choice] = self._recorded is not None and self._recorded(request)
+        return self._answers[choice]
+
+    def answered_since(self, request: Request) -> bool:
+        """Say whether a request's model answered another one that was sent after this one was refused."""
+        return self._answered.get(request.model, 0) >= self._refused[request]
+
+
+def _choice(request: Request) -> _Choice:
+    return request.model, request.max_tokens, request.settings
 
 
 @dataclass(slots=True, kw_only=True)
@@ -54,14 +94,16 @@ class Failures:
     _all: list[tuple[int, Request, Fault]] = field(default_factory=list)
 
     def add(self, position: int, request: Request, fault: Fault) -> None:
-        """Note a failure."""
+        """Note a failure, of which `models` knows."""
         self._all.append((position, request, fault))
         self.hopeless = self.hopeless or fault.kind in {FaultKind.refused, FaultKind.passing}
 
     def recorded(self) -> list[tuple[int, Completion]]:
         """Give completions in place of the requests that can never be answered, so that they stop no run.
 
-        A doubtful refusal is about its request where the model answered another one; else it is about the settings.
+        Where no such request was ever answered, the settings are at fault. A doubtful refusal is about its request
+        where the model answered another one after it, or where no other request got the same words; else it may be
+        about the account, and would be recorded for every request that follows.
         """
         return [
             (position, self._in_place(request, fault))
@@ -82,20 +124,29 @@ class Failures:
             LLMError: nothing failed, but the run was interrupted.
         """
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
-        final = [fault for fault in rest if fault.kind is not FaultKind.passing]
+        final = [fault for fault in rest if fault.kind in {FaultKind.refused, FaultKind.doubtful}]
+        passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         if final:
             raise ConfigError(f"{self.name}: the server refuses the key, the model or a setting: {final[0].message}")
-        if rest:
+        if passing:
             raise TransportError(
-                f"{len(rest)} of {requests} requests failed after all tries, the first with {rest[0].message}; give "
-                "the same command again: what came is recorded"
+                f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}; "
+                "give the same command again: what came is recorded"
             )
         if interrupted:
             raise LLMError(f"{self.name}: interrupted; give the same command again: what came is recorded")
+        if rest:
+            raise ConfigError(
+                f"{self.name}: the server answers no request with these settings, and nothing is recorded; set "
+                f"llm.max_tokens or llm.model to what it takes. It says: {rest[0].message}"
+            )
 
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:
-        doubtful = fault.kind is FaultKind.doubtful and self.models.answers(request)
-        return doubtful or fault.kind is FaultKind.request
+        if fault.kind not in {FaultKind.request, FaultKind.doubtful} or not self.models.answers(request):
+            return False
+        if fault.kind is FaultKind.request or self.models.answered_since(request):
+            return True
+        return Counter(other.message for _, _, other in self._all)[fault.message] == 1
 
     def _in_place(self, request: Request, fault: Fault) -> Completion:
         return Completion(
@@ -120,6 +171,18 @@ def checked(completion: Completion) -> Completion:
     if all(isinstance(count, int) for count in counts) and all(isinstance(text, str) for text in texts):
         return completion
     raise FaultError(Fault(kind=FaultKind.passing, message=f"the body is no answer: {counts}, {texts[1:]}"))
+
+
+def check_key(key: str, variable: str) -> None:
+    """Refuse a key that cannot be sent as it stands: a client would alter it, or fail at every request.
+
+    Raises:
+        ConfigError: it holds a blank, a line break, another control character or one that is not ASCII.
+    """
+    if not key.isascii() or not key.isprintable() or " " in key:
+        raise ConfigError(
+            f"{variable} holds a blank, a line break or another character that no key has; set it anew, without it"
+        )
 
 
 def without_secrets(text: str, secrets: tuple[str, ...]) -> str:

@@ -17,8 +17,27 @@ _LOG = logging.getLogger(__name__)
 #: Entries written at once: a disk takes many synced files in little more time than one.
 _WRITERS = 16
 
+#: The fields of a completion that a server writes.
+_TEXTS = ("text", "model", "stop_reason")
+
+#: What has to be right for a model to answer at all.
+_CHOICE = ("model", "max_tokens", "settings")
+
 #: Indices of the requests that are asked, and their stored completions; failures; None at the end.
 _Stored = queue.SimpleQueue[tuple[int, Completion] | Exception | None]
+
+
+def ever_answered(store: Store, request: Request) -> bool:
+    """Say whether a store holds a text that was answered to the model, token limit and settings of a request.
+
+    Raises:
+        StoreError: an entry that was looked at is damaged.
+    """
+    asked = to_json(request)
+    return any(
+        entry["answer"]["text"] and all(entry["request"].get(name) == asked[name] for name in _CHOICE)
+        for entry in store.entries()
+    )
 
 
 class RecordingLLM:
@@ -121,4 +140,5 @@ class RecordingLLM:
     def _finished(self, request: Request, completion: Completion) -> Completion:
         """Put the price on, and replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, by `?`."""
         price = None if self._price is None else self._price(request, completion)
-        return replace(completion, text=completion.text.encode(errors="replace").decode(), price=price)
+        sound = {name: getattr(completion, name).encode(errors="replace").decode() for name in _TEXTS}
+        return replace(completion, **sound, price=price)
