@@ -52,7 +52,7 @@ def _ranking(axes: Axes, results: list[Result]) -> None:
             fitness, [headline(result) for result in study], s=12, color=COLOURS[task], label=f"{task}, {size} px"
         )
         axes.scatter(fitness[:1], [headline(study[0])], s=40, facecolors="none", edgecolors="black", linewidths=0.8)
-    axes.set(xlabel=f"validation loss at epoch {SHORT}", ylabel="test score, fully trained", xscale="log")
+    axes.set(xlabel=f"validation loss at epoch {SHORT}", ylabel="test score, fully trained")
     axes.legend(fontsize=7, frameon=False, title="circle: the baseline", title_fontsize=7)
 
 

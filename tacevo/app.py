@@ -37,7 +37,7 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
-    options = _parser().parse_args(arguments)
+    options = _parsed(arguments)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         command: Callable[[argparse.Namespace], int] = options.command
@@ -55,6 +55,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (TacevoError, OSError) as error:  # an OSError names the file: a full disk, a folder without permission
         print(f"error: {error}", file=sys.stderr)
         return MISTAKE
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Read the command line; overrides may stand behind options too, where argparse itself takes no more of them."""
+    parser = _parser()
+    options, rest = parser.parse_known_args(arguments)
+    strange = [word for word in rest if word.startswith("-") or "=" not in word]
+    if strange or (rest and "overrides" not in options):
+        parser.error(f"unrecognized arguments: {' '.join(strange or rest)}")
+    if rest:
+        options.overrides = [*options.overrides, *rest]
+    return options
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

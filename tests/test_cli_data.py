@@ -70,6 +70,16 @@ def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str])
     assert "leak: row 0 photos/a/00.png (" in out
 
 
+def test_overrides_may_stand_behind_options(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where an override stands does not matter; a word that is none is still refused."""
+    assert main(["data", "check", "task=force", "-o", "sheet.png", *SMALL[1:]]) == 0
+    assert "40: 32 training" in capsys.readouterr().out
+    for strange in ("--bogus", "sheet"):
+        with pytest.raises(SystemExit):
+            main(["data", "check", *SMALL, "--json", strange])
+        assert f"unrecognized arguments: {strange}" in capsys.readouterr().err
+
+
 def test_check_tells_how_many_rows_were_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     """A table that lacks images, loaded as asked for, says so in the report and in the JSON."""
     for number in range(20):

@@ -51,11 +51,22 @@ def test_split_of_ungrouped_rows_is_pinned() -> None:
     assert digest.hexdigest()[:16] == "6788b17e3c1f8e7f"
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_every_part_of_a_small_set_has_every_class(seed: int) -> None:
+    """Four classes of 15 rows, dealt out evenly: each part holds each class, whatever the seed."""
+    classes = np.repeat(np.arange(4), 15)
+    parts = random_split(60, seed, classes=classes)
+    for part in (parts.train, parts.validation, parts.test):
+        counts = np.bincount(classes[part], minlength=4)
+        assert counts.min() >= 1
+        assert counts.max() - counts.min() <= 1
+
+
 def test_groups_of_one_row_each_change_nothing() -> None:
     """Where every press has one picture there is nothing to keep together; the numbers do not matter."""
     groups = np.arange(200)[::-1] * 7
     classes = np.arange(200) % 4
-    grouped, plain = random_split(200, 3, groups=groups, classes=classes), random_split(200, 3)
+    grouped, plain = random_split(200, 3, groups=groups, classes=classes), random_split(200, 3, classes=classes)
     assert np.array_equal(grouped.train, plain.train)
     assert np.array_equal(grouped.test, plain.test)
 

@@ -31,8 +31,9 @@ def random_split(
     """Split rows at random into 80 % training, 10 % validation and 10 % test; no group is ever torn.
 
     The tenths are rounded to the nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where
-    rows share groups, whole groups are dealt out, each class evenly, and the parts end at the group ends nearest
-    to those numbers. Where no two rows share one, there is nothing to keep together, and rows are dealt out alone.
+    rows share groups, whole groups are dealt out, and the parts end at the group ends nearest to those numbers. Where
+    no two rows share one, there is nothing to keep together, and rows are dealt out alone. Each class is dealt out
+    evenly.
 
     Args:
         count: number of rows, at least 10, so that no part is empty.
@@ -48,7 +49,7 @@ def random_split(
     ends = (count - 2 * tenth, count - tenth)
     rng = stream(seed, "split")
     if groups is None or len(np.unique(groups)) == count:
-        return _split_at(rng.permutation(count), ends)
+        return _split_at(_spread(rng.permutation(count), classes), ends)
     _, first, members, sizes = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
     if len(sizes) < 3:
         raise DataError(
