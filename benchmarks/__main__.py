@@ -21,7 +21,7 @@ from tacevo.checking import task_without_data
 from tacevo.choices import Numerics
 from tacevo.composition import compose
 from tacevo.data.photos import decode
-from tacevo.data.simulator import Simulated, SimulatedTask, draw
+from tacevo.data.simulator import SimulatedTask
 from tacevo.progress import PlainView
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
@@ -29,6 +29,7 @@ from tacevo.replaying import replay
 from tacevo.sandbox.client import Sandbox
 from tacevo.session import search, track
 from tacevo.training.numerics import environment
+from tacevo.wiring import source_of
 
 INSERTIONS = 5_000
 FORKS = 8
@@ -85,23 +86,14 @@ def pictures() -> str:
 
 
 def _pictures(task: SimulatedTask) -> str:
-    config = compose([f"task={task}", f"data.images={PICTURES}"]).data
-    source = Simulated(
-        task=task,
-        images=PICTURES,
-        image_size=256,
-        seed=config.seed,
-        spacings_mm=tuple(config.spacings_mm),
-        sensor_seed=config.sensor_seed,
-        light=config.light,
-    )
-    drawn = [draw(source, index) for index in range(PICTURES)]
+    pictures = source_of(compose([f"task={task}", f"data.images={PICTURES}"])).catalogue().pictures
+    drawn = [draw() for draw in pictures]
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"{index}.png" for index in range(PICTURES)]
         for file, image in zip(files, drawn, strict=True):
             Image.fromarray(image.transpose(1, 2, 0)).save(file)
         rivals = {
-            "drawn": lambda: [draw(source, index) for index in range(PICTURES)],
+            "drawn": lambda: [draw() for draw in pictures],
             "decoded": lambda: [decode(file, 256) for file in files],
         }
         return report(f"{task} images of 256 px", medians(rivals, rounds=5), unit="images", per_second=PICTURES)

@@ -23,19 +23,17 @@ import yaml
 from scipy.stats import kendalltau
 from torch import nn
 
-from tacevo.choices import LightScene, Normalisation, TargetScaling
+from tacevo.composition import compose
 from tacevo.data.dataset import Dataset
-from tacevo.data.loading import load
-from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.simulator import SimulatedTask
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.randomness import stream
 from tacevo.records import Kind
+from tacevo.wiring import load_data
 
 LIBRARY = Path("conf/library")
-SPACINGS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
-IMAGES = {"force": 3000, "grating": 3507, "hardness": 3000}
 BATCH = 32
 #: Epochs behind a fitness.
 SHORT = 10
@@ -73,23 +71,8 @@ def networks(task: str, count: int) -> list[str]:
 
 def simulated(task: str, size: int, workers: int) -> Dataset:
     """Make or load the data set of a task at an image size."""
-    source = Simulated(
-        task=SimulatedTask(task),
-        images=IMAGES[task],
-        image_size=size,
-        seed=0,
-        spacings_mm=SPACINGS,
-        sensor_seed=0,
-        light=LightScene.standard,
-    )
-    return load(
-        source,
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=TargetScaling.minmax,
-        cache=Path("cache/data"),
-        workers=workers,
-    )
+    settings = [f"task={task}", f"data.image_size={size}", f"executor.workers={workers}"]
+    return load_data(compose(settings), None)
 
 
 class Training:
@@ -197,7 +180,7 @@ def rank_agreement(results: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Train what is asked for and not yet in the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("task", choices=sorted(IMAGES))
+    parser.add_argument("task", choices=sorted(SimulatedTask))
     parser.add_argument("--size", type=int, default=64, metavar="PIXELS")
     parser.add_argument("--networks", type=int, default=1, metavar="N", help="the baseline and N - 1 of the grammar")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="training seeds of each network")

@@ -136,16 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     show.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
     show.set_defaults(command=_show)
 
-    check = commands.add_parser(
-        "check",
-        help="put raw answers of a model through the gate",
-        description="Put raw answers through the gate: text files, or JSON recordings with a `response`.",
-    )
-    check.add_argument("files", nargs="+", metavar="FILE")
-    check.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
-    check.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
-    check.add_argument("--json", action="store_true", help="one JSON object a line")
-    check.set_defaults(command=_check)
+    _add_check(commands)
 
     track = commands.add_parser(
         "track",
@@ -162,6 +153,20 @@ def _parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
     return parser
+
+
+def _add_check(commands: "argparse._SubParsersAction[_Parser]") -> None:
+    """Describe `tacevo check`."""
+    check = commands.add_parser(
+        "check",
+        help="put raw answers of a model through the gate",
+        description="Put raw answers through the gate: text files, or JSON recordings with a `response`.",
+    )
+    check.add_argument("files", nargs="+", metavar="FILE")
+    check.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
+    check.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
+    check.add_argument("--json", action="store_true", help="one JSON object a line")
+    check.set_defaults(command=_check)
 
 
 def _add_data(commands: "argparse._SubParsersAction[_Parser]") -> None:

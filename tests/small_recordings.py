@@ -5,10 +5,26 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data.arrays import Arrays
+from tacevo.data.dataset import Dataset
 from tacevo.data.folder import Folder
+from tacevo.data.loading import load
+from tacevo.data.source import Source
 from tacevo.data.table import Table
 from tacevo.data.tacverse import TacVerse, TacVerseTask
+
+
+def loaded(source: Source, cache: Path) -> Dataset:
+    """Load with the default protocol."""
+    return load(
+        source,
+        split_seed=0,
+        normalisation=Normalisation.standardise,
+        target_scaling=TargetScaling.minmax,
+        cache=cache,
+        workers=1,
+    )
 
 
 def save_image(path: Path, value: int, size: tuple[int, int] = (8, 8)) -> None:

@@ -15,7 +15,7 @@ import hostile_sources as sources
 import numpy as np
 import pytest
 from hostile_runs import open_sandbox
-from training_jobs import CONTRACT, RECIPE, SOURCE, examples
+from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 from waiting import eventually
 
 from tacevo.choices import Numerics
@@ -26,21 +26,13 @@ from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.search import run_search
 from tacevo.store import Store, content_hash
-from tacevo.training.evaluation import Evaluator, Examples
+from tacevo.training.evaluation import Evaluator
 from tacevo.training.losses import mean_squared_error
 
 pytestmark = pytest.mark.timeout(120)
 
 DATA = examples()
-EXAMPLES = Examples(
-    train=DATA.train,
-    validation=DATA.validation,
-    train_targets=DATA.targets[DATA.train],
-    validation_targets=DATA.targets[DATA.validation],
-    mean=(127.5,) * 3,
-    deviation=(74.0,) * 3,
-    fingerprint="abc",
-)
+EXAMPLES = labelled(DATA)
 
 
 class Trainer:

@@ -10,13 +10,11 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
+from small_recordings import loaded
 
-from tacevo.choices import LightScene, Normalisation, TargetScaling
-from tacevo.data.dataset import Dataset
+from tacevo.choices import LightScene
 from tacevo.data.export import PATTERN, export
-from tacevo.data.loading import load
 from tacevo.data.simulator import Simulated, SimulatedTask
-from tacevo.data.source import Source
 from tacevo.data.tacverse import SIMULATED_SENSOR, SIMULATION, TacVerse, TacVerseTask
 from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError
@@ -35,18 +33,6 @@ def simulated(task: SimulatedTask, *, images: int | None = None, spacings: tuple
         sensor_seed=1,
         light=LightScene.standard,
         spacings_mm=spacings,
-    )
-
-
-def loaded(source: Source, cache: Path) -> Dataset:
-    """Load with the default protocol."""
-    return load(
-        source,
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=TargetScaling.minmax,
-        cache=cache,
-        workers=1,
     )
 
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from small_recordings import loaded
 
-from tacevo.choices import Normalisation, TargetScaling
-from tacevo.data.dataset import Dataset
 from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, units_of
-from tacevo.data.loading import load
 from tacevo.data.sheet import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.source import Catalogue, Picture
 from tacevo.data.survey import survey
@@ -62,18 +60,6 @@ CLASSES = Greys(
     labels=tuple((float(number % 4),) for number in range(200)), names=("a", "b", "c", "d"), kind=Kind.classification
 )
 FORCES_UNITS, NO_UNITS = ("N", "N"), ("",) * 4
-
-
-def loaded(source: Greys, cache: Path) -> Dataset:
-    """Load with the default protocol."""
-    return load(
-        source,
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=TargetScaling.minmax,
-        cache=cache,
-        workers=1,
-    )
 
 
 def shown(figure: Figure) -> list[int]:

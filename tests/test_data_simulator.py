@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from small_recordings import loaded
 from test_data_portable import PLAINEST, require_plainest
 from torch import nn
 
-from tacevo.choices import LightScene, Normalisation, TargetScaling
+from tacevo.choices import LightScene
 from tacevo.data.dataset import Dataset
-from tacevo.data.loading import load
 from tacevo.data.sensor import Press, _marker_pixels, make_sensor
 from tacevo.data.simulator import (
     FORCE_NOISE,
@@ -249,14 +249,7 @@ def test_impossible_spacings_are_refused(spacings: tuple[float, ...]) -> None:
 
 def test_baseline_learns_small_forces(tmp_path: Path) -> None:
     """Within 8 epochs of 480 images at 32 pixels the validation error falls clearly below the labels' variance."""
-    dataset = load(
-        replace(FORCE, images=600),
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=TargetScaling.minmax,
-        cache=tmp_path,
-        workers=1,
-    )
+    dataset = loaded(replace(FORCE, images=600), tmp_path)
     variance = dataset.targets[dataset.validation].var(axis=0).mean()
     assert validation_error(dataset, epochs=8) < 0.7 * variance
 

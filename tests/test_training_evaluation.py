@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from training_jobs import CONTRACT, RECIPE, SOURCE, examples
+from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
@@ -19,21 +19,13 @@ from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, T
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.store import Store
-from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Run, judge
+from tacevo.training.evaluation import ENTRIES, Evaluator, Run, judge
 from tacevo.training.numerics import check_machine, environment, refuse_unfit
 
 pytestmark = pytest.mark.timeout(120)
 
 DATA = examples()
-EXAMPLES = Examples(
-    train=DATA.train,
-    validation=DATA.validation,
-    train_targets=DATA.targets[DATA.train],
-    validation_targets=DATA.targets[DATA.validation],
-    mean=(127.5,) * 3,
-    deviation=(74.0,) * 3,
-    fingerprint="abc",
-)
+EXAMPLES = labelled(DATA)
 WEIGHTS = "0" * 64
 
 
