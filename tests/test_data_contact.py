@@ -11,6 +11,7 @@ from scipy.integrate import dblquad
 from tacevo.data.contact import (
     combined_radius,
     conforming_pressure,
+    contact_displacement,
     contact_modulus,
     contact_radius,
     imprint_at_depth,
@@ -207,3 +208,20 @@ def test_conforming_pressure_flattens_exactly_one_wave() -> None:
 def test_modulus_of_rubber_follows_gent(shore: float, modulus: float) -> None:
     """The two ends of the hardness range, in MPa."""
     assert modulus_of_shore(shore) == pytest.approx(modulus, abs=1e-3)
+
+
+@given(stroke=st.floats(0, 5), pressed=st.floats(0.01, 3), limit=st.floats(0.05, 3), stiffness=st.floats(0.1, 5))
+def test_contact_and_body_share_a_stroke_and_carry_one_force(
+    stroke: float, pressed: float, limit: float, stiffness: float
+) -> None:
+    """Springs in series: what the contact leaves of the stroke stretches the body by exactly the contact's force."""
+    sheared = contact_displacement(stroke, limit, pressed, 0.66, stiffness)
+    assert 0 <= sheared <= stroke
+    force = tangential_force(sheared, limit, pressed, 0.66)
+    assert (stroke - sheared) * stiffness == pytest.approx(force, abs=1e-9)
+
+
+def test_long_stroke_slides_and_a_stiff_body_takes_none_of_it() -> None:
+    """At mu F = 0.66 N a body of 0.5 N/mm stretches by 1.32 mm and no more; a rigid one leaves all to the contact."""
+    assert contact_displacement(5.0, 0.3, 1.0, 0.66, 0.5) == pytest.approx(5.0 - 1.32)
+    assert contact_displacement(0.2, 0.3, 1.0, 0.66, 1e9) == pytest.approx(0.2)

@@ -179,6 +179,16 @@ def test_sideways_push_carries_the_markers_along() -> None:
     assert np.abs(np.median(move[:, 0])) < 0.1
 
 
+def test_leaning_dome_carries_every_marker_but_those_at_its_rim() -> None:
+    """1 mm of lean moves the middle by that, 6.8 pixels, three quarters of it half-way out, and nothing at the rim."""
+    place, move = moves(NO_CONTACT, replace(NO_CONTACT, lean=(1.0, 0.0)))
+    distance = np.hypot(*place.T)
+    assert np.median(move[distance < 10, 1]) == pytest.approx(6.8, abs=0.3)
+    half_way = (distance > 55) & (distance < 75)
+    assert np.median(move[half_way, 1]) == pytest.approx(0.75 * 6.8, abs=0.7)
+    assert np.abs(np.median(move[:, 0])) < 0.1
+
+
 @pytest.mark.parametrize("period", [1.5, 2.5, 4.0])
 def test_grating_shows_its_period(period: float) -> None:
     """The strongest frequency across the ridges is that of the period at the middle of the picture."""

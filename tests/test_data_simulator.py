@@ -19,6 +19,7 @@ from tacevo.choices import LightScene
 from tacevo.data.dataset import Dataset
 from tacevo.data.sensor import Press, _marker_pixels, make_sensor
 from tacevo.data.simulator import (
+    DOME_STIFFNESS,
     FORCE_NOISE,
     HYSTERESIS,
     SHORE_LEVELS,
@@ -43,7 +44,7 @@ FORCE = Simulated(
 )
 
 #: Of three images and all labels of each task at 64 pixels; other bytes would be another simulator version.
-DIGEST = "b803abb7ecbdcffc0fe47de89c125d48cf39b9610639b5c5c735750afb7d9a86"
+DIGEST = "12389786de9c3158283331926b91bed4fa448cc01d7e8f94d56d3181dcea6dbf"
 
 
 def drawn_bytes() -> str:
@@ -185,13 +186,31 @@ def forces(press: Press) -> tuple[float, float, float]:
     return dragged * along[0], dragged * along[1], -pressed
 
 
+def test_dome_leans_with_the_force_it_carries() -> None:
+    """The lean of every press, times the dome's stiffness, is the sideways force that Mindlin's contact transmits."""
+    presses = [_press(FORCE, index)[0] for index in range(30)]
+    dragged = np.array([forces(press)[:2] for press in presses])
+    assert np.array([press.lean for press in presses]) * DOME_STIFFNESS == pytest.approx(dragged, abs=1e-6)
+
+
+@pytest.mark.parametrize("task", [SimulatedTask.grating, SimulatedTask.hardness])
+def test_every_task_has_a_little_shear(task: SimulatedTask) -> None:
+    """No press is upright: each slips at its edge and leans, both in the same direction."""
+    source = replace(FORCE, task=task)
+    for press in (_press(source, index)[0] for index in range(30)):
+        assert 0 <= press.stick_radius < press.contact_radius
+        lean, slid = np.array(press.lean), np.array(press.slip_limit)
+        assert lean @ slid == pytest.approx(np.hypot(*lean) * np.hypot(*slid))
+        assert 0 < np.hypot(*lean) < 1
+
+
 def test_force_to_the_right_moves_the_markers_to_the_right() -> None:
     """The largest Fx of the set is seen as the picture's markers at the contact, shifted along the columns."""
     presses = [_press(FORCE, index)[:2] for index in range(FORCE.images)]
     press, label = max(presses, key=lambda pair: pair[1][0])
     sensor = make_sensor(256, 0)
     columns, rows, _ = _marker_pixels(sensor, press)
-    rest, rest_rows, _ = _marker_pixels(sensor, replace(press, stick_radius=press.contact_radius))
+    rest, rest_rows, _ = _marker_pixels(sensor, replace(press, stick_radius=press.contact_radius, lean=(0.0, 0.0)))
     near = np.hypot(sensor.marker_x - press.x, sensor.marker_y - press.y) < press.contact_radius
     assert (columns - rest)[near].mean() > 2
     assert abs((rows - rest_rows)[near].mean()) < (columns - rest)[near].mean()

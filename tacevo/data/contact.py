@@ -79,6 +79,35 @@ def tangential_force(displacement: float, limit: float, normal: float, friction:
     return friction * normal * (1 - sticking * math.sqrt(sticking))
 
 
+def contact_displacement(stroke: float, limit: float, normal: float, friction: float, stiffness: float) -> float:
+    """Find how much of a sideways stroke shears the contact, where the body behind it gives way like a spring.
+
+    Solves d + Q(d) / k = stroke for d, with Q of `tangential_force`, to the last bit or two by bisection: both springs
+    carry the same force, and whatever exceeds the spring's stretch at mu F is sliding.
+
+    Args:
+        stroke: of the object against the body's support, in mm, >= 0.
+        limit: displacement at which all of the contact slides, in mm, > 0.
+        normal: force in N.
+        friction: coefficient mu.
+        stiffness: k of the body in N/mm, > 0.
+
+    Returns:
+        d in mm, in [0, stroke].
+    """
+    sliding = stroke - friction * normal / stiffness
+    if sliding >= limit:
+        return sliding
+    low, high = 0.0, min(stroke, limit)
+    for _ in range(60):
+        middle = (low + high) / 2
+        if middle + tangential_force(middle, limit, normal, friction) / stiffness < stroke:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
 def stick_radius(displacement: float, limit: float, contact_radius: float) -> float:
     """Find the radius within which a sheared contact still sticks: a sqrt(1 - d/limit), 0 where all of it slides.
 

@@ -53,8 +53,8 @@ class Grating:
     #: Unit vector across the ridges, and the place of the first ridge, in periods.
     across: tuple[float, float]
     phase: float
-    #: Brightness of a groove's bottom, that of a ridge being 1; amplitude of the imprint in the skin's outside; side of
-    #: the plate.
+    #: Light of a groove's bottom, that of a ridge being 1, and below 0 where it is darker than no contact; amplitude of
+    #: the imprint in the skin's outside; side of the plate.
     groove: float
     imprint: float
     side: float
@@ -74,6 +74,8 @@ class Press:
     #: Sideways displacement (x, y) of the skin at which the whole contact slides, and the radius that still sticks.
     slip_limit: tuple[float, float]
     stick_radius: float
+    #: Displacement (x, y) by which the dome as a whole gives way to the sideways force, at its middle.
+    lean: tuple[float, float]
     #: Grey values that a touching object adds, and the gap at which it has faded to 1/e.
     brightness: float
     fading: float
@@ -89,6 +91,7 @@ NO_CONTACT = Press(
     share=0.0,
     slip_limit=(0.0, 0.0),
     stick_radius=1e-6,
+    lean=(0.0, 0.0),
     brightness=0.0,
     fading=1.0,
 )
@@ -287,7 +290,7 @@ def _thinning(size: int) -> float:
 
 
 def _marker_pixels(sensor: Sensor, press: Press) -> tuple[Field, Field, Field]:
-    """Find column, row and lift (mm towards the camera) of every marker: shear, pin tilt, then perspective."""
+    """Find column, row and lift (mm towards the camera) of every marker: shear, lean, pin tilt, then perspective."""
     x, y = sensor.marker_x - press.x, sensor.marker_y - press.y
     clamp = _clamp(sensor.marker_x, sensor.marker_y)
     lift, (slope_x, slope_y) = _bent_skin(press, sensor.marker_x, sensor.marker_y)
@@ -300,8 +303,9 @@ def _marker_pixels(sensor: Sensor, press: Press) -> tuple[Field, Field, Field]:
         ridge = _imprint_slope(press.grating, x, y) * pressed
         slope_x, slope_y = slope_x + ridge * across[0], slope_y + ridge * across[1]
     # A pin tilts with the skin it stands on, so its tip moves down the slope: outwards around a contact.
-    moved_x = sensor.marker_x + clamp * shear_x - PIN_LENGTH * slope_x
-    moved_y = sensor.marker_y + clamp * shear_y - PIN_LENGTH * slope_y
+    lean_x, lean_y = press.lean
+    moved_x = sensor.marker_x + clamp * (shear_x + lean_x) - PIN_LENGTH * slope_x
+    moved_y = sensor.marker_y + clamp * (shear_y + lean_y) - PIN_LENGTH * slope_y
     columns, rows = project(moved_x, moved_y, lift, sensor.size)
     return columns, rows, lift
 

@@ -17,6 +17,7 @@ from tacevo.choices import LightScene
 from tacevo.data.contact import (
     combined_radius,
     conforming_pressure,
+    contact_displacement,
     contact_modulus,
     contact_radius,
     mean_pressure,
@@ -35,21 +36,26 @@ from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 
 #: Changes whenever an image or a label would change; part of the cache key.
-SIMULATOR_VERSION = 2
+SIMULATOR_VERSION = 3
 
 #: Six specimens, Shore A, evenly spaced over the range of the paper's supplement.
 SHORE_LEVELS = (17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
 FRICTION = 0.66
+#: Of force: the longest sideways stroke of the ball in mm, of which the contact takes a part and the dome the rest.
+STROKE = 3.0
 #: What the force sensor adds to a force: noise in N, and hysteresis as a share of the force.
 FORCE_NOISE, HYSTERESIS = 0.02, 0.04
 #: Of gratings: yaw as a standard deviation in radians; side of the plate, which is wider than any contact, depth of a
-#: groove, and width at which its bottom has faded to 1/e, in mm.
-GRATING_YAW, PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING = 0.15, 16.0, 0.5, 2.0
+#: groove, and width at which its bottom has faded to 1/e, in mm; grey values of the light that a plate keeps out.
+GRATING_YAW, PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING, PLATE_SHADE = 0.15, 20.0, 0.5, 1.0, 50.0
 #: Grey values by which specimens of one hardness differ, as a standard deviation.
 SPECIMEN_NOISE = 2.5
 #: Effective Young's modulus of the sensor in MPa; for hardness the stiffer of two published calibrations, because
 #: a soft sensor takes almost the whole approach whatever it presses on.
 SOFT_SKIN, STIFF_SKIN = 0.14, 0.88
+#: Sideways stiffness of the dome as a whole, N/mm. We know of no measurement: slices of the dome that shear over one
+#: another give 0.25 for a filling of 15 kPa alone, and 2.4 for the skin's modulus throughout.
+DOME_STIFFNESS = 0.5
 
 
 class SimulatedTask(StrEnum):
@@ -163,13 +169,14 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     The reading has hysteresis, noise and a resolution of 0.1 mN: the error that no network can undo.
     """
     x, y = _position(rng, 9.0)
-    depth, stroke = rng.uniform(0.15, 2.6), rng.uniform(0, 1.6)
+    depth, stroke = rng.uniform(0.15, 2.6), rng.uniform(0, STROKE)
     radius = combined_radius(4.0, DOME_RADIUS)
     reach = contact_radius(depth, radius)
     modulus = SOFT_SKIN * rim_softness(x, y)
     pressed = normal_force(depth, radius, contact_modulus(modulus, SKIN_POISSON))
     limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
-    dragged = tangential_force(stroke, limit, pressed, FRICTION)
+    sheared = contact_displacement(stroke, limit, pressed, FRICTION, DOME_STIFFNESS)
+    dragged = tangential_force(sheared, limit, pressed, FRICTION)
     along_x, along_y = _direction(rng.uniform())
     press = Press(
         x=x,
@@ -178,7 +185,8 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
         radius=radius,
         share=1.0,
         slip_limit=(limit * along_x, limit * along_y),
-        stick_radius=stick_radius(stroke, limit, reach),
+        stick_radius=stick_radius(sheared, limit, reach),
+        lean=(dragged * along_x / DOME_STIFFNESS, dragged * along_y / DOME_STIFFNESS),
         brightness=normal_number(rng, 55, 4) * (0.2 + 0.55 * depth),  # deeper, more of the rough surface touches
         fading=0.35,
     )
@@ -200,24 +208,27 @@ def _grating(rng: np.random.Generator, spacing: float) -> Press:
     """Press a rigid plate with ridges onto the dome, nearly upright.
 
     The skin follows a groove as far as its mean pressure goes towards closing it; of a square profile the amplitude
-    of the first harmonic counts, 2 / pi of its depth. A wider groove is darker, because its walls send less light back.
+    of the first harmonic counts, 2 / pi of its depth. A wider groove is darker, because its walls send less light back,
+    and the plate keeps out the light that shines through the skin from outside.
     """
     x, y = _position(rng, 3.0)
-    depth = rng.uniform(0.5, 1.6)
+    depth = rng.uniform(1.0, 2.4)
     reach = contact_radius(depth, DOME_RADIUS)
     modulus = contact_modulus(SOFT_SKIN, SKIN_POISSON)
     pressed = normal_force(depth, DOME_RADIUS, modulus)
     period, amplitude = 2 * spacing, 2 / math.pi * GROOVE_DEPTH
+    brightness = normal_number(rng, 60, 3)
+    bottom = (brightness + PLATE_SHADE) * float(exp_minus(spacing / GROOVE_FADING)) - PLATE_SHADE
     conformity = min(1.0, mean_pressure(pressed, reach) / conforming_pressure(amplitude, period, modulus))
     grating = Grating(
         period=period,
         across=_direction(normal_number(rng, 0, GRATING_YAW / (2 * math.pi))),
         phase=rng.uniform(),
-        groove=float(exp_minus(spacing / GROOVE_FADING)),
+        groove=bottom / brightness,
         imprint=amplitude * conformity,
         side=PLATE_SIDE,
     )
-    slid, stick = _slid(normal(rng, 0.15, (2,)), pressed, reach, SOFT_SKIN)
+    slid, stick, lean = _slid(normal(rng, 0.15, (2,)), pressed, reach, SOFT_SKIN)
     return Press(
         x=x,
         y=y,
@@ -226,7 +237,8 @@ def _grating(rng: np.random.Generator, spacing: float) -> Press:
         share=1.0,
         slip_limit=slid,
         stick_radius=stick,
-        brightness=normal_number(rng, 50, 3),
+        lean=lean,
+        brightness=brightness,
         fading=0.5,
         grating=grating,
     )
@@ -241,7 +253,7 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     reach = contact_radius(depth, radius)
     rigid = contact_modulus(STIFF_SKIN, SKIN_POISSON)
     both = contact_modulus(STIFF_SKIN, SKIN_POISSON, modulus_of_shore(shore), SKIN_POISSON)
-    slid, stick = _slid(normal(rng, 0.1, (2,)), normal_force(depth, radius, both), reach, STIFF_SKIN)
+    slid, stick, lean = _slid(normal(rng, 0.1, (2,)), normal_force(depth, radius, both), reach, STIFF_SKIN)
     press = Press(
         x=x,
         y=y,
@@ -250,6 +262,7 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
         share=both / rigid,
         slip_limit=slid,
         stick_radius=stick,
+        lean=lean,
         brightness=40 + 3.2 * (shore - SHORE_LEVELS[0]) + normal_number(rng, 0, SPECIMEN_NOISE),
         fading=0.25,
     )
@@ -258,13 +271,16 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
 
 def _slid(
     sideways: npt.NDArray[np.float64], pressed: float, reach: float, modulus: float
-) -> tuple[tuple[float, float], float]:
-    """Shear a contact by a displacement (x, y) in mm; give its slip limit in that direction, and its stick radius."""
+) -> tuple[tuple[float, float], float, tuple[float, float]]:
+    """Push a contact by a stroke (x, y) in mm; give its slip limit in that direction, stick radius and lean."""
     along_x, along_y = (float(part) for part in sideways)
-    displacement = math.sqrt(along_x * along_x + along_y * along_y)
+    stroke = math.sqrt(along_x * along_x + along_y * along_y)
+    along_x, along_y = along_x / max(stroke, 1e-9), along_y / max(stroke, 1e-9)
     limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
-    stretch = limit / max(displacement, 1e-9)
-    return (along_x * stretch, along_y * stretch), stick_radius(displacement, limit, reach)
+    sheared = contact_displacement(stroke, limit, pressed, FRICTION, DOME_STIFFNESS)
+    leant = tangential_force(sheared, limit, pressed, FRICTION) / DOME_STIFFNESS
+    stick = stick_radius(sheared, limit, reach)
+    return (along_x * limit, along_y * limit), stick, (along_x * leant, along_y * leant)
 
 
 def _position(rng: np.random.Generator, reach: float) -> tuple[float, float]:
