@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
-from scipy.stats import kendalltau
+from scipy.stats import kendalltau, mannwhitneyu
 from torch import nn
 
 from tacevo.composition import compose
@@ -108,8 +108,8 @@ class Training:
         """Give the outputs for `rows`, shape (len(rows), K)."""
         self.network.eval()
         batches = torch.split(rows, 128)
-        with torch.no_grad():
-            return torch.cat([self.network(self.inputs(batch)) for batch in batches])
+        with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=self.bfloat16):
+            return torch.cat([self.network(self.inputs(batch)).float() for batch in batches])
 
     def inputs(self, rows: torch.Tensor) -> torch.Tensor:
         """Normalise images."""
@@ -177,6 +177,16 @@ def rank_agreement(results: list[dict[str, Any]]) -> str:
     return f"Kendall's tau of -loss at epoch {SHORT} with the test score: {tau.statistic:.2f} (p = {tau.pvalue:.1g})"
 
 
+def seeds_apart(results: list[dict[str, Any]], network: int) -> str:
+    """Test whether a network's scores differ from the baseline's over seeds: Mann-Whitney's U, two-sided, exact."""
+    ours, baseline = (
+        [headline(result) for result in results if result["network"] == number] for number in (network, 0)
+    )
+    p = mannwhitneyu(ours, baseline, method="exact").pvalue
+    medians = f"{np.median(ours):.4f} against the baseline's {np.median(baseline):.4f}"
+    return f"network {network} over {len(ours)} and {len(baseline)} seeds: median test score {medians}, p = {p:.2g}"
+
+
 def main() -> None:
     """Train what is asked for and not yet in the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -215,6 +225,8 @@ def main() -> None:
         )
     if options.networks > 1 and options.epochs > SHORT:
         print(rank_agreement([result for result in results if result["seed"] == 0]))
+    for network in range(1, options.networks if options.seeds > 1 else 1):
+        print(seeds_apart(results, network))
 
 
 def _write(path: Path, results: list[dict[str, Any]]) -> None:

@@ -45,9 +45,12 @@ FRICTION = 0.66
 STROKE = 3.0
 #: What the force sensor adds to a force: noise in N, and hysteresis as a share of the force.
 FORCE_NOISE, HYSTERESIS = 0.02, 0.04
-#: Of gratings: yaw as a standard deviation in radians; side of the plate, which is wider than any contact, depth of a
-#: groove, and width at which its bottom has faded to 1/e, in mm; grey values of the light that a plate keeps out.
-GRATING_YAW, PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING, PLATE_SHADE = 0.15, 20.0, 0.5, 1.0, 50.0
+#: Of gratings, as standard deviations: yaw in radians, and the share by which printing and the stretched skin alter the
+#: width of a ridge: the error that no network can undo.
+GRATING_YAW, WIDTH_ERROR = 0.15, 0.03
+#: Of gratings: side of the plate, which is wider than any contact, depth of a groove, and width at which its bottom has
+#: faded to 1/e, in mm; grey values of the light that a plate keeps out.
+PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING, PLATE_SHADE = 20.0, 0.5, 1.0, 50.0
 #: Grey values by which specimens of one hardness differ, as a standard deviation.
 SPECIMEN_NOISE = 2.5
 #: Effective Young's modulus of the sensor in MPa; for hardness the stiffer of two published calibrations, because
@@ -212,13 +215,14 @@ def _grating(rng: np.random.Generator, spacing: float) -> Press:
     and the plate keeps out the light that shines through the skin from outside.
     """
     x, y = _position(rng, 3.0)
-    depth = rng.uniform(1.0, 2.4)
+    depth = rng.uniform(0.5, 2.2)
+    width = spacing * normal_number(rng, 1, WIDTH_ERROR)
     reach = contact_radius(depth, DOME_RADIUS)
     modulus = contact_modulus(SOFT_SKIN, SKIN_POISSON)
     pressed = normal_force(depth, DOME_RADIUS, modulus)
-    period, amplitude = 2 * spacing, 2 / math.pi * GROOVE_DEPTH
-    brightness = normal_number(rng, 60, 3)
-    bottom = (brightness + PLATE_SHADE) * float(exp_minus(spacing / GROOVE_FADING)) - PLATE_SHADE
+    period, amplitude = 2 * width, 2 / math.pi * GROOVE_DEPTH
+    brightness = normal_number(rng, 60, 6)
+    bottom = (brightness + PLATE_SHADE) * float(exp_minus(width / GROOVE_FADING)) - PLATE_SHADE
     conformity = min(1.0, mean_pressure(pressed, reach) / conforming_pressure(amplitude, period, modulus))
     grating = Grating(
         period=period,
