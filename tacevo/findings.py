@@ -7,7 +7,7 @@ from pathlib import Path
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import plain_name
-from tacevo.data.source import Catalogue
+from tacevo.data.source import Catalogue, counted
 from tacevo.data.survey import Survey
 from tacevo.records import Json, to_json
 
@@ -40,6 +40,7 @@ def describe(found: Inspection) -> dict[str, Json]:
         "names": list(facts.names),
         "images": {"all": sum(facts.counts), **counts},
         "skipped": found.catalogue.skipped,
+        "ignored": [str(path) for path in found.catalogue.ignored],
         "recorded_size": to_json(found.catalogue.recorded_size),
         "image_size": facts.image_size,
         "parts": to_json(counted.parts),
@@ -67,7 +68,8 @@ def report(found: Inspection) -> str:
     lines = [
         f"source:      {data.source}{'' if data.root is None else f', {data.root}'}, task {found.config.task.name}",
         f"images:      {sum(facts.counts)}: {train} training, {validation} validation, {test} test",
-        *([f"left out:    {skipped} rows whose image is missing (data.skip_missing)"] if skipped else []),
+        *([f"left out:    {counted(skipped, 'row')} whose image is missing (data.skip_missing)"] if skipped else []),
+        *_ignored_lines(found),
         f"size:        {drawn} {size} pixels",
         "labels:",
         *_label_lines(found),
@@ -106,19 +108,30 @@ def _duplicate_lines(found: Inspection) -> Iterator[str]:
     if not groups:
         yield "equal:       no two images are equal"
         return
-    verdict = f"{len(leaks)} of these straddle splits, which is a leak" if leaks else "none straddles splits"
-    yield f"equal:       {len(groups)} groups of equal images; {verdict}"
+    verdict = f"{len(leaks)} of them in more than one split, which is a leak" if leaks else "none in two splits"
+    yield f"equal:       {counted(len(groups), 'group')} of equal images, {verdict}"
     for group in sorted(groups, key=lambda group: not group.leak)[:SHOWN]:
         members = [f"{_row(found, row)} ({part})" for row, part in zip(group.rows, group.parts, strict=True)]
         yield f"  {'leak: ' if group.leak else ''}{_shortened(members, ' = ')}"
     if len(groups) > SHOWN:
-        yield f"  and {len(groups) - SHOWN} more groups; --json lists all"
+        yield f"  and {counted(len(groups) - SHOWN, 'more group')}; --json lists all"
 
 
 def _constant_lines(found: Inspection) -> Iterator[str]:
     constant = found.survey.constant
     shown = _shortened([_row(found, row) for row in constant], ", ")
-    yield f"constant:    {len(constant)} images have one colour: {shown}" if constant else "constant:    no image"
+    yield (
+        f"constant:    {counted(len(constant), 'image')} of one colour: {shown}"
+        if constant
+        else "constant:    no image"
+    )
+
+
+def _ignored_lines(found: Inspection) -> Iterator[str]:
+    """Name the files that lie among the images and are not used."""
+    files = list(map(str, found.catalogue.ignored))
+    if files:
+        yield f"ignored:     {counted(len(files), 'file')} that belong to no row or class: {_shortened(files, ', ')}"
 
 
 def _row(found: Inspection, row: int) -> str:

@@ -66,7 +66,7 @@ def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str])
     overrides = write_classes(Path("photos"), leaking=True)
     assert main(["data", "check", *overrides]) == 1
     out = capsys.readouterr().out
-    assert "1 groups of equal images; 1 of these straddle splits, which is a leak" in out
+    assert "1 group of equal images, 1 of them in more than one split, which is a leak" in out
     assert "leak: row 0 photos/a/00.png (" in out
 
 
