@@ -30,7 +30,7 @@ class Inspection:
 
 def describe(found: Inspection) -> dict[str, Json]:
     """Give an inspection as plain JSON values."""
-    data, facts, counted = found.config.data, found.dataset.facts, found.survey
+    data, facts, survey = found.config.data, found.dataset.facts, found.survey
     counts = dict(zip(("train", "validation", "test"), facts.counts, strict=True))
     return {
         "task": found.config.task.name,
@@ -43,14 +43,14 @@ def describe(found: Inspection) -> dict[str, Json]:
         "ignored": [str(path) for path in found.catalogue.ignored],
         "recorded_size": to_json(found.catalogue.recorded_size),
         "image_size": facts.image_size,
-        "parts": to_json(counted.parts),
-        "mean": list(counted.mean),
-        "deviation": list(counted.deviation),
+        "parts": to_json(survey.parts),
+        "mean": list(survey.mean),
+        "deviation": list(survey.deviation),
         "duplicates": [
             {**to_json(group), "files": [_file(found, row) for row in group.rows], "leak": group.leak}
-            for group in counted.duplicates
+            for group in survey.duplicates
         ],
-        "constant": list(counted.constant),
+        "constant": list(survey.constant),
         "fingerprint": facts.fingerprint,
         "cache": str(found.dataset.images.parent),
         "sheet": str(found.sheet),
@@ -59,12 +59,12 @@ def describe(found: Inspection) -> dict[str, Json]:
 
 def report(found: Inspection) -> str:
     """Write an inspection for a person."""
-    data, facts, counted = found.config.data, found.dataset.facts, found.survey
+    data, facts, survey = found.config.data, found.dataset.facts, found.survey
     train, validation, test = facts.counts
     size = f"{facts.image_size}x{facts.image_size}"
     recorded, skipped = found.catalogue.recorded_size, found.catalogue.skipped
     drawn = "drawn at" if recorded is None else "{}x{} pixels, used at".format(*recorded)
-    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(counted.mean, counted.deviation, strict=True)]
+    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(survey.mean, survey.deviation, strict=True)]
     lines = [
         f"source:      {data.source}{'' if data.root is None else f', {data.root}'}, task {found.config.task.name}",
         f"images:      {sum(facts.counts)}: {train} training, {validation} validation, {test} test",
@@ -131,7 +131,7 @@ def _ignored_lines(found: Inspection) -> Iterator[str]:
     """Name the files that lie among the images and are not used."""
     files = list(map(str, found.catalogue.ignored))
     if files:
-        yield f"ignored:     {counted(len(files), 'file')} that belong to no row or class: {_shortened(files, ', ')}"
+        yield f"ignored:     {counted(len(files), 'file')} of no row or class: {_shortened(files, ', ')}"
 
 
 def _row(found: Inspection, row: int) -> str:

@@ -113,6 +113,7 @@ NAN_ROWS = np.array([[0.0, 1.0], [np.nan, 1.0], [0.0, np.inf]] * 4)
         ({"labels": np.array(["a"] * 12)}, r"labels must be floats .*; got <U1"),
         ({"labels": np.zeros(12, dtype=bool)}, r"labels must be floats .*; got bool"),
         ({"labels": NAN_ROWS}, r"finite numbers \(8 found\): row 1 is \[nan, 1.0\], row 2 is \[0.0, inf\], row 4"),
+        ({"labels": np.full(12, np.longdouble("1e4000"))}, r"finite numbers \(12 found\): row 0 is \[inf\]"),
         ({"labels": CLASSES.reshape(12, 1)}, r"labels of whole numbers are classes, .*; got \(12, 1\); save values as"),
         ({"labels": CLASSES - 1}, r"from 0 without a gap \(4 found\): row 0 is -1, row 3 is -1, row 6 is -1, row 9"),
         ({"labels": CLASSES * 2}, r"from 0 without a gap \(4 found\): row 2 is 4.*There are 3 classes"),
@@ -181,7 +182,7 @@ def test_single_array_is_refused(tmp_path: Path) -> None:
             r"data.root is no file: .*; give the .npz archive. .* it holds empty, set.npz; did you mean .*/set",
         ),
         (".", r"data.root is a folder, not a .npz archive: .*; it holds set.npz; set data.root=.*/set.npz$"),
-        ("empty", r"data.root is a folder, not a .npz archive: .*; it holds no .npz archive$"),
+        ("empty", r"data.root is a folder, not a .npz archive: .*; it holds none$"),
     ],
 )
 def test_wrong_root_says_what_is_there(tmp_path: Path, name: str, message: str) -> None:

@@ -70,7 +70,7 @@ def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         DataError, match=r"holds no folders, one per class, but 1 image and 0 other files; put the images of each"
     ):
-        save_folder(tmp_path, "a.png").describe()
+        save_folder(tmp_path / "photos", "a.png").describe()
 
 
 def test_empty_classes_are_named(tmp_path: Path) -> None:

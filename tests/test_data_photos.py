@@ -216,3 +216,23 @@ def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:
     """A folder where a file should be has no bytes."""
     with pytest.raises(DataError, match=rf"{tmp_path} cannot be read \(Is a directory\)"):
         files_hash([tmp_path])
+
+
+@pytest.mark.parametrize("suffix", ["tif", "gif"])
+def test_several_images_in_one_file_are_refused(tmp_path: Path, suffix: str) -> None:
+    """The first of a stack is not silently taken for all."""
+    first, *others = [Image.new("L", (4, 4), value) for value in (10, 90, 200)]
+    first.save(tmp_path / f"stack.{suffix}", save_all=True, append_images=others)
+    with pytest.raises(DataError, match=r"\(1 found\): stack \(holds several images\)"):
+        common_size([("stack", tmp_path / f"stack.{suffix}")])
+
+
+def test_more_pixels_than_a_sensor_has_are_refused(tmp_path: Path) -> None:
+    """Pillow's warning of such a file is a fault here, told from the header."""
+    save_deep_png(tmp_path / "vast.png", np.zeros((1, 1), dtype=np.uint16), 0)
+    content = bytearray((tmp_path / "vast.png").read_bytes())
+    content[16:24] = struct.pack(">II", 10_000, 10_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "vast.png").write_bytes(content)
+    with pytest.raises(DataError, match=r"vast \(has more pixels than any tactile image\)"):
+        common_size([("vast", tmp_path / "vast.png")])

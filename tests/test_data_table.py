@@ -194,7 +194,7 @@ def test_table_that_is_no_text_is_refused(tmp_path: Path, content: bytes) -> Non
 
 def test_empty_tables_are_refused(tmp_path: Path) -> None:
     """An empty file has no columns, and a header alone no images."""
-    with pytest.raises(DataError, match="labels.csv is empty; its first line must name the columns"):
+    with pytest.raises(DataError, match=r"labels.csv is empty; its first line must name the columns"):
         save_table(tmp_path, "", header="").catalogue()
     with pytest.raises(DataError, match="no rows below its header"):
         save_table(tmp_path, "").catalogue()

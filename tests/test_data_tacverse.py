@@ -187,7 +187,9 @@ def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, message: str) 
 
 def test_absent_label_column_is_named(tmp_path: Path) -> None:
     """The user sees what the columns are called."""
-    with pytest.raises(DataError, match=r"lacks columns \(1 found\): 'fz'. It has \['image_name', 'fx', 'fy'\]"):
+    with pytest.raises(
+        DataError, match=r"no column 'fz' \(TacVerse's layout\); its columns are 'image_name', 'fx', 'fy'"
+    ):
         save_forces(tmp_path, "image_0.png,1,2\n", header="image_name,fx,fy\n").describe()
 
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,17 @@ from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
 #: What NumPy raises for an archive, or an array in it, that cannot be read.
-_BROKEN = (OSError, ValueError, EOFError, LookupError, SyntaxError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_BROKEN = (
+    OSError,
+    ValueError,
+    EOFError,
+    LookupError,
+    SyntaxError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    TokenError,
+)
 REQUIRED, OPTIONAL = frozenset({"images", "labels"}), frozenset({"names", "groups"})
 
 
@@ -57,7 +68,7 @@ class Arrays:
             DataError: the archive is missing or broken, or an array has another shape, type or value than it may.
         """
         arrays = _read(self.root)
-        images, labels = arrays["images"], arrays["labels"]
+        images, labels = arrays["images"], _in_64_bits(arrays["labels"])
         _check_images(images)
         count = len(images)
         _check_length("labels", labels, count)
@@ -144,6 +155,14 @@ def _check_images(images: npt.NDArray[Any]) -> None:
 def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:
     if array.ndim == 0 or len(array) != count:
         raise DataError(f"{name} must have one row for each of the {count} images; got shape {array.shape}")
+
+
+def _in_64_bits(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Round wider floats to 64 bits; what they cannot hold becomes infinite, which is refused by row."""
+    if labels.dtype.kind != "f":
+        return labels
+    with np.errstate(over="ignore"):
+        return labels.astype(np.float64)
 
 
 def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> int:

@@ -26,6 +26,10 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 #: The EXIF tag of the camera's orientation, and its values that exchange width and height.
 ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 
+#: Formats in which a file may hold several images, of which the first alone is no fair choice. Phones' JPEG files hold a
+#: preview behind the photograph, which is no image of its own.
+STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
+
 #: What Pillow raises for a file that is no image, or a damaged one.
 _UNREADABLE = (
     OSError,
@@ -199,6 +203,8 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
 def _upright_size(path: Path) -> tuple[int, int]:
     """Read width and height from a header, as they are after the orientation note is obeyed."""
     with _opened(path) as file:
+        if file.format in STACKS and getattr(file, "n_frames", 1) > 1:
+            raise DataError("holds several images")
         width, height = file.size
         # The base class's method: that of PNG files decodes all pixels to look behind them. Pillow gives the size of
         # TIFF files upright.

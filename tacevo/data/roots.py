@@ -38,10 +38,8 @@ def require_file(root: Path, suffix: str) -> None:
         return
     if root.is_dir():
         found = entries(root, suffix=suffix)
-        there = (
-            f"it holds {listed(found)}; set data.root={root / found[0]}" if found else f"it holds no {suffix} archive"
-        )
-        raise DataError(f"data.root is a folder, not a {suffix} archive: {root}; {there}")
+        there = f"{listed(found)}; set data.root={root / found[0]}" if found else "none"
+        raise DataError(f"data.root is a folder, not a {suffix} archive: {root}; it holds {there}")
     raise DataError(f"data.root is no file: {root}; give the {suffix} archive. {_instead(root)}")
 
 

@@ -150,7 +150,7 @@ class TacVerse:
             table,
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
-            asked_by=("the layout", "the layout"),
+            asked_by=("TacVerse's layout", "TacVerse's layout"),
             folders=(folder,),
             skip_missing=self.skip_missing,
         )
