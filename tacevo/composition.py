@@ -176,8 +176,8 @@ def _explained(error: Exception) -> str:
         return f"{lines[0]}; choose one of {', '.join(options)}"
     if isinstance(error, OverrideParseException):
         return (
-            f"the setting {error.override} cannot be read; put a value with special characters in quotes of its own, as "
-            "in 'KEY=\"VALUE\"', and write a home folder in full instead of ~"
+            f"the setting {error.override} cannot be read; put a value with special characters in quotes of its own, "
+            "as in 'KEY=\"VALUE\"', and write a home folder in full instead of ~"
         )
     return ": ".join([*lines[:1], *cause[:1]])
 

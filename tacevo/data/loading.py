@@ -174,8 +174,8 @@ def _check(catalogue: Catalogue) -> None:
         )
     if catalogue.kind is Kind.classification and len(catalogue.names) < 2:
         raise DataError(
-            f"classification needs at least two classes; got only {list(catalogue.names)}; add others, or set data.root "
-            "to the folder that holds the folders of all classes"
+            f"classification needs at least two classes; got only {list(catalogue.names)}; add others, or set "
+            "data.root to the folder that holds the folders of all classes"
         )
 
 

@@ -26,8 +26,8 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 #: The EXIF tag of the camera's orientation, and its values that exchange width and height.
 ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 
-#: Formats in which a file may hold several images, of which the first alone is no fair choice. Phones' JPEG files hold a
-#: preview behind the photograph, which is no image of its own.
+#: Formats in which a file may hold several images, of which the first alone is no fair choice. Phones' JPEG files hold
+#: a preview behind the photograph, which is no image of its own.
 STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 
 #: What Pillow raises for a file that is no image, or a damaged one.
