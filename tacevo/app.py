@@ -11,11 +11,10 @@ from pathlib import Path
 from types import FrameType
 
 from tacevo import __version__
+from tacevo.cache_commands import add_cache
+from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
+from tacevo.data_commands import add_data
 from tacevo.errors import DivergenceError, TacevoError
-from tacevo.store import KINDS
-
-#: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
-DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
 _EPILOG = """\
 examples:
@@ -24,14 +23,6 @@ examples:
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
-"""
-
-_DATA_EPILOG = """\
-examples:
-  tacevo data check task=force
-  tacevo data check task=force data=tacverse data.root=FOLDER
-  tacevo data show task=grating -o gratings.pdf
-  tacevo data simulate task=force n=3000 out=simulated
 """
 
 
@@ -52,18 +43,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DivergenceError as error:
         print(f"different: {error}", file=sys.stderr)
         return DIFFERENT
-    except (TacevoError, OSError) as error:  # an OSError names the file: a full disk, a folder without permission
+    except TacevoError as error:
         print(f"error: {error}", file=sys.stderr)
+        return MISTAKE
+    except OSError as error:  # a full disk, a folder without permission
+        named = error.filename is not None and error.strerror is not None
+        print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
         return MISTAKE
 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; overrides may stand behind options too, where argparse itself takes no more of them."""
     parser = _parser()
-    options, rest = parser.parse_known_args(arguments)
+    try:
+        options, rest = parser.parse_known_args(arguments)
+    except UnicodeDecodeError:
+        parser.error("a file of overrides (@FILE) must be text in UTF-8, with one override a line")
     strange = [word for word in rest if word.startswith("-") or "=" not in word]
     if strange or (rest and "overrides" not in options):
-        parser.error(f"unrecognized arguments: {' '.join(strange or rest)}")
+        options.parser.error(f"unrecognized arguments: {' '.join(strange or rest)}")
     if rest:
         options.overrides = [*options.overrides, *rest]
     return options
@@ -74,35 +72,9 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-_OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser whose `search` command lists the choices of every config group, read only when somebody asks.
-
-    A file of overrides (`@FILE`) may have empty lines and comments.
-    """
-
-    def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
-        """Read one line of a file of overrides."""
-        text = arg_line.strip()
-        return [] if text.startswith("#") or not text else [text]
-
-    def format_help(self) -> str:
-        """Write the help."""
-        text = super().format_help()
-        if not self.prog.endswith(" search"):
-            return text
-        from tacevo.confdir import groups
-
-        width = max(map(len, groups()))
-        lines = [f"  {name.ljust(width)}  {', '.join(choices)}" for name, choices in groups().items()]
-        return "\n".join([f"{text}\nconfig groups and their choices:", *lines, ""])
-
-
 def _parser() -> argparse.ArgumentParser:
     """Describe the command line; commands import what they need only when they run, so that help is quick."""
-    parser = _Parser(
+    parser = Parser(
         prog="tacevo",
         description="Architecture search for vision-based tactile sensors that can be replayed bit for bit.",
         epilog=_EPILOG,
@@ -118,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Run a search. The same command continues a stopped run, and repeats a finished one in seconds.",
         fromfile_prefix_chars="@",
     )
-    search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
+    search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     search.add_argument("--estimate", action="store_true", help="print requests, tokens and cost, and ask nobody")
     search.set_defaults(command=_search)
 
@@ -147,15 +119,15 @@ def _parser() -> argparse.ArgumentParser:
     track.add_argument("--uri", help="MLflow tracking URI (default: the run's own)")
     track.set_defaults(command=_track)
 
-    _add_data(commands)
-    _add_cache(commands.add_parser("cache", help="look into the stores of answers, and move what a run needs"))
+    add_data(commands)
+    add_cache(commands)
 
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
     return parser
 
 
-def _add_check(commands: "argparse._SubParsersAction[_Parser]") -> None:
+def _add_check(commands: "argparse._SubParsersAction[Parser]") -> None:
     """Describe `tacevo check`."""
     check = commands.add_parser(
         "check",
@@ -167,83 +139,6 @@ def _add_check(commands: "argparse._SubParsersAction[_Parser]") -> None:
     check.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
     check.add_argument("--json", action="store_true", help="one JSON object a line")
     check.set_defaults(command=_check)
-
-
-def _add_data(commands: "argparse._SubParsersAction[_Parser]") -> None:
-    """Describe `tacevo data` and its commands."""
-    data = commands.add_parser(
-        "data",
-        help="look at a data set, or write a simulated one as files",
-        description="Look at a data set before a search, or write a simulated one as files.",
-        epilog=_DATA_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    data.set_defaults(interrupted="nothing half-made is left")
-    choices = data.add_subparsers(title="commands", required=True, metavar="COMMAND")
-
-    check = choices.add_parser(
-        "check",
-        help="load a data set as a search would, count it, and draw a contact sheet",
-        description="Load a data set as a search would, count it, and draw a contact sheet. "
-        "The exit status is 1 where equal images straddle the splits.",
-        fromfile_prefix_chars="@",
-    )
-    check.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
-    check.add_argument("-o", "--output", metavar="FILE", help="the contact sheet: .png, .pdf or .svg")
-    check.add_argument("--json", action="store_true", help="the findings as one JSON object")
-    check.set_defaults(command=_data_check)
-
-    show = choices.add_parser(
-        "show",
-        help="draw a few samples with their labels, for a paper",
-        description="Draw a few samples with their labels: one of each class or level, or from the least to the most.",
-        fromfile_prefix_chars="@",
-    )
-    show.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=_OVERRIDE)
-    show.add_argument("-o", "--output", metavar="FILE", required=True, help="the figure: .png, .pdf or .svg")
-    show.add_argument("--width", choices=["single", "double"], default="double", help="columns of a paper")
-    show.set_defaults(command=_data_show)
-
-    simulate = choices.add_parser(
-        "simulate",
-        help="write a simulated data set as images and labels, in TacVerse's layout",
-        description="Write a simulated data set as images and labels, in TacVerse's layout; the folder is whole or "
-        "absent.",
-        fromfile_prefix_chars="@",
-    )
-    settings = "out=FOLDER, n=IMAGES, or an override: " + _OVERRIDE
-    simulate.add_argument("overrides", nargs="+", metavar="SETTING", help=settings)
-    simulate.set_defaults(command=_data_simulate)
-
-
-def _add_cache(cache: argparse.ArgumentParser) -> None:
-    """Describe the commands on the stores."""
-    actions = cache.add_subparsers(title="commands", required=True, metavar="COMMAND")
-
-    ls = actions.add_parser("ls", help="count entries by kind and model, with sizes, tokens and costs")
-    ls.add_argument("--kind", choices=KINDS, help="only these")
-    ls.add_argument("--model", metavar="TEXT", help="only completions of models whose name contains TEXT")
-
-    verify = actions.add_parser("verify", help="check every entry; status 1 where one is damaged")
-
-    explain = actions.add_parser(
-        "explain", help="what an entry is, or how a request differs from the nearest recording"
-    )
-    explain.add_argument("key", metavar="KEY", help="the first digits of a key, or a JSON file with a request")
-
-    export = actions.add_parser("export", help="write exactly the entries that a run needs into one file")
-    export.add_argument("run", metavar="RUN", help="the folder of a run")
-    export.add_argument("-o", "--output", required=True, metavar="FILE")
-    export.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
-    export.set_defaults(command=_cache_export)
-
-    import_ = actions.add_parser("import", help="verify such a file, then write its entries into the stores")
-    import_.add_argument("file", metavar="FILE")
-
-    commands = {ls: _cache_ls, verify: _cache_verify, explain: _cache_explain, import_: _cache_import}
-    for parser, command in commands.items():
-        parser.add_argument("--store", default="cache", metavar="DIR", help="the folder of the stores (default: cache)")
-        parser.set_defaults(command=command)
 
 
 def _search(options: argparse.Namespace) -> int:
@@ -317,85 +212,10 @@ def _check(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _data_check(options: argparse.Namespace) -> int:
-    import json
-
-    from rich.console import Console
-
-    from tacevo.findings import describe, report
-    from tacevo.inspecting import check
-
-    found = check(options.overrides, options.output, Console(stderr=True))
-    print(json.dumps(describe(found), indent=2) if options.json else report(found))
-    return DIFFERENT if found.survey.leaks else DONE
-
-
-def _data_show(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.inspecting import show
-
-    print(f"look: {show(options.overrides, options.output, options.width, Console(stderr=True))}")
-    return DONE
-
-
-def _data_simulate(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.inspecting import simulate
-
-    print(simulate(options.overrides, Console(stderr=True)))
-    return DONE
-
-
 def _track(options: argparse.Namespace) -> int:
     from tacevo.session import track
 
     print(track(Path(options.run), options.uri))
-    return DONE
-
-
-def _cache_ls(options: argparse.Namespace) -> int:
-    from tacevo.caching import list_stores
-
-    print(list_stores(Path(options.store), kind=options.kind, model=options.model))
-    return DONE
-
-
-def _cache_verify(options: argparse.Namespace) -> int:
-    from tacevo.caching import verify
-
-    problems, files = verify(Path(options.store))
-    for problem in problems:
-        print(problem)
-    print(f"{files - len(problems)} of {files} entries are sound")
-    return DIFFERENT if problems else DONE
-
-
-def _cache_explain(options: argparse.Namespace) -> int:
-    from tacevo.caching import explain
-
-    print(explain(Path(options.store), options.key))
-    return DONE
-
-
-def _cache_export(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.packing import export
-    from tacevo.progress import PlainView
-
-    with PlainView(Console(stderr=True)) as view:
-        entries = export(Path(options.run), Path(options.output), options.store, view)
-    print(f"{entries} entries are in {options.output}")
-    return DONE
-
-
-def _cache_import(options: argparse.Namespace) -> int:
-    from tacevo.packing import import_file
-
-    written, standing = import_file(Path(options.file), Path(options.store))
-    print(f"{written} entries written, {standing} were there already")
     return DONE
 
 

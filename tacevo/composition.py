@@ -11,7 +11,7 @@ from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -37,6 +37,9 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     ignored = [override for override in overrides if override.startswith(("hydra.", "hydra/"))]
     if ignored:
         raise ConfigError(f"Hydra's own settings have no effect here; got {ignored[0]!r}")
+    strange = [override for override in overrides if "=" not in override]
+    if strange:
+        raise ConfigError(f"a setting is written KEY=VALUE or GROUP=CHOICE; got {strange[0]!r}")
     ConfigStore.instance().store(name="schema", node=RunConfig)
     GlobalHydra.instance().clear()
     try:
@@ -171,6 +174,11 @@ def _explained(error: Exception) -> str:
         start = next(index for index, line in enumerate(lines) if line.startswith("Available options in"))
         options = [line for line in lines[start + 1 :] if not line.startswith(("Config search path", "provider="))]
         return f"{lines[0]}; choose one of {', '.join(options)}"
+    if isinstance(error, OverrideParseException):
+        return (
+            f"the setting {error.override} cannot be read; put a value with special characters in quotes of its own, "
+            "as in 'KEY=\"VALUE\"', and write a home folder in full instead of ~"
+        )
     return ": ".join([*lines[:1], *cause[:1]])
 
 

@@ -14,32 +14,19 @@ from tacevo.choices import (
     OPTIONAL_SAMPLING,
     BoundsRule,
     Confinement,
-    DataSource,
     ExecutorKind,
-    LightScene,
-    Normalisation,
     Numerics,
     ParentPolicy,
     PromptPolicy,
     Provider,
     Scale,
-    SplitRule,
     TargetScaling,
     TemperatureRule,
     Tracking,
 )
-from tacevo.errors import ConfigError
+from tacevo.data_options import DataConfig
+from tacevo.ranges import is_positive, require
 from tacevo.records import Delivery, Json, Kind, Loss, Mode
-
-
-def _require(holds: bool, key: str, expected: str, got: object) -> None:
-    """Refuse an impossible value by the key that the user wrote."""
-    if not holds:
-        raise ConfigError(f"{key} needs {expected}; got {got!r}")
-
-
-def _is_positive(value: float) -> bool:
-    return 0 < value < math.inf
 
 
 @dataclass(kw_only=True)
@@ -54,9 +41,9 @@ class SearchConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _require(self.generations >= 0, "search.generations", "a value >= 0", self.generations)
-        _require(self.candidates >= 1, "search.candidates", "a value >= 1", self.candidates)
-        _require(self.initial >= 0, "search.initial", "a value >= 0", self.initial)
+        require(self.generations >= 0, "search.generations", "a value >= 0", self.generations)
+        require(self.candidates >= 1, "search.candidates", "a value >= 1", self.candidates)
+        require(self.initial >= 0, "search.initial", "a value >= 0", self.initial)
 
 
 @dataclass(kw_only=True)
@@ -82,66 +69,15 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _require(re.fullmatch(r"[\w-]+", self.name) is not None, "task.name", "letters, digits, _ and -", self.name)
-        _require(self.class_name.isidentifier(), "task.class_name", "a Python class name", self.class_name)
+        require(re.fullmatch(r"[\w-]+", self.name) is not None, "task.name", "letters, digits, _ and -", self.name)
+        require(self.class_name.isidentifier(), "task.class_name", "a Python class name", self.class_name)
         argument = self.output_argument
-        _require(argument.isidentifier(), "task.output_argument", "a Python argument name", argument)
+        require(argument.isidentifier(), "task.output_argument", "a Python argument name", argument)
         least = 2 if self.kind is Kind.classification else 1
-        _require(self.outputs >= least, "task.outputs", f"a value >= {least} for {self.kind}", self.outputs)
+        require(self.outputs >= least, "task.outputs", f"a value >= {least} for {self.kind}", self.outputs)
         suits = (self.loss is Loss.cross_entropy) == (self.kind is Kind.classification)
-        _require(suits, "task.loss", "mse for regression, cross_entropy for classification", self.loss.value)
-        _require(self.images >= 10, "task.images", "a value >= 10", self.images)
-
-
-@dataclass(kw_only=True)
-class DataConfig:
-    """Where the images come from, and how they are prepared."""
-
-    source: DataSource
-    #: Height and width, in pixels.
-    image_size: int
-    #: Simulated: how many images, the seed of the contacts, that of the sensor, and its light.
-    images: int
-    seed: int
-    sensor_seed: int
-    light: LightScene
-    #: Simulated gratings: the spacings that are the classes, in mm.
-    spacings_mm: list[float]
-    #: Recorded: the folder of the data set, or the file of a NumPy archive.
-    root: str | None
-    #: CSV: the table and the columns to read.
-    table: str
-    image_column: str
-    target_columns: list[str]
-    #: TacVerse: the folders to read; the pattern is for gratings.
-    sensor: str
-    pattern: str | None
-    #: Tables: leave out rows whose image is missing, instead of refusing the table.
-    skip_missing: bool
-    split: SplitRule
-    split_seed: int
-    normalisation: Normalisation
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        simulated = self.source is DataSource.simulated
-        most = 256 if simulated else 1024
-        sized = 16 <= self.image_size <= most
-        _require(sized, "data.image_size", f"a value from 16 to {most} for data={self.source}", self.image_size)
-        _require(self.images >= 10, "data.images", "a value >= 10", self.images)
-        for key in ("seed", "sensor_seed", "split_seed"):
-            _require(getattr(self, key) >= 0, f"data.{key}", "a value >= 0", getattr(self, key))
-        if not simulated:
-            what = "file" if self.source is DataSource.numpy else "folder"
-            _require(bool(self.root), "data.root", f"the {what} of the data set for data={self.source}", self.root)
-        if self.source is DataSource.csv:
-            columns = self.target_columns
-            named = bool(columns) and len(set(columns)) == len(columns)
-            _require(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
-        _require(bool(self.sensor), "data.sensor", "the name of a folder", self.sensor)
-        _require(self.pattern != "", "data.pattern", "the name of a folder, or null", self.pattern)
-        spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(_is_positive, self.spacings_mm))
-        _require(spaced, "data.spacings_mm", "different finite values > 0", self.spacings_mm)
+        require(suits, "task.loss", "mse for regression, cross_entropy for classification", self.loss.value)
+        require(self.images >= 10, "task.images", "a value >= 10", self.images)
 
 
 def deliveries(provider: Provider) -> tuple[Delivery, ...]:
@@ -178,17 +114,17 @@ class LLMConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _require(bool(self.model), "llm.model", "a model name", self.model)
-        _require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
-        _require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
-        _require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
+        require(bool(self.model), "llm.model", "a model name", self.model)
+        require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
+        require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
+        require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
         self._check_sampling()
         delivered = self.delivery in deliveries(self.provider)
-        _require(delivered, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
+        require(delivered, "llm.delivery", f"direct for llm={self.provider}", self.delivery.value)
         sound = self.budget_usd is None or 0 <= self.budget_usd < math.inf
-        _require(sound, "llm.budget_usd", "a finite value >= 0, or null", self.budget_usd)
+        require(sound, "llm.budget_usd", "a finite value >= 0, or null", self.budget_usd)
         kept = self.budget_usd is None or self.mode is not Mode.live
-        _require(
+        require(
             kept, "llm.budget_usd", "null with llm.mode=live, where each command pays for all anew", self.budget_usd
         )
 
@@ -196,13 +132,13 @@ class LLMConfig:
         for key, providers in OPTIONAL_SAMPLING.items():
             value = getattr(self, key)
             known = self.provider in providers or not value
-            _require(known, f"llm.{key}", f"to be left out for llm={self.provider}, which does not know it", value)
+            require(known, f"llm.{key}", f"to be left out for llm={self.provider}, which does not know it", value)
         top_p, top_k, thinking = self.top_p, self.top_k, self.thinking_tokens
-        _require(top_p is None or 0 < top_p <= 1, "llm.top_p", "a value in (0, 1], or null", top_p)
-        _require(top_k is None or top_k >= 1, "llm.top_k", "a value >= 1, or null", top_k)
-        _require(all(self.stop_sequences), "llm.stop_sequences", "texts that are not empty", self.stop_sequences)
+        require(top_p is None or 0 < top_p <= 1, "llm.top_p", "a value in (0, 1], or null", top_p)
+        require(top_k is None or top_k >= 1, "llm.top_k", "a value >= 1, or null", top_k)
+        require(all(self.stop_sequences), "llm.stop_sequences", "texts that are not empty", self.stop_sequences)
         fits = thinking is None or 1 <= thinking < self.max_tokens
-        _require(fits, "llm.thinking_tokens", f"a value from 1 to below llm.max_tokens={self.max_tokens}", thinking)
+        require(fits, "llm.thinking_tokens", f"a value from 1 to below llm.max_tokens={self.max_tokens}", thinking)
 
 
 @dataclass(kw_only=True)
@@ -223,17 +159,17 @@ class ArchiveConfig:
     def __post_init__(self) -> None:
         """Check the ranges."""
         most = self.samples
-        _require(1 <= self.niches <= most, "archive.niches", f"a value from 1 to archive.samples={most}", self.niches)
+        require(1 <= self.niches <= most, "archive.niches", f"a value from 1 to archive.samples={most}", self.niches)
         prompt_niches = self.prompt_niches
         fits = 1 <= prompt_niches <= most
-        _require(fits, "archive.prompt_niches", f"a value from 1 to archive.samples={most}", prompt_niches)
+        require(fits, "archive.prompt_niches", f"a value from 1 to archive.samples={most}", prompt_niches)
         for key in ("arch_div_bounds", "eff_ratio_bounds"):
             pair = getattr(self, key)
             ordered = len(pair) == 2 and -math.inf < pair[0] < pair[1] < math.inf
-            _require(ordered, f"archive.{key}", "[low, high] with finite low < high", pair)
+            require(ordered, f"archive.{key}", "[low, high] with finite low < high", pair)
         if self.bounds is BoundsRule.fixed and self.eff_ratio_scale is Scale.log:
             low = self.eff_ratio_bounds[0]
-            _require(low > 0, "archive.eff_ratio_bounds", "low > 0 with eff_ratio_scale=log", low)
+            require(low > 0, "archive.eff_ratio_bounds", "low > 0 with eff_ratio_scale=log", low)
 
 
 @dataclass(kw_only=True)
@@ -250,7 +186,7 @@ class TemperatureConfig:
         """Check the ranges."""
         for key in ("start", "step", "jitter"):
             value = getattr(self, key)
-            _require(0 <= value <= 1, f"temperature.{key}", "a value in [0, 1]", value)
+            require(0 <= value <= 1, f"temperature.{key}", "a value in [0, 1]", value)
 
 
 @dataclass(kw_only=True)
@@ -275,9 +211,9 @@ class ProposalsConfig:
     def __post_init__(self) -> None:
         """Check the ranges."""
         p_m = self.mutation_probability
-        _require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
-        _require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
-        _require(self.repair_attempts >= 0, "proposals.repair_attempts", "a value >= 0", self.repair_attempts)
+        require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
+        require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
+        require(self.repair_attempts >= 0, "proposals.repair_attempts", "a value >= 0", self.repair_attempts)
 
 
 @dataclass(kw_only=True)
@@ -293,11 +229,11 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _require(self.epochs >= 1, "training.epochs", "a value >= 1", self.epochs)
-        _require(self.batch_size >= 2, "training.batch_size", "a value >= 2", self.batch_size)
-        _require(_is_positive(self.learning_rate), "training.learning_rate", "a finite value > 0", self.learning_rate)
-        _require(_is_positive(self.seconds), "training.seconds", "a finite value > 0", self.seconds)
-        _require(self.memory_mib >= 64, "training.memory_mib", "a value >= 64", self.memory_mib)
+        require(self.epochs >= 1, "training.epochs", "a value >= 1", self.epochs)
+        require(self.batch_size >= 2, "training.batch_size", "a value >= 2", self.batch_size)
+        require(is_positive(self.learning_rate), "training.learning_rate", "a finite value > 0", self.learning_rate)
+        require(is_positive(self.seconds), "training.seconds", "a finite value > 0", self.seconds)
+        require(self.memory_mib >= 64, "training.memory_mib", "a value >= 64", self.memory_mib)
 
 
 @dataclass(kw_only=True)
@@ -315,9 +251,9 @@ class GateConfig:
     def __post_init__(self) -> None:
         """Check the ranges."""
         for key in ("max_parameters", "max_flops", "max_modules", "max_source_bytes"):
-            _require(getattr(self, key) >= 1, f"gate.{key}", "a value >= 1", getattr(self, key))
-        _require(_is_positive(self.seconds), "gate.seconds", "a finite value > 0", self.seconds)
-        _require(self.memory_mib >= 64, "gate.memory_mib", "a value >= 64", self.memory_mib)
+            require(getattr(self, key) >= 1, f"gate.{key}", "a value >= 1", getattr(self, key))
+        require(is_positive(self.seconds), "gate.seconds", "a finite value > 0", self.seconds)
+        require(self.memory_mib >= 64, "gate.memory_mib", "a value >= 64", self.memory_mib)
 
 
 @dataclass(kw_only=True)
@@ -336,7 +272,7 @@ class ExecutorConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _require(self.workers >= 1, "executor.workers", "a value >= 1", self.workers)
+        require(self.workers >= 1, "executor.workers", "a value >= 1", self.workers)
 
 
 @dataclass(kw_only=True)
@@ -363,7 +299,7 @@ class StoreConfig:
 
     def __post_init__(self) -> None:
         """Refuse an empty name, which would scatter the stores over the current folder."""
-        _require(bool(self.root), "store.root", "the name of a folder", self.root)
+        require(bool(self.root), "store.root", "the name of a folder", self.root)
 
 
 @dataclass(kw_only=True)
@@ -374,7 +310,7 @@ class OutputConfig:
 
     def __post_init__(self) -> None:
         """Refuse an empty name, which would scatter a run over the current folder."""
-        _require(self.dir != "", "run.dir", "the name of a folder, or null", self.dir)
+        require(self.dir != "", "run.dir", "the name of a folder, or null", self.dir)
 
 
 @dataclass(kw_only=True)
@@ -401,7 +337,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         """Check what spans several groups."""
-        _require(self.seed >= 0, "seed", "a value >= 0", self.seed)
+        require(self.seed >= 0, "seed", "a value >= 0", self.seed)
 
 
 def identity(config: RunConfig) -> dict[str, Json]:

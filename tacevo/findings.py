@@ -7,7 +7,7 @@ from pathlib import Path
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import plain_name
-from tacevo.data.source import Catalogue
+from tacevo.data.source import Catalogue, counted
 from tacevo.data.survey import Survey
 from tacevo.records import Json, to_json
 
@@ -30,7 +30,7 @@ class Inspection:
 
 def describe(found: Inspection) -> dict[str, Json]:
     """Give an inspection as plain JSON values."""
-    data, facts, counted = found.config.data, found.dataset.facts, found.survey
+    data, facts, survey = found.config.data, found.dataset.facts, found.survey
     counts = dict(zip(("train", "validation", "test"), facts.counts, strict=True))
     return {
         "task": found.config.task.name,
@@ -40,16 +40,17 @@ def describe(found: Inspection) -> dict[str, Json]:
         "names": list(facts.names),
         "images": {"all": sum(facts.counts), **counts},
         "skipped": found.catalogue.skipped,
+        "ignored": [str(path) for path in found.catalogue.ignored],
         "recorded_size": to_json(found.catalogue.recorded_size),
         "image_size": facts.image_size,
-        "parts": to_json(counted.parts),
-        "mean": list(counted.mean),
-        "deviation": list(counted.deviation),
+        "parts": to_json(survey.parts),
+        "mean": list(survey.mean),
+        "deviation": list(survey.deviation),
         "duplicates": [
             {**to_json(group), "files": [_file(found, row) for row in group.rows], "leak": group.leak}
-            for group in counted.duplicates
+            for group in survey.duplicates
         ],
-        "constant": list(counted.constant),
+        "constant": list(survey.constant),
         "fingerprint": facts.fingerprint,
         "cache": str(found.dataset.images.parent),
         "sheet": str(found.sheet),
@@ -58,16 +59,17 @@ def describe(found: Inspection) -> dict[str, Json]:
 
 def report(found: Inspection) -> str:
     """Write an inspection for a person."""
-    data, facts, counted = found.config.data, found.dataset.facts, found.survey
+    data, facts, survey = found.config.data, found.dataset.facts, found.survey
     train, validation, test = facts.counts
     size = f"{facts.image_size}x{facts.image_size}"
     recorded, skipped = found.catalogue.recorded_size, found.catalogue.skipped
     drawn = "drawn at" if recorded is None else "{}x{} pixels, used at".format(*recorded)
-    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(counted.mean, counted.deviation, strict=True)]
+    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(survey.mean, survey.deviation, strict=True)]
     lines = [
         f"source:      {data.source}{'' if data.root is None else f', {data.root}'}, task {found.config.task.name}",
         f"images:      {sum(facts.counts)}: {train} training, {validation} validation, {test} test",
-        *([f"left out:    {skipped} rows whose image is missing (data.skip_missing)"] if skipped else []),
+        *([f"left out:    {counted(skipped, 'row')} whose image is missing (data.skip_missing)"] if skipped else []),
+        *_ignored_lines(found),
         f"size:        {drawn} {size} pixels",
         "labels:",
         *_label_lines(found),
@@ -106,19 +108,30 @@ def _duplicate_lines(found: Inspection) -> Iterator[str]:
     if not groups:
         yield "equal:       no two images are equal"
         return
-    verdict = f"{len(leaks)} of these straddle splits, which is a leak" if leaks else "none straddles splits"
-    yield f"equal:       {len(groups)} groups of equal images; {verdict}"
+    verdict = f"{len(leaks)} of them in more than one split, which is a leak" if leaks else "none in two splits"
+    yield f"equal:       {counted(len(groups), 'group')} of equal images, {verdict}"
     for group in sorted(groups, key=lambda group: not group.leak)[:SHOWN]:
         members = [f"{_row(found, row)} ({part})" for row, part in zip(group.rows, group.parts, strict=True)]
         yield f"  {'leak: ' if group.leak else ''}{_shortened(members, ' = ')}"
     if len(groups) > SHOWN:
-        yield f"  and {len(groups) - SHOWN} more groups; --json lists all"
+        yield f"  and {counted(len(groups) - SHOWN, 'more group')}; --json lists all"
 
 
 def _constant_lines(found: Inspection) -> Iterator[str]:
     constant = found.survey.constant
     shown = _shortened([_row(found, row) for row in constant], ", ")
-    yield f"constant:    {len(constant)} images have one colour: {shown}" if constant else "constant:    no image"
+    yield (
+        f"constant:    {counted(len(constant), 'image')} of one colour: {shown}"
+        if constant
+        else "constant:    no image"
+    )
+
+
+def _ignored_lines(found: Inspection) -> Iterator[str]:
+    """Name the files that lie among the images and are not used."""
+    files = list(map(str, found.catalogue.ignored))
+    if files:
+        yield f"ignored:     {counted(len(files), 'file')} of no row or class: {_shortened(files, ', ')}"
 
 
 def _row(found: Inspection, row: int) -> str:

@@ -16,6 +16,7 @@ from tacevo.data.export import export, overrides_for
 from tacevo.data.labels import units_of
 from tacevo.data.sheet import contact_sheet, format_of, sample_figure, save
 from tacevo.data.simulator import Simulated
+from tacevo.data.source import Catalogue
 from tacevo.data.survey import survey
 from tacevo.data.workers import Progress
 from tacevo.errors import ConfigError
@@ -37,8 +38,8 @@ def check(overrides: Sequence[str], output: str | None, console: Console) -> Ins
     """
     sheet = None if output is None else _writable(output)
     config = compose(overrides)
-    dataset = _load(config, console)
     catalogue = source_of(config).catalogue()
+    dataset = _load(config, catalogue, console)
     units = units_of(catalogue)
     path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
     counts = " / ".join(map(str, dataset.facts.counts))
@@ -61,8 +62,9 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
     """
     path = _writable(output)
     config = compose(overrides)
-    dataset = _load(config, console)
-    units = units_of(source_of(config).catalogue())
+    catalogue = source_of(config).catalogue()
+    dataset = _load(config, catalogue, console)
+    units = units_of(catalogue)
     save(sample_figure(dataset, units=units, width=width), path)
     return path
 
@@ -89,14 +91,14 @@ def simulate(settings: Sequence[str], console: Console) -> str:
         )
     with _shown(console) as progress:
         count = export(source, out, workers=config.executor.workers, progress=progress)
-    command = shlex.join(overrides_for(source, source.catalogue(), out))
+    command = shlex.join(overrides_for(source, out))
     return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
 
 
-def _load(config: RunConfig, console: Console) -> Dataset:
-    """Load a data set and see that it suits its task, as a search does."""
+def _load(config: RunConfig, catalogue: Catalogue, console: Console) -> Dataset:
+    """Load a data set whose catalogue is there already, and see that it suits its task, as a search does."""
     with _shown(console) as progress:
-        dataset = load_data(config, progress, PlainView(console).say)
+        dataset = load_data(config, progress, PlainView(console).say, catalogue=catalogue)
     load_task(config, dataset.facts)
     return dataset
 
@@ -105,6 +107,8 @@ def _writable(name: str) -> Path:
     """Check the name of a picture before any work is done for it."""
     path = Path(name)
     format_of(path)
+    if path.is_dir():
+        raise ConfigError(f"-o names {path}, which is a folder; name a file")
     if not path.absolute().parent.is_dir():
         raise ConfigError(f"-o names a file in {path.parent}, which is no folder; make it first")
     return path

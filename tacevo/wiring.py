@@ -17,7 +17,7 @@ from tacevo.data.fitting import require_fit
 from tacevo.data.folder import Folder
 from tacevo.data.loading import load
 from tacevo.data.simulator import Simulated, SimulatedTask
-from tacevo.data.source import Source
+from tacevo.data.source import Catalogue, Source
 from tacevo.data.table import Table
 from tacevo.data.tacverse import TacVerse, TacVerseTask
 from tacevo.data.workers import Progress
@@ -41,13 +41,20 @@ ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 _Tasks = TypeVar("_Tasks", bound=StrEnum)
 
 
-def load_data(config: RunConfig, progress: Progress | None, say: Callable[[str], None] | None = None) -> Dataset:
+def load_data(
+    config: RunConfig,
+    progress: Progress | None,
+    say: Callable[[str], None] | None = None,
+    *,
+    catalogue: Catalogue | None = None,
+) -> Dataset:
     """Load or make the data set that a configuration names.
 
     Args:
         config: the configuration.
         progress: told while images are made.
         say: told in one line where the images of another process are waited for.
+        catalogue: the catalogue of this very source, where it is there already.
 
     Raises:
         DataError: it is missing or broken.
@@ -66,6 +73,7 @@ def load_data(config: RunConfig, progress: Progress | None, say: Callable[[str],
         ),
         progress=progress,
         say=say,
+        catalogue=catalogue,
     )
 
 

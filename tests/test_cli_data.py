@@ -66,7 +66,7 @@ def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str])
     overrides = write_classes(Path("photos"), leaking=True)
     assert main(["data", "check", *overrides]) == 1
     out = capsys.readouterr().out
-    assert "1 groups of equal images; 1 of these straddle splits, which is a leak" in out
+    assert "1 group of equal images, 1 of them in more than one split, which is a leak" in out
     assert "leak: row 0 photos/a/00.png (" in out
 
 
@@ -142,6 +142,8 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
         (["check", "task=grating", "data=folder", "data.root=absent"], "absent"),
         (["check", *SMALL, "task.outputs=2"], "set task.outputs=3"),
         (["check", *SMALL, "-o", "sheet.gif"], "must end in one of .png, .pdf, .svg"),
+        (["check", "sheet"], "a setting is written KEY=VALUE or GROUP=CHOICE; got 'sheet'"),
+        (["check", "data=folder", "data.root=~/photos"], "write a home folder in full instead of ~"),
         (["show", *SMALL, "-o", "absent/figure.pdf"], "-o names a file in absent, which is no folder"),
         (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
         (["simulate", "task=force", "n=40"], "out=FOLDER must say once where the files go; got []"),
@@ -206,3 +208,41 @@ def test_search_imports_no_drawing() -> None:
     script = "import sys, tacevo.session\nprint('drawing:', 'matplotlib' in sys.modules)"
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "drawing: False" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "usage"),
+    [
+        (["data", "check", "--bogus"], "usage: tacevo data check "),
+        (["data", "simulate"], "usage: tacevo data simulate "),
+        (["data", "bogus"], "usage: tacevo data "),
+        (["cache", "ls", "--bogus"], "usage: tacevo cache ls "),
+        (["--bogus", "doctor"], "usage: tacevo doctor "),
+    ],
+)
+def test_bad_arguments_show_the_usage_of_their_command(
+    arguments: list[str], usage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who mistypes an option of one command is shown that command's."""
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert capsys.readouterr().err.startswith(usage)
+
+
+def test_file_of_overrides_that_is_no_text_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """Bytes that are no UTF-8 are a mistake, told without a traceback."""
+    Path("sheet.png").write_bytes(b"\x89PNG\xff")
+    with pytest.raises(SystemExit):
+        main(["data", "check", "@sheet.png"])
+    assert "a file of overrides (@FILE) must be text in UTF-8" in capsys.readouterr().err
+
+
+def test_check_names_files_that_are_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    """Another format and loose images are counted and named, in words and for machines."""
+    overrides = write_classes(Path("photos"), leaking=False)
+    Image.new("RGB", (20, 24)).save("photos/a/40.bmp")
+    Image.new("RGB", (20, 24)).save("photos/loose.png")
+    assert main(["data", "check", *overrides]) == 0
+    assert "ignored:     2 files of no row or class: photos/a/40.bmp, photos/loose.png" in capsys.readouterr().out
+    assert main(["data", "check", *overrides, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ignored"] == ["photos/a/40.bmp", "photos/loose.png"]

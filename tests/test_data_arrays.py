@@ -1,5 +1,7 @@
 """NumPy archives: floats are values, whole numbers classes; nothing is unpickled, and every broken array is named."""
 
+import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,13 @@ from tacevo.records import Kind
 
 IMAGES = np.random.Generator(np.random.Philox(0)).integers(0, 256, (12, 8, 6, 3)).astype(np.uint8)
 CLASSES = np.arange(12) % 3
+
+#: The header of an array of 2^60 bytes.
+HUGE = (
+    b"\x93NUMPY\x01\x00\x76\x00"
+    + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({1 << 60},), }}".encode().ljust(117)
+    + b"\n"
+)
 
 
 def test_floats_are_regressed(tmp_path: Path) -> None:
@@ -95,8 +104,8 @@ NAN_ROWS = np.array([[0.0, 1.0], [np.nan, 1.0], [0.0, np.inf]] * 4)
         ({"images": IMAGES / 255}, r"images must be uint8 .*; got float64"),
         ({"images": IMAGES.transpose(0, 3, 1, 2)}, r"images must be .*; got uint8 of shape \(12, 3, 8, 6\)"),
         ({"images": IMAGES[0, :, :, 0]}, r"images must be .*; got uint8 of shape \(8, 6\)"),
-        ({"images": np.zeros((12, 0, 8), dtype=np.uint8)}, r"images must be .*; got uint8 of shape \(12, 0, 8\)"),
-        ({"images": IMAGES[:0], "labels": np.zeros(0)}, r"images must be .*; got uint8 of shape \(0, 8, 6, 3\)"),
+        ({"images": np.zeros((12, 0, 8), dtype=np.uint8)}, r"images is empty: it has shape \(12, 0, 8\); save at"),
+        ({"images": IMAGES[:0], "labels": np.zeros(0)}, r"images is empty: it has shape \(0, 8, 6, 3\); save at"),
         ({"labels": np.zeros(11)}, r"labels must have one row for each of the 12 images; got shape \(11,\)"),
         ({"labels": np.float64(1)}, r"labels must have one row .*; got shape \(\)"),
         ({"labels": np.zeros((12, 2, 2))}, r"labels must be floats .*; got float64 of shape \(12, 2, 2\)"),
@@ -104,6 +113,7 @@ NAN_ROWS = np.array([[0.0, 1.0], [np.nan, 1.0], [0.0, np.inf]] * 4)
         ({"labels": np.array(["a"] * 12)}, r"labels must be floats .*; got <U1"),
         ({"labels": np.zeros(12, dtype=bool)}, r"labels must be floats .*; got bool"),
         ({"labels": NAN_ROWS}, r"finite numbers \(8 found\): row 1 is \[nan, 1.0\], row 2 is \[0.0, inf\], row 4"),
+        ({"labels": np.full(12, np.longdouble("1e4000"))}, r"finite numbers \(12 found\): row 0 is \[inf\]"),
         ({"labels": CLASSES.reshape(12, 1)}, r"labels of whole numbers are classes, .*; got \(12, 1\); save values as"),
         ({"labels": CLASSES - 1}, r"from 0 without a gap \(4 found\): row 0 is -1, row 3 is -1, row 6 is -1, row 9"),
         ({"labels": CLASSES * 2}, r"from 0 without a gap \(4 found\): row 2 is 4.*There are 3 classes"),
@@ -126,7 +136,7 @@ def test_broken_arrays_are_named(tmp_path: Path, arrays: dict[str, Any], message
 def test_objects_are_never_unpickled(tmp_path: Path) -> None:
     """An array of objects would run code when it is read."""
     objects = np.array([print] * 12, dtype=object)
-    with pytest.raises(DataError, match=r"no NumPy archive of plain arrays \(Object arrays cannot be loaded"):
+    with pytest.raises(DataError, match=r"array 'labels' of .* is damaged, or holds Python objects; save numbers"):
         save_arrays(tmp_path / "set.npz", labels=objects).catalogue()
 
 
@@ -134,7 +144,7 @@ def test_pickle_in_place_of_an_archive_is_refused(tmp_path: Path) -> None:
     """Neither is a file that is a pickle as a whole."""
     path = tmp_path / "set.npz"
     path.write_bytes(b"\x80\x04N.")
-    with pytest.raises(DataError, match="is no NumPy archive of plain arrays"):
+    with pytest.raises(DataError, match="is no NumPy archive, or was cut off; save images and labels together"):
         Arrays(root=path, image_size=16).catalogue()
 
 
@@ -143,7 +153,7 @@ def test_file_that_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> N
     """Empty, text, or the beginning of a zip file."""
     path = tmp_path / "set.npz"
     path.write_bytes(content)
-    with pytest.raises(DataError, match="is no NumPy archive of plain arrays"):
+    with pytest.raises(DataError, match="is no NumPy archive, or was cut off; save images and labels together"):
         Arrays(root=path, image_size=16).catalogue()
 
 
@@ -153,7 +163,7 @@ def test_damaged_archive_is_refused(tmp_path: Path) -> None:
     content = bytearray(source.root.read_bytes())
     content[500] ^= 0xFF
     source.root.write_bytes(content)
-    with pytest.raises(DataError, match="is no NumPy archive of plain arrays"):
+    with pytest.raises(DataError, match=r"array 'images' of .* is damaged"):
         source.catalogue()
 
 
@@ -164,8 +174,48 @@ def test_single_array_is_refused(tmp_path: Path) -> None:
         Arrays(root=tmp_path / "images.npy", image_size=16).catalogue()
 
 
-@pytest.mark.parametrize("name", ["absent.npz", "."])
-def test_wrong_root_is_refused(tmp_path: Path, name: str) -> None:
-    """The archive is a file; a folder is none."""
-    with pytest.raises(DataError, match=r"data.root is no file: .*; give the .npz archive"):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "sets.npz",
+            r"data.root is no file: .*; give the .npz archive. .* it holds empty, set.npz; did you mean .*/set",
+        ),
+        (".", r"data.root is a folder, not a .npz archive: .*; it holds set.npz; set data.root=.*/set.npz$"),
+        ("empty", r"data.root is a folder, not a .npz archive: .*; it holds none$"),
+    ],
+)
+def test_wrong_root_says_what_is_there(tmp_path: Path, name: str, message: str) -> None:
+    """The archive is a file; where it was not found, those that are there are named."""
+    save_arrays(tmp_path / "set.npz")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DataError, match=message):
         Arrays(root=tmp_path / name, image_size=16).describe()
+
+
+def spoilt(path: Path, member: str, content: bytes) -> Arrays:
+    """Write an archive with a sound array of labels, and a member of our own making."""
+    labels = io.BytesIO()
+    np.save(labels, np.linspace(0, 1, 12))
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("labels.npy", labels.getvalue())
+        file.writestr(member, content)
+    return Arrays(root=path, image_size=16)
+
+
+@pytest.mark.parametrize(
+    ("member", "content", "message"),
+    [
+        ("images", b"pixels", "'images' of .* is no array"),
+        ("images.npy", b"", "'images' of .* is (damaged|no array)"),
+        ("images.npy", b"\x93NUMPY\x01\x00", "array 'images' of .* is damaged"),
+        ("images.npy", b"\x93NUMPY\x01\x00\x0c\x00{'descr': (((", "array 'images' of .* is damaged"),
+        ("images.npy", HUGE, "array 'images' of .* needs more memory than there is"),
+    ],
+    ids=["no array", "empty", "half a header", "broken header", "beyond the memory"],
+)
+def test_member_that_is_no_array_is_named(tmp_path: Path, member: str, content: bytes, message: str) -> None:
+    """Whatever stands in the place of an array, the message is ours."""
+    with pytest.raises(DataError, match=message) as caught:
+        spoilt(tmp_path / "set.npz", member, content).catalogue()
+    assert "pickle" not in str(caught.value)

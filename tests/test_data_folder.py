@@ -67,8 +67,10 @@ def test_wrong_root_is_refused(tmp_path: Path, form: str) -> None:
 
 def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     """Images without folders have no classes."""
-    with pytest.raises(DataError, match="has no folders; put the images of each class"):
-        save_folder(tmp_path, "a.png").describe()
+    with pytest.raises(
+        DataError, match=r"holds no folders, one per class, but 1 image and 0 other files; put the images of each"
+    ):
+        save_folder(tmp_path / "photos", "a.png").describe()
 
 
 def test_empty_classes_are_named(tmp_path: Path) -> None:
@@ -101,10 +103,41 @@ def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"2 have 8x8 pixels .*\(1 found\): b/1.png 9x8"):
         source.catalogue()
     (tmp_path / "a" / "2.png").write_text("no image")
-    with pytest.raises(DataError, match=r"cannot be read \(1 found\): a/2.png \(Unid"):
+    with pytest.raises(DataError, match=r"cannot be read \(1 found\): a/2.png \(is no image of a known format\)"):
         source.catalogue()
 
 
 def test_names_that_look_like_numbers_but_are_none_are_text(tmp_path: Path) -> None:
     """A class called nan has no place among numbers."""
     assert save_folder(tmp_path, "nan/a.png", "10/a.png", "2/a.png").catalogue().names == ("10", "2", "nan")
+
+
+def test_text_with_digits_is_no_number(tmp_path: Path) -> None:
+    """Python reads 1_0 as ten; as names they are two classes."""
+    assert save_folder(tmp_path, "1_0/a.png", "10/a.png").catalogue().names == ("10", "1_0")
+
+
+def test_files_that_are_no_images_of_a_class_are_told(tmp_path: Path) -> None:
+    """Another format, notes, and images beside the classes are left out, and named."""
+    source = save_folder(tmp_path, "a/1.png", "b/deep/2.png", "beside.png", "a/3.bmp", ".hidden/4.png")
+    ignored = [path.relative_to(tmp_path).as_posix() for path in source.catalogue().ignored]
+    assert ignored == ["a/3.bmp", "beside.png"]
+
+
+def test_root_of_one_class_is_told_from_that_of_all(tmp_path: Path) -> None:
+    """One folder too deep, the message gives the root that would be right."""
+    source = save_folder(tmp_path, "a/1.png", "b/1.png")
+    with pytest.raises(
+        DataError, match=rf"but 1 image and 0 other files; .* one class of a, b; set data.root={tmp_path}$"
+    ):
+        Folder(root=source.root / "a", image_size=16).describe()
+
+
+def test_folder_with_a_table_is_for_another_loader(tmp_path: Path) -> None:
+    """Images beside a table have labels, not classes."""
+    source = save_folder(tmp_path, "a.png")
+    (tmp_path / "labels.csv").write_text("image,fx\n")
+    with pytest.raises(
+        DataError, match=r"1 image and 1 other file; for a table of labels set data=csv data.table=labels"
+    ):
+        source.describe()

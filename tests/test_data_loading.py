@@ -295,7 +295,7 @@ def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:
 def test_unreadable_images_are_counted_and_leave_no_entry(tmp_path: Path) -> None:
     """All faults are collected, the first few are named, nothing is cached, and nobody is told that all is done."""
     seen: list[tuple[int, int]] = []
-    with pytest.raises(DataError, match=r"7 found\): 0.png, 1.png, 2.png, 3.png, 4.png, \.\.\."):
+    with pytest.raises(DataError, match=r"7 found\): row 0 \(0.png\), row 1 \(1.png\), .*, \.\.\."):
         load_greys(Greys(broken=7), tmp_path, progress=lambda done, total: seen.append((done, total)))
     assert entries(tmp_path) == []
     assert seen == []
@@ -466,3 +466,17 @@ def test_full_disk_is_refused_and_left_clean(tmp_path: Path) -> None:
     assert left == ""
     assert process.returncode == 1
     assert re.fullmatch(NO_ROOM.format(cache=tmp_path), message)
+
+
+def test_catalogue_that_is_given_is_not_listed_again(tmp_path: Path) -> None:
+    """Who has looked at a source's catalogue hands it over; listing it twice would read a recording twice."""
+    dataset = load(
+        Undecodable(),
+        split_seed=0,
+        normalisation=Normalisation.unit,
+        target_scaling=TargetScaling.none,
+        cache=tmp_path,
+        workers=1,
+        catalogue=Greys().catalogue(),
+    )
+    assert dataset.facts.counts == (16, 2, 2)

@@ -88,7 +88,7 @@ def test_colour_of_16_bits_keeps_the_high_byte(tmp_path: Path, colour_type: int)
 def test_values_of_no_known_range_are_refused(tmp_path: Path, pixels: npt.NDArray[np.generic], message: str) -> None:
     """A depth map in metres or counts of 32 bits has no white to scale by."""
     Image.fromarray(pixels).save(tmp_path / "deep.tif")
-    with pytest.raises(DataError, match=rf"/deep.tif \({message}\)"):
+    with pytest.raises(DataError, match=f"^{message}$"):
         decode(tmp_path / "deep.tif", 4)
 
 
@@ -111,7 +111,7 @@ def test_transparent_pixels_are_refused_and_opaque_alpha_is_dropped(tmp_path: Pa
     if mode == "P":
         clear.info["transparency"] = b"\0"  # the palette's one colour
     clear.save(tmp_path / "clear.png")
-    with pytest.raises(DataError, match=r"clear.png \(has transparent pixels\)"):
+    with pytest.raises(DataError, match=r"^has transparent pixels$"):
         decode(tmp_path / "clear.png", 2)
 
 
@@ -171,7 +171,7 @@ def test_unreadable_headers_are_all_named(tmp_path: Path) -> None:
     for name in ("text", "empty"):
         (tmp_path / f"{name}.png").write_text("no image" if name == "text" else "")
     files = [(name, tmp_path / f"{name}.png") for name in ("text", "good", "empty", "absent")]
-    message = r"cannot be read \(3 found\): text \(Uni\w+\), empty \(Uni\w+\), absent \(FileNotFoundError\)"
+    message = r"\(3 found\): text \(is no image of a known format\), empty \(is empty\), absent \(No such file"
     with pytest.raises(DataError, match=message):
         common_size(files)
 
@@ -181,14 +181,14 @@ def test_size_is_read_without_the_pixels(tmp_path: Path) -> None:
     Image.effect_noise((64, 64), 50).save(tmp_path / "whole.png")
     (tmp_path / "half.png").write_bytes((tmp_path / "whole.png").read_bytes()[:1500])
     assert common_size([("half", tmp_path / "half.png")]) == (64, 64)
-    with pytest.raises(DataError, match=r"half.png \("):
+    with pytest.raises(DataError, match=r"^is damaged or cut off$"):
         decode(tmp_path / "half.png", 4)
 
 
 def test_file_that_is_no_image_is_refused(tmp_path: Path) -> None:
-    """Text is named as unreadable, with its folder."""
+    """The fault is told in words, not by the name of an exception; the caller knows the file."""
     (tmp_path / "text.png").write_text("no image")
-    with pytest.raises(DataError, match=rf"{tmp_path.name}/text.png \(UnidentifiedImageError\)"):
+    with pytest.raises(DataError, match=r"^is no image of a known format$"):
         decode(tmp_path / "text.png", 4)
 
 
@@ -216,3 +216,23 @@ def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:
     """A folder where a file should be has no bytes."""
     with pytest.raises(DataError, match=rf"{tmp_path} cannot be read \(Is a directory\)"):
         files_hash([tmp_path])
+
+
+@pytest.mark.parametrize("suffix", ["tif", "gif"])
+def test_several_images_in_one_file_are_refused(tmp_path: Path, suffix: str) -> None:
+    """The first of a stack is not silently taken for all."""
+    first, *others = [Image.new("L", (4, 4), value) for value in (10, 90, 200)]
+    first.save(tmp_path / f"stack.{suffix}", save_all=True, append_images=others)
+    with pytest.raises(DataError, match=r"\(1 found\): stack \(holds several images\)"):
+        common_size([("stack", tmp_path / f"stack.{suffix}")])
+
+
+def test_more_pixels_than_a_sensor_has_are_refused(tmp_path: Path) -> None:
+    """Pillow's warning of such a file is a fault here, told from the header."""
+    save_deep_png(tmp_path / "vast.png", np.zeros((1, 1), dtype=np.uint16), 0)
+    content = bytearray((tmp_path / "vast.png").read_bytes())
+    content[16:24] = struct.pack(">II", 10_000, 10_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "vast.png").write_bytes(content)
+    with pytest.raises(DataError, match=r"vast \(has more pixels than any tactile image\)"):
+        common_size([("vast", tmp_path / "vast.png")])

@@ -92,3 +92,11 @@ def test_zscore_sums_are_exact() -> None:
     for order in (np.arange(12), np.arange(12)[::-1], np.roll(np.arange(12), 5)):
         offset, _ = target_scale(column[order, None], np.arange(12), TargetScaling.zscore, ("a",))
         assert offset == (1.0 / 12,)
+
+
+@pytest.mark.parametrize("scaling", TargetScaling)
+def test_labels_beyond_all_measure_are_refused(scaling: TargetScaling) -> None:
+    """Sums of their squares would overflow, and so would a 32-bit target."""
+    labels = LABELS * np.array([1.0, 1e300])
+    with pytest.raises(DataError, match=r"target \['depth'\] has values beyond 1e\+30 in size; choose a larger unit"):
+        target_scale(labels, EVERY_ROW, scaling, ("force", "depth"))

@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from small_recordings import save_image, save_table
+from PIL import Image
+from small_recordings import loaded, save_image, save_table
 
 from tacevo.data.table import Table
 from tacevo.errors import DataError
@@ -97,7 +98,9 @@ def test_many_broken_rows_are_cut_short(tmp_path: Path) -> None:
 
 def test_missing_columns_are_named_beside_those_that_exist(tmp_path: Path) -> None:
     """The user sees at once how the column is really called."""
-    with pytest.raises(DataError, match=r"lacks columns \(1 found\): 'fx'. It has \['image_name', 'force_x', 'fz'\]"):
+    with pytest.raises(
+        DataError, match=r"no column 'fx' \(data.target_columns\); its columns are 'image_name', 'force_x', 'fz'"
+    ):
         save_table(tmp_path, "0.png,1,2\n", header="image_name,force_x,fz\n").catalogue()
 
 
@@ -112,7 +115,7 @@ def test_columns_that_cannot_be_told_apart_are_refused(tmp_path: Path) -> None:
     """Two columns of one name, or two that differ from the asked one in case only, are no answer."""
     with pytest.raises(DataError, match=r"several columns of one name \(1 found\): 'fx'. Rename"):
         save_table(tmp_path, "1.png,1,2,3\n", header="image_name,fx,fz, fx\n").describe()
-    with pytest.raises(DataError, match=r"lacks columns \(1 found\): 'fx'. It has \[.*'FX', 'Fx'"):
+    with pytest.raises(DataError, match=r"no column 'fx' .*; its columns are .*'FX', 'Fx'"):
         save_table(tmp_path, "1.png,1,2,3\n", header="image_name,fz,FX,Fx\n").describe()
 
 
@@ -151,7 +154,9 @@ def test_mixed_sizes_and_unreadable_images_are_named_by_line(tmp_path: Path) -> 
     with pytest.raises(DataError, match=r"2 have 8x8 pixels .*\(1 found\): line 3 '1.png' 8x9"):
         source.catalogue()
     (tmp_path / "2.png").write_text("no image")
-    with pytest.raises(DataError, match=r"cannot be read \(1 found\): line 4 '2.png' \(Unid"):
+    with pytest.raises(
+        DataError, match=r"cannot be read \(1 found\): line 4 '2.png' \(is no image of a known format\)"
+    ):
         source.catalogue()
 
 
@@ -165,14 +170,16 @@ def test_wrong_root_is_refused(tmp_path: Path, form: str) -> None:
     """A root that is absent, or a file, is named."""
     source = save_table(tmp_path, "0.png,1,2,\n")
     root = tmp_path / ("elsewhere" if form == "absent" else "0.png")
-    with pytest.raises(DataError, match=rf"data.root is no folder: {root}; give the folder that holds the recording"):
+    with pytest.raises(
+        DataError, match=rf"data.root is no folder: {root}; give the folder that holds the table labels.csv"
+    ):
         replace(source, root=root).describe()
 
 
 def test_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     """Without the table the message names the setting to change."""
     source = save_table(tmp_path, "0.png,1,2,\n")
-    with pytest.raises(DataError, match=r"no table 'forces.csv' .*set data.table"):
+    with pytest.raises(DataError, match=r"no table 'forces.csv' in .*; it holds labels.csv; set data.table=labels.csv"):
         replace(source, table="forces.csv").describe()
 
 
@@ -187,7 +194,127 @@ def test_table_that_is_no_text_is_refused(tmp_path: Path, content: bytes) -> Non
 
 def test_empty_tables_are_refused(tmp_path: Path) -> None:
     """An empty file has no columns, and a header alone no images."""
-    with pytest.raises(DataError, match=r"lacks columns \(3 found\)"):
+    with pytest.raises(DataError, match=r"labels.csv is empty; its first line must name the columns"):
         save_table(tmp_path, "", header="").catalogue()
     with pytest.raises(DataError, match="no rows below its header"):
         save_table(tmp_path, "").catalogue()
+
+
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        ('0.png,1,2,\n"1.png,1,2,\n2.png,1,2,\n', 3),
+        ('0.png,1,2,\n1.png,1,2,"wet\n2.png,1,2,dry"\n', 3),
+        ('0.png,1,2,\n"1.png"s,1,2,\n', 3),
+        ('0.png,1,2,"' + "1.png,1,2,\n" * 20_000, 2),
+        ('0.png,1,2,\n1.png,1,2,"', 3),
+    ],
+    ids=["to the end", "to the next quote", "within a value", "beyond what is read", "last line"],
+)
+def test_stray_quote_is_named_by_its_line(tmp_path: Path, rows: str, line: int) -> None:
+    """A quote would swallow the rows up to the next one; the message is short, and offers no wrong remedy."""
+    with pytest.raises(DataError, match=rf'has a quote \("\) in line {line} that does not end .*; remove it') as caught:
+        save_table(tmp_path, rows).describe()
+    assert len(str(caught.value)) < 250
+    assert "skip_missing" not in str(caught.value)
+
+
+def test_sound_quotes_are_read(tmp_path: Path) -> None:
+    """A comma or a doubled quote within a quoted value is text."""
+    rows = '"0.png",1,2,"wet, 5"""\n"1.png", "3","4", dry\n'
+    assert save_table(tmp_path, rows).catalogue().labels.tolist() == [[2.0, 1.0], [4.0, 3.0]]
+
+
+@pytest.mark.parametrize("text", ["1_000", "0x10", "\uff11\uff12", "1e999", "1.2.3", "--1", "1e", ".", "1 000"])
+def test_only_plain_numbers_are_labels(tmp_path: Path, text: str) -> None:
+    """What Python reads as a number and a person may not is refused as written, with the line."""
+    with pytest.raises(DataError, match=r"not finite numbers \(1 found\): line 2 fx = '.*Correct them, written as 12"):
+        save_table(tmp_path, f"0.png,{text},2,\n").describe()
+
+
+def test_numbers_are_read_as_people_write_them(tmp_path: Path) -> None:
+    """Signs, points at either end, exponents and outer spaces are plain."""
+    rows = "0.png,+1., .5 ,\n1.png,-2E+2,1e-3,\n"
+    assert save_table(tmp_path, rows).catalogue().labels.tolist() == [[0.5, 1.0], [0.001, -200.0]]
+
+
+@pytest.mark.parametrize(
+    ("header", "hint"),
+    [
+        ("image_name;fx;fz\n", "They seem to be separated by semicolons; save the table with commas"),
+        ("image_name\tfx\tfz\n", "They seem to be separated by tabs"),
+        ("0.png,1.5,2\n", "looks like a line of values; the first line must name the columns"),
+        ("picture,fx,fz\n", "no column 'image_name' \\(data.image_column\\); .* Set names as they are here"),
+    ],
+)
+def test_header_that_lacks_columns_is_explained(tmp_path: Path, header: str, hint: str) -> None:
+    """The message names the setting, lists the columns, and tells the likely slip."""
+    with pytest.raises(DataError, match=hint):
+        save_table(tmp_path, "0.png,1,2\n", header=header).describe()
+
+
+def test_table_elsewhere_is_found(tmp_path: Path) -> None:
+    """A root too high or too deep is told with the setting that would be right; no table at all, too."""
+    source = save_table(tmp_path / "set", "0.png,1,2,\n")
+    (tmp_path / "set" / "images").mkdir()
+    for wrong in (tmp_path, tmp_path / "set" / "images"):
+        with pytest.raises(
+            DataError, match=rf"no table 'labels.csv' in {wrong}; it is in .*/set: set data.root=.*/set$"
+        ):
+            replace(source, root=wrong).describe()
+    with pytest.raises(
+        DataError, match=r"holds no table, and the folders set; set data.root to the folder of the table"
+    ):
+        replace(source, root=tmp_path, table="forces.csv").describe()
+
+
+@pytest.mark.parametrize("name", ["sett", "SET", "set/inner/deeper"])
+def test_absent_root_says_how_far_the_path_leads(tmp_path: Path, name: str) -> None:
+    """The last folder that is there is named, with what it holds and the nearest name."""
+    source = save_table(tmp_path / "set", "0.png,1,2,\n")
+    message = (
+        r"set is there, but has no inner; it holds 0.png" if "/" in name else r"it holds set; did you mean .*/set\?"
+    )
+    with pytest.raises(DataError, match=message):
+        replace(source, root=tmp_path / name).describe()
+
+
+def test_home_that_the_shell_left_alone_is_explained() -> None:
+    """Behind = a shell does not turn ~ into the home folder."""
+    source = Table(root=Path("~/set"), table="a.csv", image_column="a", target_columns=("b",), image_size=16)
+    with pytest.raises(DataError, match="Write your home folder in full"):
+        source.describe()
+
+
+def test_paths_of_another_system_are_explained(tmp_path: Path) -> None:
+    """A table from Windows has backslashes; leaving those rows out would be no remedy."""
+    with pytest.raises(DataError, match=r"line 2 .*Write their paths with / instead of") as caught:
+        save_table(tmp_path, "images\\0.png,1,2,\n").describe()
+    assert "skip_missing" not in str(caught.value)
+
+
+def test_long_texts_are_cut(tmp_path: Path) -> None:
+    """A value of a thousand characters does not fill the screen."""
+    with pytest.raises(DataError, match=r"line 2 fx = 'xxx.*xxx\.\.\.'") as caught:
+        save_table(tmp_path, f"0.png,{'x' * 1000},2,\n").describe()
+    assert len(str(caught.value)) < 250
+
+
+def test_images_that_no_row_names_are_told(tmp_path: Path) -> None:
+    """They are no part of the data set, and the catalogue says which they are."""
+    source = save_table(tmp_path, "0.png,1,2,\n2.png,3,4,\n")
+    assert [path.name for path in source.catalogue().ignored] == ["1.png"]
+
+
+def test_image_damaged_behind_its_header_is_named_by_line(tmp_path: Path) -> None:
+    """Only decoding finds the damage; the message still gives the line, in words."""
+    source = save_table(tmp_path, "".join(f"{number}.png,{number},{number % 3},\n" for number in range(12)), images=12)
+    noise = Image.effect_noise((64, 64), 50)
+    for number in range(12):
+        noise.save(tmp_path / f"{number}.png")
+    whole = (tmp_path / "4.png").read_bytes()
+    (tmp_path / "4.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(
+        DataError, match=r"cannot be read \(1 found\): line 6 '4.png' \(is damaged or cut off\)\. Repair"
+    ):
+        loaded(source, tmp_path / "cache")

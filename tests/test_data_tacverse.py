@@ -187,7 +187,9 @@ def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, message: str) 
 
 def test_absent_label_column_is_named(tmp_path: Path) -> None:
     """The user sees what the columns are called."""
-    with pytest.raises(DataError, match=r"lacks columns \(1 found\): 'fz'. It has \['image_name', 'fx', 'fy'\]"):
+    with pytest.raises(
+        DataError, match=r"no column 'fz' \(TacVerse's layout\); its columns are 'image_name', 'fx', 'fy'"
+    ):
         save_forces(tmp_path, "image_0.png,1,2\n", header="image_name,fx,fy\n").describe()
 
 
@@ -213,7 +215,7 @@ def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, task: TacVe
     with pytest.raises(DataError, match=rf"2 have 8x8 pixels .*\(1 found\): .*{names[0]}'? 9x8"):
         source.catalogue()
     (folder / names[1]).write_text("no image")
-    with pytest.raises(DataError, match=rf"cannot be read \(1 found\): .*{names[1]}'? \(Unid"):
+    with pytest.raises(DataError, match=rf"cannot be read \(1 found\): .*{names[1]}'? \(is no image of"):
         source.catalogue()
 
 
@@ -257,9 +259,10 @@ def test_pattern_must_be_named(tmp_path: Path) -> None:
         ({"root": "release/Grating_Classification"}, r"which holds ViTacTip; set data.root=.*/release$"),
         ({"root": "empty"}, r"which holds no folders; set data.root to the folder that holds Grating_Classification$"),
         ({"sensor": "GelSight"}, r"no folder GelSight in .*Grating_Classification, which holds ViTacTip; set data.sen"),
+        ({"sensor": "VitacTip"}, r"which holds ViTacTip; set data.sensor=ViTacTip$"),
         ({"pattern": "Dots"}, r"no folder Dots in .*ViTacTip, which holds Blackdot; set data.pattern to one of these$"),
     ],
-    ids=["absent", "file", "too high", "too deep", "empty", "sensor", "pattern"],
+    ids=["absent", "file", "too high", "too deep", "empty", "sensor", "misspelt", "pattern"],
 )
 def test_wrong_place_says_what_lies_there(tmp_path: Path, change: dict[str, str], message: str) -> None:
     """The message names what was looked for, what is there instead, and the setting that would be right."""

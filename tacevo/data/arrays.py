@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,23 @@ import numpy.typing as npt
 from PIL import Image
 
 from tacevo.data.photos import DECODING, files_hash, square
+from tacevo.data.roots import require_file
 from tacevo.data.source import Catalogue, Picture, refuse
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
+#: What NumPy raises for an archive, or an array in it, that cannot be read.
+_BROKEN = (
+    OSError,
+    ValueError,
+    EOFError,
+    LookupError,
+    SyntaxError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    TokenError,
+)
 REQUIRED, OPTIONAL = frozenset({"images", "labels"}), frozenset({"names", "groups"})
 
 
@@ -43,8 +57,7 @@ class Arrays:
         Raises:
             DataError: the archive is missing.
         """
-        if not self.root.is_file():
-            raise DataError(f"data.root is no file: {self.root}; give the .npz archive that holds images and labels")
+        require_file(self.root, ".npz")
         content = files_hash([self.root])
         return {"source": "numpy", "decoding": DECODING, "archive": content, "image_size": self.image_size}
 
@@ -55,7 +68,7 @@ class Arrays:
             DataError: the archive is missing or broken, or an array has another shape, type or value than it may.
         """
         arrays = _read(self.root)
-        images, labels = arrays["images"], arrays["labels"]
+        images, labels = arrays["images"], _in_64_bits(arrays["labels"])
         _check_images(images)
         count = len(images)
         _check_length("labels", labels, count)
@@ -88,17 +101,36 @@ def resized(image: npt.NDArray[np.uint8], image_size: int) -> Picture:
 
 def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Read all arrays of an archive."""
+    require_file(path, ".npz")
+    if not zipfile.is_zipfile(path):
+        found = "holds one array" if _begins_as_array(path) else "is no NumPy archive, or was cut off"
+        raise DataError(f"{path} {found}; save images and labels together with numpy.savez")
     try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise DataError(f"{path} holds one array; save images and labels together with numpy.savez")
+        with np.load(path, allow_pickle=False) as archive:
             _check_keys(path, archive)
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+            return {name: _array(path, archive, name) for name in archive.files}
+    except _BROKEN as error:
+        raise DataError(f"{path} is damaged: its list of arrays cannot be read; save it again") from error
+
+
+def _begins_as_array(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX
+
+
+def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any]:
+    """Read one array; one of Python objects would have to be unpickled, which runs code of whoever wrote it."""
+    try:
+        array = archive[name]
+    except MemoryError as error:
+        raise DataError(f"array {name!r} of {path} needs more memory than there is; save fewer images") from error
+    except _BROKEN as error:
         raise DataError(
-            f"{path} is no NumPy archive of plain arrays ({error}); save it with numpy.savez, without objects"
+            f"array {name!r} of {path} is damaged, or holds Python objects; save numbers or texts with numpy.savez"
         ) from error
+    if not isinstance(array, np.ndarray):
+        raise DataError(f"{name!r} of {path} is no array; save arrays with numpy.savez")
+    return array
 
 
 def _check_keys(path: Path, archive: Mapping[str, Any]) -> None:
@@ -110,8 +142,10 @@ def _check_keys(path: Path, archive: Mapping[str, Any]) -> None:
 
 
 def _check_images(images: npt.NDArray[Any]) -> None:
+    if images.ndim > 2 and 0 in images.shape:
+        raise DataError(f"images is empty: it has shape {images.shape}; save at least 10 images")
     shaped = images.ndim == 3 or (images.ndim == 4 and images.shape[3] in (1, 3))
-    if images.dtype != np.uint8 or not shaped or 0 in images.shape:
+    if images.dtype != np.uint8 or not shaped:
         raise DataError(
             f"images must be uint8 of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3); got {images.dtype} of shape "
             f"{images.shape}; convert them first"
@@ -121,6 +155,14 @@ def _check_images(images: npt.NDArray[Any]) -> None:
 def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:
     if array.ndim == 0 or len(array) != count:
         raise DataError(f"{name} must have one row for each of the {count} images; got shape {array.shape}")
+
+
+def _in_64_bits(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Round wider floats to 64 bits; what they cannot hold becomes infinite, which is refused by row."""
+    if labels.dtype.kind != "f":
+        return labels
+    with np.errstate(over="ignore"):
+        return labels.astype(np.float64)
 
 
 def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> int:

@@ -74,9 +74,9 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
     return len(names)
 
 
-def overrides_for(source: Simulated, catalogue: Catalogue, out: Path) -> list[str]:
+def overrides_for(source: Simulated, out: Path) -> list[str]:
     """Name the settings with which `tacevo search` reads an exported folder."""
-    gratings = [f"data.pattern={PATTERN}", f"task.outputs={len(catalogue.names)}"]
+    gratings = [f"data.pattern={PATTERN}", f"task.outputs={len(source.spacings_mm)}"]
     return [
         f"task={source.task}",
         "data=tacverse",
@@ -166,5 +166,5 @@ def _readme(source: Simulated, catalogue: Catalogue, out: Path) -> str:
         images=len(catalogue.labels),
         task=source.task,
         size=source.image_size,
-        overrides=shlex.join(overrides_for(source, catalogue, Path(out.name))),
+        overrides=shlex.join(overrides_for(source, Path(out.name))),
     )

@@ -1,14 +1,18 @@
-"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or any other of `photos.SUFFIXES`)."""
+"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or any other of `photos.SUFFIXES`).
 
-import math
+Files with other endings, and files beside the class folders, are no part of the data set; the catalogue names them.
+"""
+
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files
-from tacevo.data.source import Catalogue, refuse, repeats
+from tacevo.data.numerals import number_in
+from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
+from tacevo.data.roots import entries, require_folder
+from tacevo.data.source import Catalogue, counted, listed, refuse, repeats
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -56,22 +60,42 @@ class Folder:
             pictures=tuple(partial(decode, path, self.image_size) for path in images),
             recorded_size=common_size([(path.relative_to(self.root).as_posix(), path) for path in images]),
             files=images,
+            places=[path.relative_to(self.root).as_posix() for path in images],
+            ignored=other_files(self.root, "**/*", images),
         )
 
 
 def _classes(root: Path) -> dict[str, list[Path]]:
     """Find every class and its images."""
-    if not root.is_dir():
-        raise DataError(f"data.root is no folder: {root}; give the folder that holds one folder per class")
-    names = [entry.name for entry in root.iterdir() if entry.is_dir() and not entry.name.startswith(".")]
+    require_folder(root, "one folder per class")
+    names = entries(root)
     if not names:
-        raise DataError(f"{root} has no folders; put the images of each class into a folder of its own")
+        raise DataError(f"{root} holds no folders, one per class, but {_content(root)}; {_advice(root)}")
     alike = repeats((name, _key(name)) for name in _ordered(names))
     refuse(f"classes in {root} are there twice", alike, "Join or rename them: 0.5 is 0.50, and Wood is wood.")
     classes = {name: _images(root / name) for name in _ordered(names)}
     empty = [name for name, paths in classes.items() if not paths]
     refuse(f"some classes in {root} have no images", empty, f"Add {sorted(SUFFIXES)} files or remove these folders.")
     return classes
+
+
+def _content(root: Path) -> str:
+    """Count what lies in a folder that should hold classes."""
+    files = [path for path in root.iterdir() if path.is_file()]
+    images = len(image_files(root, "*"))
+    return f"{counted(images, 'image')} and {counted(len(files) - images, 'other file')}"
+
+
+def _advice(root: Path) -> str:
+    """Tell the likely slip: the root is the folder of one class, or the set is a table."""
+    tables = entries(root, suffix=".csv")
+    if tables:
+        return f"for a table of labels set data=csv data.table={tables[0]}"
+    parent = root.absolute().parent
+    classes = [name for name in entries(parent) if image_files(parent / name, "*")]
+    if root.name in classes and len(classes) > 1:
+        return f"it seems to be one class of {listed(classes)}; set data.root={parent}"
+    return "put the images of each class into a folder of its own"
 
 
 def _ordered(names: list[str]) -> list[str]:
@@ -84,11 +108,8 @@ def _ordered(names: list[str]) -> list[str]:
 
 def _key(name: str) -> float | str:
     """Give what two names of one class have in common: a finite number, or the text without its case."""
-    try:
-        number = float(name)
-    except ValueError:
-        return name.casefold()
-    return number if math.isfinite(number) else name.casefold()
+    number = number_in(name)
+    return name.casefold() if number is None else number
 
 
 def _images(folder: Path) -> list[Path]:

@@ -43,6 +43,7 @@ def load(
     accept: Callable[[Catalogue], None] | None = None,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
+    catalogue: Catalogue | None = None,
 ) -> Dataset:
     """Load a data set from the cache, or make it and keep it there.
 
@@ -57,6 +58,7 @@ def load(
         accept: called with the catalogue before any picture is made; raises where it does not suit.
         progress: told after every chunk of pictures, while they are being made.
         say: told in one line where another process makes the data set, so that this one waits.
+        catalogue: what the source lists, where the caller has it already; else it is listed where it is needed.
 
     Returns:
         The data set, with its images in `cache`.
@@ -75,7 +77,7 @@ def load(
     }
     folder = cache / content_hash(content)
     if not folder.is_dir():
-        catalogue = source.catalogue()
+        catalogue = source.catalogue() if catalogue is None else catalogue
         _check(catalogue)
         if accept is not None:
             accept(catalogue)
@@ -119,7 +121,17 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
         return catalogue.labels.astype(np.int64), (), ()
     labels = catalogue.labels.astype(np.float64)
     offset, scale = target_scale(labels, train, scaling, catalogue.names)
-    return ((labels - np.array(offset)) / np.array(scale)).astype(np.float32), offset, scale
+    with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
+        targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
+    rows = np.flatnonzero(~np.isfinite(targets).all(axis=1))
+    faults = [f"{_place(catalogue, row)} {labels[row].tolist()}" for row in rows.tolist()]
+    refuse("some labels are too large for the 32-bit numbers of a training", faults, "Choose a larger unit.")
+    return targets, offset, scale
+
+
+def _place(catalogue: Catalogue, row: int) -> str:
+    """Name a row as the user knows it."""
+    return f"row {row}" if catalogue.places is None else catalogue.places[row]
 
 
 def _assemble(
@@ -161,7 +173,10 @@ def _check(catalogue: Catalogue) -> None:
             f"got {len(catalogue.labels)}"
         )
     if catalogue.kind is Kind.classification and len(catalogue.names) < 2:
-        raise DataError(f"classification needs at least two classes; got only {list(catalogue.names)}")
+        raise DataError(
+            f"classification needs at least two classes; got only {list(catalogue.names)}; add others, or set "
+            "data.root to the folder that holds the folders of all classes"
+        )
 
 
 def _make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progress | None) -> Path:
@@ -173,7 +188,7 @@ def _make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progr
     faults: list[str] = []
     with mapper(workers, len(pictures)) as run:
         for done, found in enumerate(run(partial(_make_chunk, path), starts, chunks), start=1):
-            faults.extend(found)
+            faults.extend(f"{_place(catalogue, row)} ({fault})" for row, fault in found)
             if progress is not None and not faults:  # who reads "all images made" shall have them
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
     refuse("some images cannot be read", faults, "Repair or remove them.")
@@ -187,14 +202,14 @@ def _new_file(path: Path, shape: tuple[int, ...]) -> None:
         reserve(file, file.tell() + math.prod(shape))
 
 
-def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[str]:
-    """Make consecutive pictures into their rows of the file; return the faults of those that cannot be made."""
+def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[tuple[int, str]]:
+    """Make consecutive pictures into their rows of the file; return row and fault of those that cannot be made."""
     images = np.lib.format.open_memmap(path, mode="r+")
     faults = []
     for row, picture in enumerate(pictures, start):
         try:
             images[row] = picture()
         except DataError as error:
-            faults.append(str(error))
+            faults.append((row, str(error)))
     images.flush()
     return faults

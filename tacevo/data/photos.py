@@ -1,14 +1,18 @@
 """Image files as every loader reads them: decoded, upright, RGB, square, uint8; and hashed by content."""
 
 import hashlib
+import struct
+import warnings
+import zlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tacevo.data.source import Picture, refuse
 from tacevo.errors import DataError
@@ -22,8 +26,28 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 #: The EXIF tag of the camera's orientation, and its values that exchange width and height.
 ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 
+#: Formats in which a file may hold several images, of which the first alone is no fair choice. Phones' JPEG files hold
+#: a preview behind the photograph, which is no image of its own.
+STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
+
 #: What Pillow raises for a file that is no image, or a damaged one.
-UNREADABLE = (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError)
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    SyntaxError,
+    EOFError,
+    MemoryError,
+    RuntimeError,
+    struct.error,
+    zlib.error,
+    Image.DecompressionBombError,
+    UserWarning,
+    Image.DecompressionBombWarning,
+)
 
 
 def image_files(folder: Path, pattern: str) -> list[Path]:
@@ -38,6 +62,19 @@ def image_files(folder: Path, pattern: str) -> list[Path]:
     """
     images = (path for path in folder.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
     return sorted(path for path in images if not _hidden(path.relative_to(folder)))
+
+
+def other_files(folder: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
+    """Find the files of a folder that are not hidden and not used, sorted by path: `image_files`' remainder.
+
+    Args:
+        folder: where to look.
+        pattern: as in `image_files`.
+        used: files that belong to the data set, below the folder as `image_files` gives them.
+    """
+    known = set(used)
+    files = (path for path in folder.glob(pattern) if path not in known and path.is_file())
+    return sorted(path for path in files if not _hidden(path.relative_to(folder)))
 
 
 def _hidden(path: Path) -> bool:
@@ -58,16 +95,41 @@ def decode(path: Path, image_size: int) -> Picture:
         uint8, shape (3, image_size, image_size).
 
     Raises:
-        DataError: the file is no readable image, has transparent pixels, or values of no known full range.
+        DataError: the file is no readable image, has transparent pixels, or values of no known full range; the
+            message tells the fault alone, because the caller knows what the user calls this image.
     """
-    try:
-        with Image.open(path) as file:
-            upright = _to_rgb(ImageOps.exif_transpose(file))
-    except UNREADABLE as error:
-        raise DataError(f"{path.parent.name}/{path.name} ({type(error).__name__})") from error
-    except DataError as error:
-        raise DataError(f"{path.parent.name}/{path.name} ({error})") from error
+    with _opened(path) as file:
+        upright = _to_rgb(ImageOps.exif_transpose(file))
     return square(upright, image_size)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Open an image; what goes wrong while it is used is a `DataError` that tells the fault."""
+    try:
+        with warnings.catch_warnings():
+            for kind in (UserWarning, Image.DecompressionBombWarning):  # Pillow warns of damage and goes on
+                warnings.simplefilter("error", kind)
+            with Image.open(path) as file:
+                yield file
+    except _UNREADABLE as error:
+        raise DataError(_fault(path, error)) from error
+
+
+def _fault(path: Path, error: BaseException) -> str:
+    """Say what is wrong with a file that Pillow cannot read."""
+    match error:
+        case Image.DecompressionBombError() | Image.DecompressionBombWarning():
+            return "has more pixels than any tactile image"
+        case UnidentifiedImageError():
+            return "is empty" if path.stat().st_size == 0 else "is no image of a known format"
+        case OSError(strerror=str() as reason):
+            return reason
+        case MemoryError():
+            return "needs more memory than there is"
+        case UserWarning():
+            return "has damaged notes, EXIF or TIFF tags"
+    return "is damaged or cut off"
 
 
 def square(image: Image.Image, image_size: int) -> Picture:
@@ -125,8 +187,8 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
     for name, path in files:
         try:
             sizes.append((name, _upright_size(path)))
-        except UNREADABLE as error:
-            unreadable.append(f"{name} ({type(error).__name__})")
+        except DataError as error:
+            unreadable.append(f"{name} ({error})")
     refuse("some images cannot be read", unreadable, "Repair or remove them.")
     (width, height), images = Counter(size for _, size in sizes).most_common(1)[0]
     others = [f"{name} {size[0]}x{size[1]}" for name, size in sizes if size != (width, height)]
@@ -140,7 +202,9 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
 
 def _upright_size(path: Path) -> tuple[int, int]:
     """Read width and height from a header, as they are after the orientation note is obeyed."""
-    with Image.open(path) as file:
+    with _opened(path) as file:
+        if file.format in STACKS and getattr(file, "n_frames", 1) > 1:
+            raise DataError("holds several images")
         width, height = file.size
         # The base class's method: that of PNG files decodes all pixels to look behind them. Pillow gives the size of
         # TIFF files upright.

@@ -11,6 +11,9 @@ from tacevo.errors import DataError
 #: Images whose pixels are counted at once; bounds the memory used at about 35 MB for 256 pixel images.
 BLOCK = 64
 
+#: Size of a label up to which sums of squares stay within floating-point numbers, and a label within 32 bits.
+LARGEST_LABEL = 1e30
+
 
 def input_statistics(
     images: npt.NDArray[np.uint8], train: npt.NDArray[np.int64], normalisation: Normalisation
@@ -70,7 +73,8 @@ def target_scale(
         Offsets and scales, K each, in the units of the labels.
 
     Raises:
-        DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt.
+        DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt; or
+            values beyond `LARGEST_LABEL`.
     """
     columns = [[float(value) for value in column] for column in labels[train].T]
     constant = [name for name, column in zip(names, columns, strict=True) if min(column) == max(column)]
@@ -79,6 +83,9 @@ def target_scale(
             f"target {constant} has one value in the whole training split; leave it out of data.target_columns or "
             "record more images"
         )
+    excessive = [name for name, column in zip(names, columns, strict=True) if max(map(abs, column)) > LARGEST_LABEL]
+    if excessive:
+        raise DataError(f"target {excessive} has values beyond {LARGEST_LABEL:g} in size; choose a larger unit")
     pairs = [_offset_and_scale(column, scaling) for column in columns]
     return tuple(offset for offset, _ in pairs), tuple(scale for _, scale in pairs)
 

@@ -15,6 +15,9 @@ from tacevo.records import Json, Kind
 #: How many faults a message spells out before it only counts them.
 SHOWN_FAULTS = 5
 
+#: How many names of columns, files or folders a message lists, and how much of one text it shows.
+SHOWN_NAMES, SHOWN_CHARACTERS = 10, 60
+
 #: One picture: uint8, shape (3, image_size, image_size), channels in the order red, green, blue.
 Picture = npt.NDArray[np.uint8]
 
@@ -42,8 +45,12 @@ class Catalogue:
     recorded_size: tuple[int, int] | None = None
     #: The file of every picture; None where they come from no files of their own.
     files: Sequence[Path] | None = None
+    #: What a message calls each picture, e.g. `line 3 'a.png'`; None: its row.
+    places: Sequence[str] | None = None
     #: How many labelled rows were left out because their image is missing.
     skipped: int = 0
+    #: Files that lie among the images and are no part of the data set.
+    ignored: Sequence[Path] = ()
 
 
 class Source(Protocol):
@@ -73,6 +80,21 @@ def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
         return
     shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
     raise DataError(f"{problem} ({len(faults)} found): {shown}. {advice}")
+
+
+def shortened(text: str) -> str:
+    """Quote a text for a message, cut where it is long."""
+    return repr(text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}...")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names for a message, the first few."""
+    return ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else "")
+
+
+def counted(number: int, noun: str) -> str:
+    """Write a number with its noun: `1 image`, `2 images`."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def repeats(named: Iterable[tuple[str, Hashable]]) -> list[str]:

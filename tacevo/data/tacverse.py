@@ -19,18 +19,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files
-from tacevo.data.source import Catalogue, refuse, repeats
+from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
+from tacevo.data.roots import entries, folders_in, holder, nearest, require_folder
+from tacevo.data.rows import Row, pictures, read_rows, unnamed_images
+from tacevo.data.source import Catalogue, listed, refuse, repeats
 from tacevo.data.splitting import Split, ordered_split
-from tacevo.data.table import Row, pictures, read_rows
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
 #: What the sensor of exported simulations is called, and the file beside their images that says what they are.
 SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
-
-#: Most folders that a message lists.
-SHOWN_FOLDERS = 10
 
 
 class TacVerseTask(StrEnum):
@@ -104,7 +102,9 @@ class TacVerse:
             release=ordered_split(np.arange(len(rows))) if self.task is TacVerseTask.force else None,
             recorded_size=common_size([(row.place, row.path) for row in rows]),
             files=[row.path for row in rows],
+            places=[row.place for row in rows],
             skipped=skipped,
+            ignored=unnamed_images(rows),
         )
 
     def _simulated(self) -> bool:
@@ -134,6 +134,8 @@ class TacVerse:
             release=_split_of_presses(presses, groups),
             recorded_size=common_size([(frame.path.name, frame.path) for frame in frames]),
             files=[frame.path for frame in frames],
+            places=[frame.path.name for frame in frames],
+            ignored=other_files(frames[0].path.parent, "*", [frame.path for frame in frames]),
         )
 
     def _rows(self) -> tuple[list[Row], int]:
@@ -141,11 +143,14 @@ class TacVerse:
         folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
         table = folder / f"{self.sensor}.csv"
         if not table.is_file():
-            raise DataError(f"there is no table {table.name} in {folder}; it belongs beside the images")
+            tables = entries(folder, suffix=".csv")
+            there = f"it holds {listed(tables)}: rename the table" if tables else "it belongs beside the images"
+            raise DataError(f"there is no table {table.name} in {folder}; {there}")
         rows, skipped = read_rows(
             table,
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
+            asked_by=("TacVerse's layout", "TacVerse's layout"),
             folders=(folder,),
             skip_missing=self.skip_missing,
         )
@@ -158,7 +163,7 @@ class TacVerse:
         """Find the images of all presses, ordered by size, press and frame."""
         parent = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
         if self.pattern is None:
-            raise DataError(f"data=tacverse with task=grating needs data.pattern; {parent} holds {_listed(parent)}")
+            raise DataError(f"data=tacverse with task=grating needs data.pattern; {parent} holds {folders_in(parent)}")
         folder = _enter(parent, {"data.pattern": self.pattern})
         paths = image_files(folder, "*")
         if not paths:
@@ -217,30 +222,20 @@ def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.i
 
 def _enter(folder: Path, names: dict[str, str]) -> Path:
     """Go down into folders; where one is missing, say what was looked for, what lies there, and what to set."""
-    if not folder.is_dir():
-        raise DataError(f"data.root is no folder: {folder}; give the folder that holds {next(iter(names.values()))}")
+    require_folder(folder, next(iter(names.values())))
     for key, name in names.items():
         if not (folder / name).is_dir():
             raise DataError(
-                f"there is no folder {name} in {folder}, which holds {_listed(folder)}; {_advice(folder, key, name)}"
+                f"there is no folder {name} in {folder}, which holds {folders_in(folder)}; {_advice(folder, key, name)}"
             )
         folder = folder / name
     return folder
 
 
 def _advice(folder: Path, key: str, name: str) -> str:
-    """Tell the likely slip: the root is one folder too deep or too high."""
-    if folder.name == name:
-        return f"set {key}={folder.parent}"
-    below = [child for child in sorted(folder.iterdir()) if (child / name).is_dir()]
-    if key == "data.root" and below:
-        return f"set {key}={below[0]}"
-    return f"set {key} to " + (f"the folder that holds {name}" if key == "data.root" else "one of these")
-
-
-def _listed(folder: Path) -> str:
-    """List the folders in a folder, the first few by name."""
-    names = sorted(child.name for child in folder.iterdir() if child.is_dir())
-    if not names:
-        return "no folders"
-    return ", ".join(names[:SHOWN_FOLDERS]) + (", ..." if len(names) > SHOWN_FOLDERS else "")
+    """Tell the likely slip: the root is one folder too deep or too high, or a name is misspelt."""
+    if key == "data.root":
+        holding = folder.parent if folder.name == name else holder(folder, name)
+        return f"set data.root={holding}" if holding else f"set data.root to the folder that holds {name}"
+    meant = nearest(name, entries(folder))
+    return f"set {key}={meant}" if meant else f"set {key} to one of these"

@@ -1,0 +1,40 @@
+"""What all commands of `tacevo` have in common: the parser, the exit status, the word for an override.
+
+Nothing here imports a library, so that help is quick.
+"""
+
+import argparse
+from typing import Any
+
+#: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
+DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+
+OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose `search` command lists the choices of every config group, read only when somebody asks.
+
+    A file of overrides (`@FILE`) may have empty lines and comments. The parser of the command that was given is the
+    parsed `parser`, so that a mistake shows this command's usage.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.set_defaults(parser=self)
+
+    def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
+        """Read one line of a file of overrides."""
+        text = arg_line.strip()
+        return [] if text.startswith("#") or not text else [text]
+
+    def format_help(self) -> str:
+        """Write the help."""
+        text = super().format_help()
+        if not self.prog.endswith(" search"):
+            return text
+        from tacevo.confdir import groups
+
+        width = max(map(len, groups()))
+        lines = [f"  {name.ljust(width)}  {', '.join(choices)}" for name, choices in groups().items()]
+        return "\n".join([f"{text}\nconfig groups and their choices:", *lines, ""])
