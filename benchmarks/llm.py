@@ -111,7 +111,7 @@ async def _ask_plainly(url: str, requests: list[Request]) -> None:
 
 @contextlib.contextmanager
 def _serving(delay: float = DELAY) -> Iterator[str]:
-    os.environ.setdefault("ANTHROPIC_API_KEY", "no key, for a server of our own")
+    os.environ.setdefault("ANTHROPIC_API_KEY", "no-key-for-a-server-of-our-own")
     command = [sys.executable, str(_SERVER), "--delay", str(delay)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:

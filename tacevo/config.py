@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import asdict, dataclass, field
 from typing import Any
+from urllib.parse import urlsplit
 
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
@@ -40,6 +41,17 @@ def _require(holds: bool, key: str, expected: str, got: object) -> None:
 
 def _is_positive(value: float) -> bool:
     return 0 < value < math.inf
+
+
+def _is_address(value: str) -> bool:
+    """Say whether a server can be reached by this, and a path be put behind it."""
+    if not value.isprintable() or set(value) & set(" ?#"):
+        return False
+    try:
+        parts = urlsplit(value)
+        return parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # half an IPv6 address, or a port that is none
+        return False
 
 
 @dataclass(kw_only=True)
@@ -180,6 +192,9 @@ class LLMConfig:
         """Check the ranges."""
         _require(bool(self.model), "llm.model", "a model name", self.model)
         _require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
+        sound = self.base_url is None or _is_address(self.base_url)
+        told = (self.base_url or "").rpartition("@")[2]  # a message holds no login
+        _require(sound, "llm.base_url", "an address such as http://localhost:8000/v1 (no ?, no #), or null", told)
         _require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
         _require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
         self._check_sampling()

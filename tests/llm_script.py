@@ -62,6 +62,8 @@ class Script:
     cut: str = ""
     #: What is wrong with a batch's results: `lacking` their last line, or `unreadable` in it; empty where nothing is.
     results: str = ""
+    #: How many single requests must have been open at once before any is answered.
+    together: int = 0
     #: How many tries of every single request fail first, with status 500.
     failing: int = 0
     #: How many calls about batches get this status first.

@@ -75,6 +75,7 @@ class LLMServer:
         self.held: dict[str, threading.Event] = {}
         self._stalls, self._cuts = {script.stall} - {""}, {script.cut} - {""}
         self._batch_faults = script.batch_faults
+        self._gathered = asyncio.Event()
 
     async def serve(self, ready: threading.Event, ended: asyncio.Event) -> None:
         """Listen until it is ended."""
@@ -94,17 +95,21 @@ class LLMServer:
 
     async def _answer(self, call: Call, writer: asyncio.StreamWriter) -> None:
         self.logins.add(call.login)
-        if call.path.startswith("/v1/messages/batches"):
-            await self._answer_batches(call, writer)
-        elif call.path == "/counts":
-            await _send(writer, 200, {"tried": self.tried, "billed": self.billed})
-        else:
-            self.open += 1
-            self.most = max(self.most, self.open)
-            try:
-                await self._answer_one(call, writer)
-            finally:
-                self.open -= 1
+        path, _, query = call.path.partition("?")
+        match call.method, path.strip("/").split("/"):
+            case "POST", ["v1", "messages"] | ["v1", "chat", "completions"]:
+                self.open += 1
+                self.most = max(self.most, self.open)
+                try:
+                    await self._answer_one(call, writer)
+                finally:
+                    self.open -= 1
+            case _, ["v1", "messages", "batches", *rest] if len(rest) <= 2:
+                await self._answer_batches(call, [*rest, "", ""], query, writer)
+            case "GET", ["counts"]:
+                await _send(writer, 200, {"tried": self.tried, "billed": self.billed, "most": self.most})
+            case _:
+                await _send(writer, 404, error("not_found_error", "Not Found"))
 
     async def _answer_one(self, call: Call, writer: asyncio.StreamWriter) -> None:
         """Answer one request of the Messages or the chat-completions API, or misbehave."""
@@ -112,6 +117,9 @@ class LLMServer:
         self.bodies.append(body)
         self.tried[key] += 1
         fault = self.script.fault(body, self.tried[key])
+        if self.most >= self.script.together:
+            self._gathered.set()
+        await self._gathered.wait()
         await asyncio.sleep(self.script.delay + (self.script.slow if fault == "slow" else 0.0))
         while (held := self.held.get(text_of(body))) is not None and not held.is_set():
             await asyncio.sleep(0.005)
@@ -140,14 +148,13 @@ class LLMServer:
             await _send(writer, 200, answer)
             self.billed[key] += 1
 
-    async def _answer_batches(self, call: Call, writer: asyncio.StreamWriter) -> None:
-        """Speak the Message Batches API."""
+    async def _answer_batches(self, call: Call, rest: list[str], query: str, writer: asyncio.StreamWriter) -> None:
+        """Speak the Message Batches API; `rest` is a batch's id and what is done with it, either may be empty."""
         if self._batch_faults > 0:
             self._batch_faults -= 1
             await _send(writer, self.script.batch_status, error("some_error", f"not now, {call.login}"))
             return
-        path, _, query = call.path.removeprefix("/v1/messages/batches").partition("?")
-        _, name, act = [*path.split("/"), "", ""][:3]
+        name, act = rest[:2]
         if call.method == "POST" and not name:
             await self._stall("submitted")
             batch = Batch(id=f"msgbatch_{len(self.batches):04d}", requests=call.body["requests"], login=call.login)
