@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,13 +18,14 @@ from llm_script import Script
 from llm_server import LLMServer, serving
 
 from tacevo.errors import ConfigError, LLMError, StoreError, TransportError
-from tacevo.llm.anthropic import connect_batches
+from tacevo.llm.anthropic import body_of, connect_batches
+from tacevo.llm.batch_records import BatchRecord, BatchRecords
 from tacevo.llm.batch_server import Pace
 from tacevo.llm.batches import BatchLLM
 from tacevo.llm.faults import Patience
 from tacevo.llm.recording import RecordingLLM
-from tacevo.records import Delivery, Request
-from tacevo.store import Store
+from tacevo.records import Delivery, Request, to_json
+from tacevo.store import Store, content_hash
 
 ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
 
@@ -254,9 +257,55 @@ def test_unknown_batch_is_not_paid_for_twice_silently(server: LLMServer, tmp_pat
     """Another key sees other batches: the message names the record, and nothing is submitted."""
     list(batches(server.url, tmp_path).complete(ASKED))
     server.batches.clear()
-    with pytest.raises(ConfigError, match=r"404.*remembers the batch: delete it"):
+    with pytest.raises(
+        ConfigError, match=r"5 requests stand in batch msgbatch_0000, but .*404.*delete .*\.json to sub"
+    ):
         recorded(server.url, tmp_path)
     assert server.batches == []
+
+
+def test_candidate_that_goes_is_never_replaced_silently(tmp_path: Path) -> None:
+    """It may have been ours: this command and the next refuse, until the record that the message names is deleted."""
+    never = Script(cut="created", polls=10**9)
+    with serving(never) as server:
+        goes = threading.Thread(target=_forget_when_looked_at, args=(server,))
+        goes.start()
+        for _ in range(2):
+            with pytest.raises(ConfigError, match=r"404.*delete .*\.json to submit, and to pay for, them anew"):
+                recorded(server.url, tmp_path)
+            assert server.batches == []
+        goes.join()
+        records(tmp_path)[0].unlink()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+
+
+def test_foreign_candidate_that_goes_stops_no_run(tmp_path: Path) -> None:
+    """Where another candidate holds our names, the one that went was not ours."""
+    store = Store(tmp_path, "completions")
+    keys = tuple(store.key(to_json(asked)) for asked in ASKED)
+    with serving(Script(polls=10**9)) as server:
+        _submit_elsewhere(server.url)
+        with connect_batches(server.url) as client:
+            client.messages.batches.create(
+                requests=[
+                    {"custom_id": key, "params": body_of(asked, ())} for key, asked in zip(keys, ASKED, strict=True)
+                ]  # type: ignore[typeddict-item]
+            )
+            own = BatchRecords(tmp_path / "batches", content_hash(str(client.base_url)))
+        own.write(BatchRecord(server=own.server, keys=keys, requests=5, dropped=(), known=()))
+        goes = threading.Thread(target=_forget_when_looked_at, args=(server,))
+        goes.start()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        goes.join()
+        assert set(server.billed.values()) == {1}
+
+
+def _forget_when_looked_at(server: LLMServer) -> None:
+    """Let a server forget its oldest batch while somebody waits for it; those that remain end."""
+    while not server.batches or not server.batches[0].polls:
+        time.sleep(0.005)
+    del server.batches[0]
+    server.script = replace(server.script, polls=0)
 
 
 def test_damaged_record_is_named_and_refused(server: LLMServer, tmp_path: Path) -> None:
