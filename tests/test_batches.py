@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hosted import KEY, request
@@ -210,30 +211,32 @@ def test_lost_connection_submits_nothing_twice(cut: str, tmp_path: Path) -> None
         assert set(server.billed.values()) == {1}
 
 
-def test_someone_elses_batch_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_someone_elses_batch_is_not_taken_for_ours(server: LLMServer, tmp_path: Path) -> None:
     """A batch of the same size that another program submitted meanwhile is recognised as foreign by its names."""
-    with serving(Script(cut="submitted")) as server:
-        intruder = threading.Timer(0.03, _submit_elsewhere, (server.url,))  # while the loss settles
-        intruder.start()
-        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
-        intruder.join()
-        assert [len(batch.requests) for batch in server.batches] == [5, 5]
-        assert server.batches[0].requests[0]["custom_id"] == "other0"
+    _cut_off_a_submission(server.url, tmp_path)
+    _submit_elsewhere(server.url)
+    assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    assert [len(batch.requests) for batch in server.batches] == [5, 5]
+    assert server.batches[0].requests[0]["custom_id"] == "other0"
 
 
-def test_batch_whose_results_are_deleted_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_batch_whose_results_are_deleted_is_not_taken_for_ours(server: LLMServer, tmp_path: Path) -> None:
     """Somebody else's batch of the same size stops no run, though nothing in it can be recognised."""
+    _cut_off_a_submission(server.url, tmp_path)
+    _submit_elsewhere(server.url)
+    server.batches[0].archived_at = "2026-01-01T00:00:00Z"
+    assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    assert server.batches[0].requests[0]["custom_id"] == "other0"
 
-    def intrude(on: LLMServer) -> None:
-        _submit_elsewhere(on.url)
-        on.batches[0].archived_at = "2026-01-01T00:00:00Z"
 
-    with serving(Script(cut="submitted")) as server:
-        intruder = threading.Timer(0.03, intrude, (server,))  # while the loss settles
-        intruder.start()
-        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
-        intruder.join()
-        assert server.batches[0].requests[0]["custom_id"] == "other0"
+def _cut_off_a_submission(url: str, root: Path) -> tuple[str, ...]:
+    """Leave the record of a run that was killed before it knew its batch's id; give the keys of the requests."""
+    store = Store(root, "completions")
+    keys = tuple(store.key(to_json(asked)) for asked in ASKED)
+    with connect_batches(url) as client:
+        own = BatchRecords(root / "batches", content_hash(str(client.base_url)))
+    own.write(BatchRecord(server=own.server, keys=keys, requests=len(keys), dropped=(), known=()))
+    return keys
 
 
 def _submit_elsewhere(url: str) -> None:
@@ -281,18 +284,12 @@ def test_candidate_that_goes_is_never_replaced_silently(tmp_path: Path) -> None:
 
 def test_foreign_candidate_that_goes_stops_no_run(tmp_path: Path) -> None:
     """Where another candidate holds our names, the one that went was not ours."""
-    store = Store(tmp_path, "completions")
-    keys = tuple(store.key(to_json(asked)) for asked in ASKED)
     with serving(Script(polls=10**9)) as server:
+        keys = _cut_off_a_submission(server.url, tmp_path)
         _submit_elsewhere(server.url)
+        ours: Any = [{"custom_id": key, "params": body_of(asked, ())} for key, asked in zip(keys, ASKED, strict=True)]
         with connect_batches(server.url) as client:
-            client.messages.batches.create(
-                requests=[
-                    {"custom_id": key, "params": body_of(asked, ())} for key, asked in zip(keys, ASKED, strict=True)
-                ]  # type: ignore[typeddict-item]
-            )
-            own = BatchRecords(tmp_path / "batches", content_hash(str(client.base_url)))
-        own.write(BatchRecord(server=own.server, keys=keys, requests=5, dropped=(), known=()))
+            client.messages.batches.create(requests=ours)
         goes = threading.Thread(target=_forget_when_looked_at, args=(server,))
         goes.start()
         assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
