@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import textwrap
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,33 +48,44 @@ def asking() -> str:
 
 
 def memory_of_many() -> str:
-    """Give the memory that 10,000 requests in flight need, above the process that waits for them to be asked."""
+    """Give the memory that 10,000 requests in flight need, above the process that is about to ask them.
+
+    The server answers none of them before it has them all.
+    """
     script = """
         import json, sys
         from pathlib import Path
-        from benchmarks.llm import MANY, peak_of_many
-        print(json.dumps(peak_of_many(sys.argv[1], Path(sys.argv[2]))))
+        from benchmarks.llm import peak_of_many
+        print(json.dumps(peak_of_many(*sys.argv[1:3], Path(sys.argv[3]))))
     """
-    with _serving(delay=20.0) as url, tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-c", textwrap.dedent(script), url, folder]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    with _serving() as first, _serving(together=MANY) as url, tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-c", textwrap.dedent(script), first, url, folder]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+        with urllib.request.urlopen(f"{url}/counts") as counts:
+            most = json.load(counts)["most"]
     before, peak = json.loads(done.stdout)
-    return f"memory of {MANY} requests in flight: {peak - before} MiB above {before} MiB"
+    return f"memory of {most} requests in flight: {peak - before:.0f} MB above {before:.0f} MB"
 
 
-def peak_of_many(url: str, root: Path) -> tuple[int, int]:
-    """Ask very many things at once; give the resident memory before, and its peak, in MiB."""
+def peak_of_many(first: str, url: str, root: Path) -> tuple[float, float]:
+    """Ask very many things at once; give the resident memory before, and its peak, in MB (1,000,000 bytes).
+
+    Args:
+        first: a server that is asked one thing, so that everything is loaded.
+        url: the server of the rest.
+        root: where the answers are stored.
+    """
     requests = [_request(number) for number in range(MANY)]
-    _ask(url, Store(root, "completions"), requests[:1], 1)
+    _ask(first, Store(root / "first", "completions"), requests[:1], 1)
     before = _resident("VmRSS")
-    _ask(url, Store(root, "completions"), requests, MANY)
+    _ask(url, Store(root / "rest", "completions"), requests, MANY)
     return before, _resident("VmHWM")
 
 
-def _resident(name: str) -> int:
-    """Read a figure of this process's memory, in MiB."""
+def _resident(name: str) -> float:
+    """Read a figure of this process's memory, in MB."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith(name)) // 1024
+    return next(int(line.split()[1]) for line in lines if line.startswith(name)) * 1024 / 1e6
 
 
 def _request(number: int) -> Request:
@@ -110,9 +122,9 @@ async def _ask_plainly(url: str, requests: list[Request]) -> None:
 
 
 @contextlib.contextmanager
-def _serving(delay: float = DELAY) -> Iterator[str]:
-    os.environ.setdefault("ANTHROPIC_API_KEY", "no key, for a server of our own")
-    command = [sys.executable, str(_SERVER), "--delay", str(delay)]
+def _serving(*, together: int = 0) -> Iterator[str]:
+    os.environ.setdefault("ANTHROPIC_API_KEY", "no-key-for-a-server-of-our-own")
+    command = [sys.executable, str(_SERVER), "--delay", str(DELAY), "--together", str(together)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
             yield (server.stdout.readline() if server.stdout is not None else "").strip()

@@ -200,7 +200,10 @@ def _entry(root: Path, prefix: str) -> Found:
     """Find the one entry whose key begins with a text."""
     hexadecimal = len(prefix) >= _SHORTEST_KEY and set(prefix.lower()) <= set("0123456789abcdef")
     if not hexadecimal:
-        raise StoreError(f"expected at least {_SHORTEST_KEY} digits of a key, or a JSON file; got {prefix!r}")
+        raise StoreError(
+            f"{prefix} is neither a file nor a key; give a JSON file with a request, or at least {_SHORTEST_KEY} "
+            "hexadecimal digits of a key"
+        )
     folder = prefix.lower()[:2]
     paths = [(kind, path) for kind in KINDS for path in sorted((root / kind / folder).glob(f"{prefix.lower()}*.json"))]
     if len(paths) != 1:

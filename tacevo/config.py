@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import asdict, dataclass, field
 from typing import Any
+from urllib.parse import urlsplit
 
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
@@ -27,6 +28,17 @@ from tacevo.choices import (
 from tacevo.data_options import DataConfig
 from tacevo.ranges import is_positive, require
 from tacevo.records import Delivery, Json, Kind, Loss, Mode
+
+
+def _is_address(value: str) -> bool:
+    """Say whether a server can be reached by this, and a path be put behind it."""
+    if not value.isprintable() or set(value) & set(" ?#"):
+        return False
+    try:
+        parts = urlsplit(value)
+        return parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # half an IPv6 address, or a port that is none
+        return False
 
 
 @dataclass(kw_only=True)
@@ -116,6 +128,9 @@ class LLMConfig:
         """Check the ranges."""
         require(bool(self.model), "llm.model", "a model name", self.model)
         require(self.max_tokens >= 1, "llm.max_tokens", "a value >= 1", self.max_tokens)
+        sound = self.base_url is None or _is_address(self.base_url)
+        told = (self.base_url or "").rpartition("@")[2]  # a message holds no login
+        require(sound, "llm.base_url", "an address such as http://localhost:8000/v1 (no ?, no #), or null", told)
         require(self.concurrency >= 1, "llm.concurrency", "a value >= 1", self.concurrency)
         require(0 <= self.slip_rate <= 1, "llm.slip_rate", "a value in [0, 1]", self.slip_rate)
         self._check_sampling()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Self
 
 from tacevo.records import Completion, Json
@@ -69,7 +70,18 @@ def usd(spending: Spending) -> str:
     """Write the dollars of a spending; `price unknown` where no answer has a price."""
     if spending.answers and spending.unpriced == spending.answers:
         return "price unknown"
-    return f"{spending.usd:.4f} USD"
+    return f"{dollars(spending.usd)} USD"
+
+
+def dollars(amount: float) -> str:
+    """Write US dollars: to the cent from one dollar on, below it to three significant digits.
+
+    Args:
+        amount: at least 0.
+    """
+    if amount >= 1 or amount == 0:
+        return f"{amount:,.2f}"
+    return f"{Decimal(f'{amount:#.3g}'):f}"  # an exponent, which :g writes below 0.0001, is hard to compare
 
 
 def _of_one(completion: Completion) -> Spending:

@@ -11,7 +11,7 @@ from pathlib import Path
 from tacevo.caching import scan
 from tacevo.composition import facts_without_data, load_prices, load_task
 from tacevo.config import RunConfig, deliveries
-from tacevo.costs import spending_on
+from tacevo.costs import dollars, spending_on
 from tacevo.errors import StoreError
 from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens
 from tacevo.proposals import Settings, Task, crossover_text, plan_initial
@@ -144,7 +144,7 @@ def _answers(root: Path, model: str) -> Iterator[Completion]:
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:
     """Price tokens for each delivery that the provider has."""
     found = [prices.price(config.llm.model, delivery) for delivery in deliveries(config.llm.provider)]
-    return ["unknown" if price is None else f"{price.cost(tokens.input, tokens.output):.2f}" for price in found]
+    return ["unknown" if price is None else dollars(price.cost(tokens.input, tokens.output)) for price in found]
 
 
 def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:

@@ -52,6 +52,8 @@ class Script:
     retry_after: float = 0.01
     #: Writes the answer to a body.
     answer: Callable[[Body], str] | None = None
+    #: Says of what kind that answer is: `max_tokens`, `refusal`, or empty where it is whole.
+    kind: Callable[[Body], str] | None = None
     #: Settings that the models refuse, one a time, as real ones do.
     refused: tuple[str, ...] = ()
     #: How often a batch is looked at before it has ended.
@@ -62,6 +64,8 @@ class Script:
     cut: str = ""
     #: What is wrong with a batch's results: `lacking` their last line, or `unreadable` in it; empty where nothing is.
     results: str = ""
+    #: How many single requests must have been open at once before any is answered.
+    together: int = 0
     #: How many tries of every single request fail first, with status 500.
     failing: int = 0
     #: How many calls about batches get this status first.
@@ -69,14 +73,16 @@ class Script:
     batch_status: int = 529
 
     def fault(self, body: Body, tried: int) -> str:
-        """Name the fault of a try, counted from 1; empty where it is answered."""
+        """Name the fault of a try, counted from 1, or the kind of its answer; empty where it is answered whole."""
         command = _COMMAND.search(text_of(body))
         if command is not None:
             return command[1] if command[2] is None or tried <= int(command[2]) else ""
         if tried <= self.failing:
             return "500"
         draw = random.Random(f"{self.seed} {key_of(body)} {tried}")
-        return draw.choice(PASSING) if draw.random() < self.rate else ""
+        if draw.random() < self.rate:
+            return draw.choice(PASSING)
+        return "" if self.kind is None else self.kind(body)
 
     def refusal(self, body: Body) -> str:
         """Say which setting of a body the models refuse; empty where none."""

@@ -1,7 +1,7 @@
 """A real HTTP server on this machine that speaks the Messages, the Message Batches and the chat-completions API.
 
     with serving(Script(rate=0.3)) as server:      in a thread of this process
-    python tests/llm_server.py --rate 0.3          in a process of its own; prints its address
+    python tests/llm_server.py --rate 0.3          in a process of its own; prints its address (see --help)
 
 It misbehaves as its script says (tests/llm_script.py) and counts: an answer counts as billed when all of it was
 handed to the connection, or when it stands in the results of a batch.
@@ -12,10 +12,11 @@ import asyncio
 import contextlib
 import json
 import random
+import sys
 import threading
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +55,9 @@ class Call:
 class LLMServer:
     """The server and its counts; it runs in an event loop of its own thread."""
 
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: Script, port: int = 0) -> None:
         self.script = script
+        self._port = port
         self.url = ""
         #: How often every request was tried and billed, by `key_of` its body.
         self.tried: Counter[str] = Counter()
@@ -75,10 +77,11 @@ class LLMServer:
         self.held: dict[str, threading.Event] = {}
         self._stalls, self._cuts = {script.stall} - {""}, {script.cut} - {""}
         self._batch_faults = script.batch_faults
+        self._gathered = asyncio.Event()
 
     async def serve(self, ready: threading.Event, ended: asyncio.Event) -> None:
         """Listen until it is ended."""
-        listening = await asyncio.start_server(self._talk, "127.0.0.1", 0, backlog=16_384, limit=2**24)
+        listening = await asyncio.start_server(self._talk, "127.0.0.1", self._port, backlog=16_384, limit=2**24)
         self.url = f"http://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
         ready.set()
         await ended.wait()
@@ -94,17 +97,21 @@ class LLMServer:
 
     async def _answer(self, call: Call, writer: asyncio.StreamWriter) -> None:
         self.logins.add(call.login)
-        if call.path.startswith("/v1/messages/batches"):
-            await self._answer_batches(call, writer)
-        elif call.path == "/counts":
-            await _send(writer, 200, {"tried": self.tried, "billed": self.billed})
-        else:
-            self.open += 1
-            self.most = max(self.most, self.open)
-            try:
-                await self._answer_one(call, writer)
-            finally:
-                self.open -= 1
+        path, _, query = call.path.partition("?")
+        match call.method, path.strip("/").split("/"):
+            case "POST", ["v1", "messages"] | ["v1", "chat", "completions"]:
+                self.open += 1
+                self.most = max(self.most, self.open)
+                try:
+                    await self._answer_one(call, writer)
+                finally:
+                    self.open -= 1
+            case _, ["v1", "messages", "batches", *rest] if len(rest) <= 2:
+                await self._answer_batches(call, [*rest, "", ""], query, writer)
+            case "GET", ["counts"]:
+                await _send(writer, 200, {"tried": self.tried, "billed": self.billed, "most": self.most})
+            case _:
+                await _send(writer, 404, error("not_found_error", "Not Found"))
 
     async def _answer_one(self, call: Call, writer: asyncio.StreamWriter) -> None:
         """Answer one request of the Messages or the chat-completions API, or misbehave."""
@@ -112,6 +119,9 @@ class LLMServer:
         self.bodies.append(body)
         self.tried[key] += 1
         fault = self.script.fault(body, self.tried[key])
+        if self.most >= self.script.together:
+            self._gathered.set()
+        await self._gathered.wait()
         await asyncio.sleep(self.script.delay + (self.script.slow if fault == "slow" else 0.0))
         while (held := self.held.get(text_of(body))) is not None and not held.is_set():
             await asyncio.sleep(0.005)
@@ -140,14 +150,13 @@ class LLMServer:
             await _send(writer, 200, answer)
             self.billed[key] += 1
 
-    async def _answer_batches(self, call: Call, writer: asyncio.StreamWriter) -> None:
-        """Speak the Message Batches API."""
+    async def _answer_batches(self, call: Call, rest: list[str], query: str, writer: asyncio.StreamWriter) -> None:
+        """Speak the Message Batches API; `rest` is a batch's id and what is done with it, either may be empty."""
         if self._batch_faults > 0:
             self._batch_faults -= 1
             await _send(writer, self.script.batch_status, error("some_error", f"not now, {call.login}"))
             return
-        path, _, query = call.path.removeprefix("/v1/messages/batches").partition("?")
-        _, name, act = [*path.split("/"), "", ""][:3]
+        name, act = rest[:2]
         if call.method == "POST" and not name:
             await self._stall("submitted")
             batch = Batch(id=f"msgbatch_{len(self.batches):04d}", requests=call.body["requests"], login=call.login)
@@ -266,9 +275,9 @@ async def _send_text(writer: asyncio.StreamWriter, status: int, text: str) -> No
 
 
 @contextlib.contextmanager
-def serving(script: Script | None = None) -> Iterator[LLMServer]:
-    """Run a server in a thread of this process."""
-    server, ready = LLMServer(script or Script()), threading.Event()
+def serving(script: Script | None = None, *, port: int = 0) -> Iterator[LLMServer]:
+    """Run a server in a thread of this process, at a port or at any that is free."""
+    server, ready = LLMServer(script or Script(), port), threading.Event()
     loop, ended = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:
@@ -289,23 +298,59 @@ def serving(script: Script | None = None) -> Iterator[LLMServer]:
 
 
 def recorded_answers(folder: Path, task: str) -> Script:
-    """Write a script that serves answers which a model once gave to a task; which one follows from the request."""
-    paths = sorted(folder.glob(f"{task}_*.json"))
-    answers = [json.loads(path.read_text(encoding="utf-8"))["response"] for path in paths]
-    return Script(answer=lambda body: str(answers[int(key_of(body), 16) % len(answers)]))
+    """Write a script that serves the answers which a model once gave to a task.
+
+    A request that names a file (`force_000`) gets its answer, and every other one that which follows from its hash.
+
+    Args:
+        folder: of JSON files `<task>_<number>.json`, each with a `response` and its `stop_reason`.
+        task: whose answers; empty for those of every task.
+
+    Raises:
+        ValueError: the folder holds none.
+    """
+    paths = sorted(folder.glob(f"{task or '*'}_*.json"))
+    if not paths:
+        raise ValueError(f"{folder} holds no recorded answers {task or '*'}_*.json")
+    recorded = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+
+    def chosen(body: Body) -> Body:
+        other = paths[int(key_of(body), 16) % len(paths)].stem
+        return dict(recorded[text_of(body) if text_of(body) in recorded else other])
+
+    def kind(body: Body) -> str:
+        reason = str(chosen(body)["stop_reason"])
+        return "" if reason == "end_turn" else reason
+
+    return Script(answer=lambda body: str(chosen(body)["response"]), kind=kind)
 
 
-def main() -> None:
-    """Serve until the process is ended; its address is the first line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rate", type=float, default=0.0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--delay", type=float, default=0.0)
-    given = parser.parse_args()
-    with serving(Script(rate=given.rate, seed=given.seed, delay=given.delay)) as server:
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until Ctrl-C; the address is the first line of the output."""
+    parser = argparse.ArgumentParser(
+        prog="python tests/llm_server.py",
+        description="A local server that speaks the Messages, Message Batches and chat-completions APIs, for trying a "
+        "provider without a bill: llm=anthropic llm.base_url=ADDRESS, or llm=openai llm.base_url=ADDRESS/v1. Any key "
+        "will do. Its first line is its address; Ctrl-C ends it.",
+    )
+    parser.add_argument("--answers", type=Path, help="folder of recorded answers, <task>_<number>.json; else it echoes")
+    parser.add_argument("--task", default="force", help="whose recorded answers to serve (default: force)")
+    parser.add_argument("--port", type=int, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
+    parser.add_argument("--rate", type=float, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="from which the failures follow (default: 0)")
+    parser.add_argument("--delay", type=float, default=0.0, help="seconds before every answer (default: 0)")
+    parser.add_argument("--together", type=int, default=0, help="answer nothing before so many requests are open")
+    given = parser.parse_args(arguments)
+    try:
+        script = Script() if given.answers is None else recorded_answers(given.answers, given.task)
+    except ValueError as missing:
+        parser.error(str(missing))
+    script = replace(script, rate=given.rate, seed=given.seed, delay=given.delay, together=given.together)
+    with contextlib.suppress(KeyboardInterrupt), serving(script, port=given.port) as server:
         print(server.url, flush=True)
         threading.Event().wait()
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

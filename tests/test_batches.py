@@ -7,8 +7,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hosted import KEY, request
@@ -16,13 +19,14 @@ from llm_script import Script
 from llm_server import LLMServer, serving
 
 from tacevo.errors import ConfigError, LLMError, StoreError, TransportError
-from tacevo.llm.anthropic import connect_batches
+from tacevo.llm.anthropic import body_of, connect_batches
+from tacevo.llm.batch_records import BatchRecord, BatchRecords
 from tacevo.llm.batch_server import Pace
 from tacevo.llm.batches import BatchLLM
 from tacevo.llm.faults import Patience
 from tacevo.llm.recording import RecordingLLM
-from tacevo.records import Delivery, Request
-from tacevo.store import Store
+from tacevo.records import Delivery, Request, to_json
+from tacevo.store import Store, content_hash
 
 ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
 
@@ -207,30 +211,32 @@ def test_lost_connection_submits_nothing_twice(cut: str, tmp_path: Path) -> None
         assert set(server.billed.values()) == {1}
 
 
-def test_someone_elses_batch_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_someone_elses_batch_is_not_taken_for_ours(server: LLMServer, tmp_path: Path) -> None:
     """A batch of the same size that another program submitted meanwhile is recognised as foreign by its names."""
-    with serving(Script(cut="submitted")) as server:
-        intruder = threading.Timer(0.03, _submit_elsewhere, (server.url,))  # while the loss settles
-        intruder.start()
-        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
-        intruder.join()
-        assert [len(batch.requests) for batch in server.batches] == [5, 5]
-        assert server.batches[0].requests[0]["custom_id"] == "other0"
+    _cut_off_a_submission(server.url, tmp_path)
+    _submit_elsewhere(server.url)
+    assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    assert [len(batch.requests) for batch in server.batches] == [5, 5]
+    assert server.batches[0].requests[0]["custom_id"] == "other0"
 
 
-def test_batch_whose_results_are_deleted_is_not_taken_for_ours(tmp_path: Path) -> None:
+def test_batch_whose_results_are_deleted_is_not_taken_for_ours(server: LLMServer, tmp_path: Path) -> None:
     """Somebody else's batch of the same size stops no run, though nothing in it can be recognised."""
+    _cut_off_a_submission(server.url, tmp_path)
+    _submit_elsewhere(server.url)
+    server.batches[0].archived_at = "2026-01-01T00:00:00Z"
+    assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    assert server.batches[0].requests[0]["custom_id"] == "other0"
 
-    def intrude(on: LLMServer) -> None:
-        _submit_elsewhere(on.url)
-        on.batches[0].archived_at = "2026-01-01T00:00:00Z"
 
-    with serving(Script(cut="submitted")) as server:
-        intruder = threading.Timer(0.03, intrude, (server,))  # while the loss settles
-        intruder.start()
-        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
-        intruder.join()
-        assert server.batches[0].requests[0]["custom_id"] == "other0"
+def _cut_off_a_submission(url: str, root: Path) -> tuple[str, ...]:
+    """Leave the record of a run that was killed before it knew its batch's id; give the keys of the requests."""
+    store = Store(root, "completions")
+    keys = tuple(store.key(to_json(asked)) for asked in ASKED)
+    with connect_batches(url) as client:
+        own = BatchRecords(root / "batches", content_hash(str(client.base_url)))
+    own.write(BatchRecord(server=own.server, keys=keys, requests=len(keys), dropped=(), known=()))
+    return keys
 
 
 def _submit_elsewhere(url: str) -> None:
@@ -254,9 +260,49 @@ def test_unknown_batch_is_not_paid_for_twice_silently(server: LLMServer, tmp_pat
     """Another key sees other batches: the message names the record, and nothing is submitted."""
     list(batches(server.url, tmp_path).complete(ASKED))
     server.batches.clear()
-    with pytest.raises(ConfigError, match=r"404.*remembers the batch: delete it"):
+    with pytest.raises(
+        ConfigError, match=r"5 requests stand in batch msgbatch_0000, but .*404.*delete .*\.json to sub"
+    ):
         recorded(server.url, tmp_path)
     assert server.batches == []
+
+
+def test_candidate_that_goes_is_never_replaced_silently(tmp_path: Path) -> None:
+    """It may have been ours: this command and the next refuse, until the record that the message names is deleted."""
+    never = Script(cut="created", polls=10**9)
+    with serving(never) as server:
+        goes = threading.Thread(target=_forget_when_looked_at, args=(server,))
+        goes.start()
+        for _ in range(2):
+            with pytest.raises(ConfigError, match=r"404.*delete .*\.json to submit, and to pay for, them anew"):
+                recorded(server.url, tmp_path)
+            assert server.batches == []
+        goes.join()
+        records(tmp_path)[0].unlink()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+
+
+def test_foreign_candidate_that_goes_stops_no_run(tmp_path: Path) -> None:
+    """Where another candidate holds our names, the one that went was not ours."""
+    with serving(Script(polls=10**9)) as server:
+        keys = _cut_off_a_submission(server.url, tmp_path)
+        _submit_elsewhere(server.url)
+        ours: Any = [{"custom_id": key, "params": body_of(asked, ())} for key, asked in zip(keys, ASKED, strict=True)]
+        with connect_batches(server.url) as client:
+            client.messages.batches.create(requests=ours)
+        goes = threading.Thread(target=_forget_when_looked_at, args=(server,))
+        goes.start()
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+        goes.join()
+        assert set(server.billed.values()) == {1}
+
+
+def _forget_when_looked_at(server: LLMServer) -> None:
+    """Let a server forget its oldest batch while somebody waits for it; those that remain end."""
+    while not server.batches or not server.batches[0].polls:
+        time.sleep(0.005)
+    del server.batches[0]
+    server.script = replace(server.script, polls=0)
 
 
 def test_damaged_record_is_named_and_refused(server: LLMServer, tmp_path: Path) -> None:

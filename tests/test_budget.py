@@ -87,8 +87,8 @@ def test_exhausted_budget_keeps_what_was_asked_and_says_how_to_go_on(tmp_path: P
     """Two fit at their worst; both are answered and kept, and the message names the key, the cost and the way on."""
     llm = budgeted(FakeLLM(tokens=int(WORST)), 2.5 * WORST, tmp_path)
     answered: list[int] = []
-    expected = r"^llm.budget_usd=572.5 is reached: the run's answers cost 458.0000 USD, and the next of 4 open requests"
-    with pytest.raises(BudgetError, match=rf"{expected} could cost 229.0000 USD; .* with a larger llm.budget_usd"):
+    expected = r"^llm.budget_usd=572.5 is reached: the run's answers cost 458.00 USD, and the next of 4 open requests"
+    with pytest.raises(BudgetError, match=rf"{expected} could cost 229.00 USD; .* with a larger llm.budget_usd"):
         answered.extend(position for position, _ in llm.complete(REQUESTS))
     assert sorted(answered) == [0, 1]
     assert len(list(tmp_path.rglob("*.json"))) == 2
@@ -107,7 +107,7 @@ def test_recorded_answers_count(tmp_path: Path) -> None:
     """The same budget again stops at the same place, and asks nobody."""
     for _ in range(2):
         inner = FakeLLM(tokens=int(WORST))
-        with pytest.raises(BudgetError, match=r"the run's answers cost 458\.0000 USD"):
+        with pytest.raises(BudgetError, match=r"the run's answers cost 458\.00 USD"):
             ask(budgeted(inner, 2.5 * WORST, tmp_path), REQUESTS)
     assert inner.rounds == []
 

@@ -60,7 +60,7 @@ def test_ls_counts_by_kind_and_model(root: Path) -> None:
     probe, *completions = sorted(rows(list_stores(root, kind=None, model=None)), reverse=True)
     assert completions == [
         ["completions", "llama", "1", "0.00 MB", "1,000,000", "1,000,000", "price unknown"],
-        ["completions", "claude-x", "2", "0.00 MB", "2,000,000", "2,000,000", "3.0000 USD"],
+        ["completions", "claude-x", "2", "0.00 MB", "2,000,000", "2,000,000", "3.00 USD"],
     ]
     assert probe == ["probes", "", "1", "0.00 MB", "", "", ""]
 
@@ -86,7 +86,7 @@ def test_ls_of_nothing_says_so(root: Path) -> None:
 def test_ls_counts_damaged_entries_apart(root: Path) -> None:
     """What cannot be read is neither hidden nor counted as an answer."""
     path_of(root, request(1)).write_text("{")
-    assert ["completions", "(damaged)", "1", "0.00 MB", "0", "0", "0.0000 USD"] not in rows(
+    assert ["completions", "(damaged)", "1", "0.00 MB", "0", "0", "0.00 USD"] not in rows(
         list_stores(root, kind=None, model=None)
     )
     damaged = next(row for row in rows(list_stores(root, kind=None, model=None)) if row[1] == "(damaged)")
@@ -170,7 +170,7 @@ def test_explain_tells_an_entry_and_its_neighbour(root: Path) -> None:
     page = explain(root, key[:8].upper())
     assert page.startswith(f"completions {key}: recorded in")
     assert "answered by claude-x-dated (batch, sent without temperature), ended by max_tokens" in page
-    assert "1,000,000 + 1,000,000 tokens, 1.5000 USD" in page
+    assert "1,000,000 + 1,000,000 tokens, 1.50 USD" in page
     assert "it differs in 1 fields:\n  draw: recorded 2, here 1" in page
 
 
@@ -215,9 +215,9 @@ def test_explain_takes_any_kind_from_a_file(root: Path, tmp_path: Path) -> None:
     ("what", "words"),
     [
         ("00000000", "no entry in .* with a key that begins with 00000000; give more digits, or the request"),
-        ("abc", "expected at least 4 digits of a key, or a JSON file; got 'abc'"),
-        ("nonsense", "expected at least 4 digits of a key, or a JSON file; got 'nonsense'"),
-        ("../../etc", "expected at least 4 digits"),
+        ("abc", "^abc is neither a file nor a key; give a JSON file with a request, or at least 4 hexadecimal digits"),
+        ("request.json", r"^request\.json is neither a file nor a key; give a JSON file"),
+        ("../../etc", "is neither a file nor a key"),
     ],
 )
 def test_key_that_names_nothing_is_refused(what: str, words: str, root: Path) -> None:

@@ -76,6 +76,21 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "gate.seconds": [0.0, NAN, INF],
     "gate.memory_mib": [63],
     "executor.workers": [0],
+    "llm.base_url": [
+        "",
+        "localhost",
+        "localhost:8000/v1",
+        "ftp://localhost",
+        "http://",
+        "http:///v1",
+        "http://localhost:port",
+        "http://localhost:99999",
+        "http://[::1",
+        "http://local host",
+        "http://localhost/v1?model=m",
+        "http://localhost/v1#top",
+        "http://localhost\n",
+    ],
 }
 
 #: The ends of the ranges, which are possible.
@@ -92,6 +107,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "proposals.mutation_probability": [0.0, 1.0],
     "training.epochs": [1],
     "executor.workers": [1],
+    "llm.base_url": [None, "http://localhost", "https://me:secret@proxy.example:8443/a/v1/", "http://[::1]:8000"],
 }
 
 
@@ -172,6 +188,12 @@ def test_settings_that_do_not_go_together_are_refused(overrides: list[str], mess
     """What one setting asks of another is checked, and the message says which."""
     with pytest.raises(ConfigError, match=message):
         compose(overrides)
+
+
+def test_address_in_a_message_holds_no_login() -> None:
+    """What stands before the @ may be a password."""
+    with pytest.raises(ConfigError, match=r"^llm\.base_url needs .*; got 'proxy:99999'$"):
+        changed("llm.base_url", "https://me:hunter2@proxy:99999")
 
 
 def test_config_error_is_a_value_error() -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.costs import Spending, in_words, spending_on, total, usd
+from tacevo.costs import Spending, dollars, in_words, spending_on, total, usd
 from tacevo.records import Completion, Price, to_json
 
 HAIKU = Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21")
@@ -41,13 +41,31 @@ def test_answers_without_price_are_counted_apart() -> None:
     """Their tokens count, their dollars are not taken for zero."""
     spent = spending_on([answer(HAIKU), answer(None)])
     assert spent == Spending(answers=2, input_tokens=2_000_000, output_tokens=4_000_000, usd=2.75, unpriced=1)
-    assert in_words(spent).endswith("2.7500 USD without the 1 answers of unknown price")
+    assert in_words(spent).endswith("2.75 USD without the 1 answers of unknown price")
     assert usd(spending_on([answer(None)])) == "price unknown"
 
 
 def test_nothing_costs_nothing() -> None:
     """No answer is no cost, and not an unknown one."""
-    assert usd(total([])) == "0.0000 USD"
+    assert usd(total([])) == "0.00 USD"
+
+
+@pytest.mark.parametrize(
+    ("amount", "shown"),
+    [
+        (0.0, "0.00"),
+        (1234.567, "1,234.57"),
+        (1.0, "1.00"),
+        (0.9996, "1.00"),
+        (0.5, "0.500"),
+        (0.07, "0.0700"),
+        (0.000195, "0.000195"),
+        (2.5e-7, "0.000000250"),
+    ],
+)
+def test_dollars_have_cents_where_large_and_three_digits_where_small(amount: float, shown: str) -> None:
+    """From one dollar on to the cent, below it three significant digits and no exponent."""
+    assert dollars(amount) == shown
 
 
 @given(st.lists(SPENDINGS, max_size=6), st.randoms(use_true_random=False))

@@ -7,6 +7,7 @@ import pytest
 
 from tacevo.app import main
 from tacevo.composition import compose, facts_without_data, load_prices, load_task
+from tacevo.costs import dollars
 from tacevo.errors import StoreError
 from tacevo.estimating import describe, estimate
 from tacevo.llm.prices import most_input_tokens
@@ -110,7 +111,7 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     for delivery in Delivery:
         price = prices.price("claude-3-haiku", delivery)
         assert price is not None
-        costs.append(f"{price.cost(found.likely.input, found.likely.output):.2f}")
+        costs.append(dollars(price.cost(found.likely.input, found.likely.output)))
     assert [cell.strip() for cell in likely.split("|")[4:6]] == costs
 
 

@@ -14,7 +14,7 @@ PASSING = Fault(kind=FaultKind.passing, message="529: busy")
 
 def refusal(words: str, status: int = 400, **error: str) -> Fault:
     """Read a refusal with these words."""
-    return fault_of_status(status, {}, {"type": "error", "error": {"message": words, **error}})
+    return fault_of_status(status, {}, {"type": "error", "error": {"message": words, **error}}, path="/v1/messages")
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_filtered_request_ends_as_a_refusal_and_a_long_one_as_invalid() -> None:
 @pytest.mark.parametrize("body", [None, "", "<html>bad gateway</html>", {}, {"error": "plain"}, {"error": None}, []])
 def test_any_body_is_read(body: object) -> None:
     """A proxy may answer with anything."""
-    fault = fault_of_status(502, {}, body)
+    fault = fault_of_status(502, {}, body, path="/")
     assert fault.kind is FaultKind.passing
     assert fault.message.startswith("502: ")
 
@@ -65,13 +65,13 @@ def test_any_body_is_read(body: object) -> None:
 )
 def test_retry_after_is_read_in_seconds(value: str, seconds: float | None) -> None:
     """A number counts, also above a minute; what makes no sense is as good as nothing."""
-    assert fault_of_status(429, {"retry-after": value}, None).retry_after == seconds
+    assert fault_of_status(429, {"retry-after": value}, None, path="/").retry_after == seconds
 
 
 def test_retry_after_is_read_as_a_date() -> None:
     """HTTP allows a date, too; one in the past asks for no wait."""
-    assert fault_of_status(429, {"retry-after": formatdate(0, usegmt=True)}, None).retry_after == 0.0
-    far = fault_of_status(429, {"retry-after": formatdate(4e9, usegmt=True)}, None).retry_after
+    assert fault_of_status(429, {"retry-after": formatdate(0, usegmt=True)}, None, path="/").retry_after == 0.0
+    far = fault_of_status(429, {"retry-after": formatdate(4e9, usegmt=True)}, None, path="/").retry_after
     assert far is not None
     assert far > 1e6
 

@@ -113,6 +113,13 @@ def test_after_a_final_failure_nothing_further_begins(provider: str) -> None:
 
 
 @both
+def test_wrong_path_in_the_address_is_told(provider: str) -> None:
+    """A base_url with a part too much: the message shows the path that was asked for, and the setting to mend."""
+    with serving() as server, pytest.raises(ConfigError, match=r"404: .*/api/v1/.* was asked for: .*llm\.base_url"):
+        texts(hosted(f"{server.url}/api", provider), "a")
+
+
+@both
 @pytest.mark.parametrize("fault", ["401", "402", "403", "404", "credit"])
 def test_refused_key_model_or_payment_stops_the_run(fault: str, provider: str) -> None:
     """What no retry can mend is the user's to mend, is told at once, and is never recorded as an answer."""

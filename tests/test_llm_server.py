@@ -1,6 +1,10 @@
 """Promise: the test server counts what it delivered and nothing else, and its faults follow from its seed."""
 
 import json
+import signal
+import subprocess
+import sys
+import urllib.error
 import urllib.request
 from collections import Counter
 from pathlib import Path
@@ -8,9 +12,45 @@ from pathlib import Path
 import pytest
 from hosted import KEY, hosted, request
 from llm_script import PASSING, Script, key_of
-from llm_server import recorded_answers, serving
+from llm_server import main, recorded_answers, serving
+
+from tacevo.checking import task_without_data
+from tacevo.gate.admission import Admitted
+from tacevo.llm.anthropic import connect_batches
+from tacevo.llm.batch_server import Pace
+from tacevo.llm.batches import BatchLLM
+from tacevo.llm.client import LLM
+from tacevo.records import Completion, Json, Mode, Request
+from tacevo.sandbox.client import Sandbox
+from tacevo.store import Store
+from tacevo.training.numerics import environment
+from tacevo.wiring import ENTRIES, build_gate
 
 ANSWERS = Path(__file__).parents[2] / "shared" / "llm_answers"
+SERVER = Path(__file__).parent / "llm_server.py"
+
+recorded_ones = pytest.mark.skipif(not ANSWERS.exists(), reason="the recorded answers are not here")
+
+
+def recordings() -> dict[str, Json]:
+    """Read the recorded answers by the names of their files."""
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(ANSWERS.glob("*.json"))}
+
+
+def answers(llm: LLM, asked: list[Request]) -> list[Completion]:
+    """Ask, and give the answers in the order of the requests."""
+    given = dict(llm.complete(asked))
+    return [given[position] for position in range(len(asked))]
+
+
+def _batches(url: str, root: Path) -> BatchLLM:
+    return BatchLLM(
+        lambda: connect_batches(url),
+        store=Store(root, "completions"),
+        folder=root / "batches",
+        name="llm=anthropic",
+        pace=Pace(first=0.01, longest=0.02, settling=0.1),
+    )
 
 
 def body(text: str) -> dict[str, object]:
@@ -49,15 +89,90 @@ def test_only_delivered_answers_are_billed() -> None:
         assert server.billed == {key_of(body("a")): 1}
 
 
-@pytest.mark.skipif(not ANSWERS.exists(), reason="the recorded answers are not here")
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", "/v1/v1/messages"),
+        ("POST", "/messages"),
+        ("POST", "/v1/complete"),
+        ("GET", "/v1/messages"),
+        ("GET", "/v1/messages/batcheses"),
+    ],
+)
+def test_wrong_path_is_not_found(method: str, path: str) -> None:
+    """As at a real server, and nothing counts as tried."""
+    with serving() as server:
+        asked = urllib.request.Request(f"{server.url}{path}", data=json.dumps(body("a")).encode(), method=method)
+        with pytest.raises(urllib.error.HTTPError, match="404") as refused:
+            urllib.request.urlopen(asked)
+        refused.value.close()
+        assert server.tried.total() == 0
+
+
+@recorded_ones
 def test_recorded_answers_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each request gets one of the task's answers, always the same."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     with serving(recorded_answers(ANSWERS, "force")) as server:
-        first, again = (
-            [completion.text for _, completion in sorted(hosted(server.url).complete(asked), key=lambda pair: pair[0])]
-            for asked in ([request(str(n)) for n in range(30)],) * 2
-        )
+        first, again = (answers(hosted(server.url), [request(str(n)) for n in range(30)]) for _ in range(2))
     assert first == again
-    assert len(set(first)) > 5
-    assert all("class ImageRegressionCNN" in text for text in first)
+    assert len({completion.text for completion in first}) > 5
+    assert all("class ImageRegressionCNN" in completion.text for completion in first)
+
+
+@recorded_ones
+@pytest.mark.parametrize("provider", ["anthropic", "openai", "batches"])
+def test_every_recorded_answer_comes_whole_through_the_sdks(
+    provider: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Text and stop reason of all files, by each of the three APIs."""
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, KEY)
+    files = recordings()
+    with serving(recorded_answers(ANSWERS, "")) as server:
+        llm = _batches(server.url, tmp_path) if provider == "batches" else hosted(server.url, provider)
+        given = answers(llm, [request(name) for name in files])
+        assert len(server.billed) == server.billed.total() == len(files)
+    assert [(each.text, each.stop_reason) for each in given] == [
+        (file["response"], file["stop_reason"]) for file in files.values()
+    ]
+
+
+@recorded_ones
+def test_served_answers_get_the_verdicts_that_their_folder_states(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What the folder says trains at 32 pixels is admitted, and nothing else; counted by task."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    files = recordings()
+    with serving(recorded_answers(ANSWERS, "")) as server:
+        given = dict(zip(files, answers(hosted(server.url), [request(name) for name in files]), strict=True))
+    admitted: Counter[str] = Counter()
+    for task in ("force", "grating"):
+        config, judged = task_without_data(task, 32)
+        config.store.root = str(tmp_path)
+        with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
+            gate = build_gate(config, judged.contract, sandbox, Mode.record)
+            mine = [completion for name, completion in given.items() if files[name]["task"] == task]
+            admitted[task] = sum(isinstance(gate.admit(completion), Admitted) for completion in mine)
+    assert admitted == Counter(file["task"] for file in files.values() if file["trains_at"]["32"])
+
+
+@recorded_ones
+def test_server_is_started_by_hand() -> None:
+    """Its first line is its address; it serves the folder, and Ctrl-C ends it quietly."""
+    command = [sys.executable, str(SERVER), "--answers", str(ANSWERS), "--task", "grating"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        content = post(process.stdout.readline().strip(), "grating_000")["content"]
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=60)
+    assert content == [{"type": "text", "text": recordings()["grating_000"]["response"]}]
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_folder_without_answers_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message names the folder, and what was looked for."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["--answers", str(tmp_path)])
+    assert f"{tmp_path} holds no recorded answers force_*.json" in capsys.readouterr().err

@@ -4,6 +4,7 @@ The real SDK talks to a server in this process; the searches are real, and as sm
 """
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
 
 from tacevo.app import main
+from tacevo.costs import dollars
 
 KEY = "sk-ant-a-secret-key"
 
@@ -99,8 +101,8 @@ def test_search_of_5_generations_is_replayed_without_a_network(
     )
     assert (done.returncode, digest(done.stdout)) == (0, recorded), done.stderr
     assert asked == 2 + 5 * 3
-    cost = asked * (11 * 0.25 + 7 * 1.25) / 1e6
-    expected = f"recorded: {asked} answers, {asked * 11} + {asked * 7} tokens, {cost:.4f} USD"
+    cost = dollars(math.fsum([11.5e-6] * asked))  # of each: (11 * 0.25 + 7 * 1.25) / 1e6
+    expected = f"recorded: {asked} answers, {asked * 11} + {asked * 7} tokens, {cost} USD"
     assert f"{expected}; this replay made no call and cost nothing" in done.stdout
 
 
@@ -157,7 +159,7 @@ def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: 
         assert sum(server.billed.values()) == len(server.billed) == distinct
     captured = capsys.readouterr()
     assert digest(captured.out) == unlimited
-    assert f"{distinct} answers, {distinct * 11} + {distinct * 7} tokens, {distinct * 7:.4f} USD" in captured.out
+    assert f"{distinct} answers, {distinct * 11} + {distinct * 7} tokens, {dollars(distinct * 7)} USD" in captured.out
 
 
 def test_repaired_run_is_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -226,8 +228,8 @@ def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: 
         assert search(server, "run.dir=again", "llm.delivery=batch") == 0
         assert len(server.batches) == 2
     assert digest(batch) == digest(direct)
-    assert f"5 answers, 55 + 35 tokens, {5 * 11.5e-6:.4f} USD" in direct
-    assert f"5 answers, 55 + 35 tokens, {5 * 11.5e-6 / 2:.4f} USD" in batch
+    assert f"5 answers, 55 + 35 tokens, {dollars(math.fsum([11.5e-6] * 5))} USD" in direct
+    assert f"5 answers, 55 + 35 tokens, {dollars(math.fsum([11.5e-6 / 2] * 5))} USD" in batch
 
 
 class Moody(Script):

@@ -164,11 +164,11 @@ def test_cost_is_added_up_by_generation() -> None:
         "g01s00": Spending(answers=2, input_tokens=3000, output_tokens=1500, usd=0.5),
     }
     page = summarise(RUN, LINES, ["g01s00"], spent)
-    assert "3 answers, 4,000 + 2,000 tokens, 0.7500 USD (input + output)" in page
+    assert "3 answers, 4,000 + 2,000 tokens, 0.750 USD (input + output)" in page
     assert "The cost of 5 candidates is not in timings.jsonl." in page
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in page.partition("## Cost")[2].splitlines()]
     assert [row for row in rows if row and row[0] in {"0", "1", "2"}] == [
-        ["0", "1", "1,000", "500", "0.2500 USD"],
-        ["1", "2", "3,000", "1,500", "0.5000 USD"],
-        ["2", "0", "0", "0", "0.0000 USD"],
+        ["0", "1", "1,000", "500", "0.250 USD"],
+        ["1", "2", "3,000", "1,500", "0.500 USD"],
+        ["2", "0", "0", "0", "0.00 USD"],
     ]

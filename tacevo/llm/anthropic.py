@@ -151,5 +151,6 @@ def completion_of(message: Message, delivery: Delivery) -> Completion:
 def fault_of(error: Exception) -> Fault:
     """Read what the SDK raised."""
     if isinstance(error, anthropic.APIStatusError):
-        return fault_of_status(error.status_code, error.response.headers, error.body)
+        path = error.request.url.path
+        return fault_of_status(error.status_code, error.response.headers, error.body, path=path)
     return fault_of_connection(error)

@@ -41,6 +41,10 @@ class LostSubmissionError(Exception):
     """A submission may have reached the server or not; it never leaves `tacevo.llm`."""
 
 
+class GoneBatchError(Exception):
+    """The server does not know a batch, or no longer has its results; it never leaves `tacevo.llm`."""
+
+
 class BatchServer:
     """One server's batches.
 
@@ -114,17 +118,21 @@ class BatchServer:
 
         Raises:
             LLMError: the run was stopped; the batch goes on.
-            ConfigError: the server does not know the batch.
+            GoneBatchError: there will be no results.
         """
         pause = self._pace.first
         while (seen := self._look(batch)).processing_status != "ended":
             self._wait(pause)
             pause = min(1.5 * pause, self._pace.longest)
         if seen.archived_at is not None:
-            raise ConfigError(f"{self._name}: the server has deleted the results of batch {batch}")
+            raise GoneBatchError("the server has deleted its results")
 
     def results(self, batch: str) -> Iterator[MessageBatchIndividualResponse]:
-        """Give the results of a batch that has ended, in the server's order; after a broken line, from the start."""
+        """Give the results of a batch that has ended, in the server's order; after a broken line, from the start.
+
+        Raises:
+            GoneBatchError: there are none any more.
+        """
         tried = 0
         while True:
             tried += 1
@@ -132,22 +140,28 @@ class BatchServer:
                 yield from self._client.messages.batches.results(batch)
                 return
             except (*FAILURES, httpx2.TransportError) as error:
-                fault = self._fault(error)
+                fault = self._fault_about_batch(error)
             self.wait_or_raise(tried, fault)
 
     def _look(self, batch: str) -> MessageBatch:
-        return self._call(lambda: self._client.messages.batches.retrieve(batch))
+        return self._call(lambda: self._client.messages.batches.retrieve(batch), self._fault_about_batch)
 
-    def _call(self, function: Callable[[], _T]) -> _T:
-        """Make a call that may be repeated."""
+    def _call(self, function: Callable[[], _T], read: Callable[[Exception], Fault] | None = None) -> _T:
+        """Make a call that may be repeated; `read` reads its errors where they mean more than those of other calls."""
         tried = 0
         while True:
             tried += 1
             try:
                 return function()
             except FAILURES as error:
-                fault = self._fault(error)
+                fault = (read or self._fault)(error)
             self.wait_or_raise(tried, fault)
+
+    def _fault_about_batch(self, error: Exception) -> Fault:
+        """Read a failure of a call that names a batch."""
+        if getattr(error, "status_code", None) == 404:
+            raise GoneBatchError("the server does not know it (404)") from None
+        return self._fault(error)
 
     def _fault(self, error: Exception) -> Fault:
         fault = fault_of(error)

@@ -18,7 +18,7 @@ from anthropic.types.messages import MessageBatchIndividualResponse
 from tacevo.errors import ConfigError
 from tacevo.llm.anthropic import body_of, completion_of
 from tacevo.llm.batch_records import BatchRecord, BatchRecords
-from tacevo.llm.batch_server import BatchServer, LostSubmissionError, Pace
+from tacevo.llm.batch_server import BatchServer, GoneBatchError, LostSubmissionError, Pace
 from tacevo.llm.faults import Fault, FaultError, FaultKind, Patience, fault_of_connection, fault_of_status
 from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
 from tacevo.records import Completion, Delivery, Request, to_json
@@ -161,16 +161,28 @@ class BatchLLM:
         return records.identify(record, batch)
 
     def _found(self, record: BatchRecord, server: BatchServer, records: BatchRecords) -> BatchRecord | None:
-        """Find the batch of a record that has no id, because its submission was cut off; forget it if there is none."""
+        """Find the batch of a record that has no id, because its submission was cut off; forget it if there is none.
+
+        A candidate that goes while it is waited for may have been the one. Where no other is, the record takes its id,
+        so that this command and every later one refuses, and nothing is submitted, until a person deletes the record.
+        """
         if record.id is not None:
             return record
         others = {other.id for other in records.all()}
+        gone = None
         for batch in server.younger_than(record.known, record.requests):
             if batch in others:
                 continue
-            server.wait_for(batch)
-            if {result.custom_id for result in server.results(batch)} >= {*record.keys}:
+            try:
+                server.wait_for(batch)
+                names = {result.custom_id for result in server.results(batch)}
+            except GoneBatchError:
+                gone = batch
+                continue
+            if names >= {*record.keys}:
                 return records.identify(record, batch)
+        if gone is not None:
+            return records.identify(record, gone)
         records.remove(record)
         return None
 
@@ -180,14 +192,24 @@ class BatchLLM:
         """Wait for a batch, and take the answers that are wanted; what came to nothing leaves the record.
 
         Results that lack an answer, or hold it unreadable, are read anew: the answer is paid for.
+
+        Raises:
+            ConfigError: the server has no such batch, or not for this key.
         """
-        batch = str(record.id)
         try:
-            server.wait_for(batch)
-        except ConfigError as error:
+            yield from self._read_all(record, round_, server, records, begun)
+        except GoneBatchError as error:
             raise ConfigError(
-                f"{error}; {records.path(record)} remembers the batch: delete it to have, and to pay, its requests anew"
+                f"{self._name}: {len(record.keys)} requests stand in batch {record.id}, but {error}, and they may be "
+                "paid for: give the key, or the workspace, that submitted it; or, if its answers are lost, delete "
+                f"{records.path(record)} to submit, and to pay for, them anew"
             ) from error
+
+    def _read_all(
+        self, record: BatchRecord, round_: _Round, server: BatchServer, records: BatchRecords, begun: int
+    ) -> Iterator[tuple[int, Completion]]:
+        batch = str(record.id)
+        server.wait_for(batch)
         nothing: set[str] = set()
         tried = 0
         while lacking := round_.awaited(record) - nothing:
@@ -239,7 +261,7 @@ class BatchLLM:
             return replace(completion, dropped=tuple(name for name in dropped if name in _wanted(request)))
         if outcome.type == "errored":
             error = outcome.error.error
-            raise FaultError(fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump()))
+            raise FaultError(fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump(), path="a model"))
         raise FaultError(Fault(kind=FaultKind.passing, message=f"a batch's request that was {outcome.type}"))
 
 

@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 
+from tacevo.costs import dollars
 from tacevo.errors import BudgetError
 from tacevo.llm.client import LLM
 from tacevo.llm.prices import worst_case
@@ -113,8 +114,9 @@ class BudgetedLLM:
         return fitting
 
     def _explain(self, request: Request, waiting: int) -> str:
+        spent, next_ = dollars(self._account.spent), dollars(worst_case(self._price, request))
         return (
-            f"llm.budget_usd={self._limit:g} is reached: the run's answers cost {self._account.spent:.4f} USD, and the "
-            f"next of {waiting} open requests could cost {worst_case(self._price, request):.4f} USD; what was asked is "
-            "recorded. Give the same command with a larger llm.budget_usd to go on"
+            f"llm.budget_usd={self._limit:g} is reached: the run's answers cost {spent} USD, and the next of {waiting} "
+            f"open requests could cost {next_} USD; what was asked is recorded. Give the same command with a larger "
+            "llm.budget_usd to go on"
         )

@@ -113,16 +113,20 @@ class Patience:
         return min(self.first * 2.0 ** min(tried - 1, 60), self.longest) * (1 - jitter / 2)
 
 
-def fault_of_status(status: int, headers: Mapping[str, str], body: Json) -> Fault:
+def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path: str) -> Fault:
     """Read a server's refusal.
 
     Args:
         status: the HTTP status, at least 400.
         headers: with names in lower case, or in a mapping that does not mind.
         body: the parsed JSON, or the text where it is none.
+        path: what was asked for at the server; a server that does not know it need not say what it was.
     """
     said = f"{status}: {_said(body)}"
-    return Fault(kind=_kind(status, said), message=said, retry_after=_retry_after(headers))
+    kind = _kind(status, said)
+    if status == 404:
+        said += f"; {path} was asked for: check llm.model, and llm.base_url, from which that path follows"
+    return Fault(kind=kind, message=said, retry_after=_retry_after(headers))
 
 
 def fault_of_connection(error: Exception) -> Fault:

@@ -155,7 +155,13 @@ class _Asking:
 
         watching = asyncio.create_task(self._watch())
         try:
-            await asyncio.gather(*(work() for _ in range(min(concurrency, len(requests)))))
+            places = []
+            for _ in range(min(concurrency, len(requests))):
+                places.append(asyncio.create_task(work()))
+                await asyncio.sleep(
+                    0
+                )  # thousands that begin in one go outlast the time in which the first must connect
+            await asyncio.gather(*places)
         finally:
             watching.cancel()
             await self._server.close()

@@ -144,5 +144,6 @@ def completion_of(chat: ChatCompletion) -> Completion:
 
 def _fault_of(error: Exception) -> Fault:
     if isinstance(error, openai.APIStatusError):
-        return fault_of_status(error.status_code, error.response.headers, error.body)
+        path = error.request.url.path
+        return fault_of_status(error.status_code, error.response.headers, error.body, path=path)
     return fault_of_connection(error)
