@@ -18,10 +18,9 @@ from benchmarks.llm import asking, memory_of_many
 from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
-from tacevo.choices import Numerics
+from tacevo.choices import Numerics, SensorTask
 from tacevo.composition import compose
 from tacevo.data.photos import decode
-from tacevo.data.simulator import SimulatedTask
 from tacevo.progress import PlainView
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
@@ -82,10 +81,10 @@ def candidate_processes() -> str:
 
 def pictures() -> str:
     """Draw 256 pixel images in one process; the peer decodes the same images from PNG files."""
-    return "\n".join(_pictures(task) for task in SimulatedTask)
+    return "\n".join(_pictures(task) for task in SensorTask)
 
 
-def _pictures(task: SimulatedTask) -> str:
+def _pictures(task: SensorTask) -> str:
     pictures = source_of(compose([f"task={task}", f"data.images={PICTURES}"])).catalogue().pictures
     drawn = [draw() for draw in pictures]
     with tempfile.TemporaryDirectory() as folder:

@@ -23,9 +23,9 @@ import yaml
 from scipy.stats import kendalltau, mannwhitneyu
 from torch import nn
 
+from tacevo.choices import SensorTask
 from tacevo.composition import compose
 from tacevo.data.dataset import Dataset
-from tacevo.data.simulator import SimulatedTask
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
@@ -190,7 +190,7 @@ def seeds_apart(results: list[dict[str, Any]], network: int) -> str:
 def main() -> None:
     """Train what is asked for and not yet in the file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("task", choices=sorted(SimulatedTask))
+    parser.add_argument("task", choices=sorted(SensorTask))
     parser.add_argument("--size", type=int, default=64, metavar="PIXELS")
     parser.add_argument("--networks", type=int, default=1, metavar="N", help="the baseline and N - 1 of the grammar")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="training seeds of each network")

@@ -13,6 +13,14 @@ class DataSource(StrEnum):
     numpy = "numpy"
 
 
+class SensorTask(StrEnum):
+    """What is pressed onto a ViTacTip, and what is to be told from the image."""
+
+    force = "force"
+    grating = "grating"
+    hardness = "hardness"
+
+
 class SplitRule(StrEnum):
     """Who decides which rows are for training: `random`, by a seed; `release`, the authors of the recording."""
 

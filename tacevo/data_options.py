@@ -53,5 +53,5 @@ class DataConfig:
             require(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
         require(bool(self.sensor), "data.sensor", "the name of a folder", self.sensor)
         require(self.pattern != "", "data.pattern", "the name of a folder, or null", self.pattern)
-        spaced = len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(is_positive, self.spacings_mm))
+        spaced = 0 < len(set(self.spacings_mm)) == len(self.spacings_mm) and all(map(is_positive, self.spacings_mm))
         require(spaced, "data.spacings_mm", "different finite values > 0", self.spacings_mm)

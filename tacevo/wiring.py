@@ -4,22 +4,20 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.choices import BoundsRule, DataSource, ExecutorKind
+from tacevo.choices import BoundsRule, DataSource, ExecutorKind, SensorTask
 from tacevo.config import ExecutorConfig, RunConfig
 from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
 from tacevo.data.fitting import require_fit
 from tacevo.data.folder import Folder
 from tacevo.data.loading import load
-from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.simulator import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.table import Table
-from tacevo.data.tacverse import TacVerse, TacVerseTask
+from tacevo.data.tacverse import TacVerse
 from tacevo.data.workers import Progress
 from tacevo.development import Tools
 from tacevo.errors import ConfigError
@@ -37,8 +35,6 @@ from tacevo.training.numerics import environment
 
 #: What a sandbox runs: entry names to functions.
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
-
-_Tasks = TypeVar("_Tasks", bound=StrEnum)
 
 
 def load_data(
@@ -88,7 +84,7 @@ def source_of(config: RunConfig) -> Source:
     match data.source:
         case DataSource.simulated:
             return Simulated(
-                task=_known_task(SimulatedTask, config),
+                task=_sensor_task(config),
                 images=data.images,
                 image_size=data.image_size,
                 seed=data.seed,
@@ -110,7 +106,7 @@ def source_of(config: RunConfig) -> Source:
         case DataSource.tacverse:
             return TacVerse(
                 root=root,
-                task=_known_task(TacVerseTask, config),
+                task=_sensor_task(config),
                 sensor=data.sensor,
                 pattern=data.pattern,
                 image_size=data.image_size,
@@ -120,14 +116,14 @@ def source_of(config: RunConfig) -> Source:
             return Arrays(root=root, image_size=data.image_size)
 
 
-def _known_task(tasks: type[_Tasks], config: RunConfig) -> _Tasks:
-    """Find a configuration's task among those that a source knows."""
+def _sensor_task(config: RunConfig) -> SensorTask:
+    """Find a configuration's task among those of the sensor."""
     try:
-        return tasks(config.task.name)
+        return SensorTask(config.task.name)
     except ValueError as error:
-        known = ", ".join(tasks)
         raise ConfigError(
-            f"data={config.data.source} knows the tasks {known}; got task.name={config.task.name}; choose other data"
+            f"data={config.data.source} knows the tasks {', '.join(SensorTask)}; got task.name={config.task.name}; "
+            "choose other data"
         ) from error
 
 

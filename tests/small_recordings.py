@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from tacevo.choices import Normalisation, TargetScaling
+from tacevo.choices import Normalisation, SensorTask, TargetScaling
 from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
 from tacevo.data.folder import Folder
 from tacevo.data.loading import load
 from tacevo.data.source import Source
 from tacevo.data.table import Table
-from tacevo.data.tacverse import TacVerse, TacVerseTask
+from tacevo.data.tacverse import TacVerse
 
 
 def loaded(source: Source, cache: Path) -> Dataset:
@@ -56,7 +56,7 @@ def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_
     (folder / "ViTacTip.csv").write_text(header + rows)
     for number in range(images):
         save_image(folder / f"image_{number}.png", number)
-    return TacVerse(root=root, task=TacVerseTask.force, sensor="ViTacTip", pattern=None, image_size=16)
+    return TacVerse(root=root, task=SensorTask.force, sensor="ViTacTip", pattern=None, image_size=16)
 
 
 def save_gratings(root: Path, *names: str) -> TacVerse:
@@ -65,7 +65,7 @@ def save_gratings(root: Path, *names: str) -> TacVerse:
     folder.mkdir(parents=True, exist_ok=True)
     for number, name in enumerate(names):
         save_image(folder / name, number % 256)
-    return TacVerse(root=root, task=TacVerseTask.grating, sensor="ViTacTip", pattern="Blackdot", image_size=16)
+    return TacVerse(root=root, task=SensorTask.grating, sensor="ViTacTip", pattern="Blackdot", image_size=16)
 
 
 def save_arrays(path: Path, **arrays: object) -> Arrays:

@@ -44,7 +44,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "data.sensor": [""],
     "data.pattern": [""],
     "data.images": [9],
-    "data.spacings_mm": [[0.5, 0.5], [0.0], [-1.0], [NAN, 1.0], [1.0, NAN], [INF]],
+    "data.spacings_mm": [[], [0.5, 0.5], [0.0], [-1.0], [NAN, 1.0], [1.0, NAN], [INF]],
     "llm.model": [""],
     "llm.max_tokens": [0],
     "llm.concurrency": [0],

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from small_recordings import loaded
 
-from tacevo.choices import LightScene
+from tacevo.choices import LightScene, SensorTask
 from tacevo.data.export import PATTERN, export
-from tacevo.data.simulator import Simulated, SimulatedTask
-from tacevo.data.tacverse import SIMULATED_SENSOR, SIMULATION, TacVerse, TacVerseTask
+from tacevo.data.simulator import Simulated
+from tacevo.data.tacverse import SIMULATED_SENSOR, SIMULATION, TacVerse
 from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError
 
 #: Enough of each class for every part of the split.
-IMAGES = {SimulatedTask.force: 24, SimulatedTask.grating: 61, SimulatedTask.hardness: 24}
+IMAGES = {SensorTask.force: 24, SensorTask.grating: 61, SensorTask.hardness: 24}
 
 
-def simulated(task: SimulatedTask, *, images: int | None = None, spacings: tuple[float, ...] = (0.3, 2.0)) -> Simulated:
+def simulated(task: SensorTask, *, images: int | None = None, spacings: tuple[float, ...] = (0.3, 2.0)) -> Simulated:
     """Describe a small simulation."""
     return Simulated(
         task=task,
@@ -36,13 +36,13 @@ def simulated(task: SimulatedTask, *, images: int | None = None, spacings: tuple
     )
 
 
-def exported(root: Path, task: SimulatedTask) -> TacVerse:
+def exported(root: Path, task: SensorTask) -> TacVerse:
     """Name an exported folder as a source."""
-    return TacVerse(root=root, task=TacVerseTask(task), sensor=SIMULATED_SENSOR, pattern=PATTERN, image_size=20)
+    return TacVerse(root=root, task=task, sensor=SIMULATED_SENSOR, pattern=PATTERN, image_size=20)
 
 
-@pytest.mark.parametrize("task", SimulatedTask)
-def test_loading_an_export_gives_the_same_tensors(task: SimulatedTask, tmp_path: Path) -> None:
+@pytest.mark.parametrize("task", SensorTask)
+def test_loading_an_export_gives_the_same_tensors(task: SensorTask, tmp_path: Path) -> None:
     """Images, targets, split, names and statistics are equal, hence the fingerprint."""
     source = simulated(task)
     export(source, tmp_path / "out", workers=1)
@@ -54,8 +54,8 @@ def test_loading_an_export_gives_the_same_tensors(task: SimulatedTask, tmp_path:
     assert theirs.facts == ours.facts
 
 
-@pytest.mark.parametrize("task", SimulatedTask)
-def test_units_survive(task: SimulatedTask, tmp_path: Path) -> None:
+@pytest.mark.parametrize("task", SensorTask)
+def test_units_survive(task: SensorTask, tmp_path: Path) -> None:
     """What the simulation states of its labels is stated of its files."""
     export(simulated(task), tmp_path / "out", workers=1)
     assert exported(tmp_path / "out", task).catalogue().units == simulated(task).catalogue().units
@@ -63,8 +63,8 @@ def test_units_survive(task: SimulatedTask, tmp_path: Path) -> None:
 
 def test_units_are_those_of_the_simulation_and_of_no_other_images(tmp_path: Path) -> None:
     """Images of another sensor in the same folder have no stated unit, nor ours without their description."""
-    source = exported(tmp_path / "out", SimulatedTask.force)
-    export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    source = exported(tmp_path / "out", SensorTask.force)
+    export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert source.catalogue().units == ("N", "N", "N")
     forces = tmp_path / "out" / "Force_Regression"
     shutil.copytree(forces / SIMULATED_SENSOR, forces / "Real")
@@ -79,7 +79,7 @@ def test_units_are_those_of_the_simulation_and_of_no_other_images(tmp_path: Path
 
 def test_every_bit_of_a_label_survives(tmp_path: Path) -> None:
     """The table holds the labels as Python writes floats, which is exact."""
-    source = simulated(SimulatedTask.force)
+    source = simulated(SensorTask.force)
     export(source, tmp_path / "out", workers=1)
     with (tmp_path / "out" / "Force_Regression" / SIMULATED_SENSOR / f"{SIMULATED_SENSOR}.csv").open() as file:
         header, *rows = csv.reader(file)
@@ -89,7 +89,7 @@ def test_every_bit_of_a_label_survives(tmp_path: Path) -> None:
 
 def test_gratings_are_named_after_their_size(tmp_path: Path) -> None:
     """Each press is a group of one frame, and no size loses a digit or becomes an exponent."""
-    source = simulated(SimulatedTask.grating, images=20, spacings=(0.00001, 1.1000000000000001, 2.0))
+    source = simulated(SensorTask.grating, images=20, spacings=(0.00001, 1.1000000000000001, 2.0))
     export(source, tmp_path / "out", workers=1)
     names = {path.name for path in (tmp_path / "out" / "Grating_Classification" / SIMULATED_SENSOR / PATTERN).iterdir()}
     assert len(names) == 20
@@ -98,7 +98,7 @@ def test_gratings_are_named_after_their_size(tmp_path: Path) -> None:
 
 def test_export_says_what_it_is(tmp_path: Path) -> None:
     """Parameters and a command that reads the folder lie beside the images."""
-    source = simulated(SimulatedTask.grating)
+    source = simulated(SensorTask.grating)
     export(source, tmp_path / "out", workers=1)
     assert json.loads((tmp_path / "out" / "simulation.json").read_text()) == source.describe()
     text = (tmp_path / "out" / "README.md").read_text()
@@ -107,7 +107,7 @@ def test_export_says_what_it_is(tmp_path: Path) -> None:
 
 def test_workers_change_no_byte(tmp_path: Path) -> None:
     """Two processes write the files of one."""
-    source = simulated(SimulatedTask.force, images=FEW_PICTURES + 40)  # more than one process from there on
+    source = simulated(SensorTask.force, images=FEW_PICTURES + 40)  # more than one process from there on
     for workers in (1, 2):
         assert export(source, tmp_path / "out", workers=workers) == FEW_PICTURES + 40
         (tmp_path / "out").rename(tmp_path / str(workers))
@@ -119,7 +119,7 @@ def test_workers_change_no_byte(tmp_path: Path) -> None:
 def test_progress_counts_up_to_all_images(tmp_path: Path) -> None:
     """Progress is told per chunk and ends with everything done."""
     seen: list[tuple[int, int]] = []
-    source = simulated(SimulatedTask.force, images=40)
+    source = simulated(SensorTask.force, images=40)
     export(source, tmp_path / "out", workers=1, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(32, 40), (40, 40)]
 
@@ -132,7 +132,7 @@ def stop(done: int, total: int) -> NoReturn:
 def test_interrupted_export_leaves_nothing(tmp_path: Path) -> None:
     """Neither the folder nor a hidden part of it."""
     with pytest.raises(KeyboardInterrupt):
-        export(simulated(SimulatedTask.force), tmp_path / "out", workers=1, progress=stop)
+        export(simulated(SensorTask.force), tmp_path / "out", workers=1, progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -152,7 +152,7 @@ def test_occupied_folder_is_refused_and_kept(occupy: Callable[[Path], None], tmp
     """Nothing of the user's is overwritten."""
     occupy(tmp_path / "out")
     with pytest.raises(DataError, match="exists and is no empty folder; remove it or choose another name"):
-        export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+        export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == ["mine"]
 
 
@@ -165,7 +165,7 @@ def test_current_folder_is_refused_before_anything_is_drawn(
     seen: list[tuple[int, int]] = []
     with pytest.raises(DataError, match=r"is the current folder; name one to make, e\.g\. out=simulated"):
         export(
-            simulated(SimulatedTask.force),
+            simulated(SensorTask.force),
             Path(out),
             workers=1,
             progress=lambda done, total: seen.append((done, total)),
@@ -177,7 +177,7 @@ def test_link_to_an_empty_folder_is_followed(tmp_path: Path) -> None:
     """The folder behind it is filled, and the link stays."""
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "disk")
-    export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert (tmp_path / "out").is_symlink()
     assert (tmp_path / "disk" / SIMULATION).is_file()
 
@@ -185,7 +185,7 @@ def test_link_to_an_empty_folder_is_followed(tmp_path: Path) -> None:
 def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
     """Whoever is first keeps the name."""
     out = tmp_path / "out"
-    source = simulated(SimulatedTask.force)
+    source = simulated(SensorTask.force)
     with pytest.raises(OSError, match="not empty"):
         export(source, out, workers=1, progress=lambda done, total: fill(out) if done == total else None)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
@@ -195,11 +195,11 @@ def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
 def test_empty_folder_is_filled(tmp_path: Path) -> None:
     """A folder made beforehand is no obstacle."""
     (tmp_path / "out").mkdir()
-    export(simulated(SimulatedTask.force), tmp_path / "out", workers=1)
+    export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert (tmp_path / "out" / "simulation.json").is_file()
 
 
 def test_gratings_out_of_order_are_refused(tmp_path: Path) -> None:
     """Classes are read back in the order of their sizes, so any other order would change the labels."""
     with pytest.raises(ConfigError, match=r"ascending order; got \[2\.0, 0\.5\]"):
-        export(simulated(SimulatedTask.grating, spacings=(2.0, 0.5)), tmp_path / "out", workers=1)
+        export(simulated(SensorTask.grating, spacings=(2.0, 0.5)), tmp_path / "out", workers=1)

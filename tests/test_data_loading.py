@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
-from tacevo.choices import LightScene, Normalisation, SplitRule, TargetScaling
+from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset, fingerprint
 from tacevo.data.loading import load, split_rows
-from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.simulator import Simulated
 from tacevo.data.source import Catalogue, Picture, Source
 from tacevo.data.splitting import ordered_split
 from tacevo.data.staging import LOCK
@@ -160,7 +160,7 @@ def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path,
     assert first.facts.fingerprint != second.facts.fingerprint
 
 
-def simulated(task: SimulatedTask, images: int) -> Simulated:
+def simulated(task: SensorTask, images: int) -> Simulated:
     """Simulate the smallest images."""
     return Simulated(
         task=task,
@@ -175,7 +175,7 @@ def simulated(task: SimulatedTask, images: int) -> Simulated:
 
 def test_workers_change_no_byte(tmp_path: Path) -> None:
     """One process and two processes give the same fingerprint."""
-    source = simulated(SimulatedTask.force, FEW_PICTURES + 50)  # fewer are made in one process
+    source = simulated(SensorTask.force, FEW_PICTURES + 50)  # fewer are made in one process
     alone = load_greys(source, tmp_path / "one", workers=1)
     together = load_greys(source, tmp_path / "two", workers=2)
     assert alone.facts == together.facts
@@ -211,8 +211,8 @@ def values(first: int, count: int) -> str:
 
 #: One source of each form, with the split that it is loaded by.
 SOURCES: dict[str, Callable[[Path], tuple[Source, SplitRule]]] = {
-    "simulated force": lambda root: (simulated(SimulatedTask.force, 20), SplitRule.random),
-    "simulated grating": lambda root: (simulated(SimulatedTask.grating, 40), SplitRule.random),
+    "simulated force": lambda root: (simulated(SensorTask.force, 20), SplitRule.random),
+    "simulated grating": lambda root: (simulated(SensorTask.grating, 40), SplitRule.random),
     "csv": lambda root: (
         save_table(root, "".join(f"{n}.png,{values(n, 20)}\n" for n in range(20)), images=20),
         SplitRule.random,
@@ -343,7 +343,7 @@ import os, resource, signal, sys
 from pathlib import Path
 from tacevo.choices import LightScene, Normalisation, TargetScaling
 from tacevo.data.loading import load
-from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.data.simulator import Simulated
 from tacevo.errors import DataError
 
 cache, fate, seed = sys.argv[1:]
@@ -357,7 +357,7 @@ def progress(done, total):
 
 if fate == "limited":
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-source = Simulated(task=SimulatedTask.force, images=300, image_size=16, seed=int(seed), sensor_seed=0,
+source = Simulated(task=SensorTask.force, images=300, image_size=16, seed=int(seed), sensor_seed=0,
                    light=LightScene.standard, spacings_mm=())
 try:
     dataset = load(source, split_seed=0, normalisation=Normalisation.unit, target_scaling=TargetScaling.minmax,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from small_recordings import save_forces, save_gratings, save_image
 
-from tacevo.choices import Normalisation, SplitRule, TargetScaling
+from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.loading import load, split_rows
 from tacevo.data.source import Catalogue
 from tacevo.data.splitting import Split
-from tacevo.data.tacverse import TacVerse, TacVerseTask
+from tacevo.data.tacverse import TacVerse
 from tacevo.errors import DataError
 from tacevo.records import Kind
 
@@ -76,7 +76,7 @@ def test_hardness_is_read_but_has_no_split_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "Force_Regression").rename(folder)
     (folder / "ViTacTip" / "ViTacTip.csv").write_text("image_name,shore\nimage_1.png,20\nimage_0.png,17.5\n")
     catalogue = TacVerse(
-        root=tmp_path, task=TacVerseTask.hardness, sensor="ViTacTip", pattern=None, image_size=16
+        root=tmp_path, task=SensorTask.hardness, sensor="ViTacTip", pattern=None, image_size=16
     ).catalogue()
     assert catalogue.names == ("shore",)
     assert catalogue.labels.tolist() == [[17.5], [20.0]]
@@ -202,10 +202,10 @@ def test_missing_images_are_left_out_where_that_is_asked_for(tmp_path: Path) -> 
     assert released(catalogue).test.tolist() == [8, 9]
 
 
-@pytest.mark.parametrize("task", [TacVerseTask.force, TacVerseTask.grating])
-def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, task: TacVerseTask) -> None:
+@pytest.mark.parametrize("task", [SensorTask.force, SensorTask.grating])
+def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, task: SensorTask) -> None:
     """Both are found from the headers, before anything is decoded."""
-    if task is TacVerseTask.force:
+    if task is SensorTask.force:
         source = save_forces(tmp_path, "".join(f"image_{number}.png,1,2,3\n" for number in range(3)))
         folder, names = tmp_path / "Force_Regression" / "ViTacTip", ("image_1.png", "image_2.png")
     else:

@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from tacevo.data.simulator import Simulated, SimulatedTask
+from tacevo.choices import SensorTask
+from tacevo.data.simulator import Simulated
 from tacevo.data.source import Catalogue, Picture
-from tacevo.data.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION, TacVerseTask
+from tacevo.data.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
 
@@ -67,8 +68,8 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
         folder = stage / _place(source.task)
         folder.mkdir(parents=True)
         _write_images(catalogue, [folder / name for name in names], workers, progress)
-        if source.task is not SimulatedTask.grating:
-            _write_table(folder / f"{SIMULATED_SENSOR}.csv", COLUMNS[TacVerseTask(source.task)], names, catalogue)
+        if source.task is not SensorTask.grating:
+            _write_table(folder / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
         (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
         (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
     return len(names)
@@ -82,7 +83,7 @@ def overrides_for(source: Simulated, out: Path) -> list[str]:
         "data=tacverse",
         f"data.root={out}",
         f"data.sensor={SIMULATED_SENSOR}",
-        *(gratings if source.task is SimulatedTask.grating else []),
+        *(gratings if source.task is SensorTask.grating else []),
         "data.split=random",
         f"data.image_size={source.image_size}",
     ]
@@ -90,7 +91,7 @@ def overrides_for(source: Simulated, out: Path) -> list[str]:
 
 def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
     """Name every image: by its number, or by size, press and frame, each press having one frame."""
-    if source.task is not SimulatedTask.grating:
+    if source.task is not SensorTask.grating:
         return [f"image_{number:05d}.png" for number in range(1, len(catalogue.labels) + 1)]
     presses = [0] * len(source.spacings_mm)
     names = []
@@ -101,10 +102,10 @@ def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
     return names
 
 
-def _place(task: SimulatedTask) -> Path:
+def _place(task: SensorTask) -> Path:
     """Find the folder of a task's images."""
-    folder = Path(FOLDERS[TacVerseTask(task)]) / SIMULATED_SENSOR
-    return folder / PATTERN if task is SimulatedTask.grating else folder
+    folder = Path(FOLDERS[task]) / SIMULATED_SENSOR
+    return folder / PATTERN if task is SensorTask.grating else folder
 
 
 def _vacant(out: Path) -> Path:

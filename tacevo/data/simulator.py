@@ -7,13 +7,12 @@ their bytes are the same on every CPU. What it does not promise: that a network 
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.choices import LightScene
+from tacevo.choices import LightScene, SensorTask
 from tacevo.data.contact import (
     combined_radius,
     conforming_pressure,
@@ -31,7 +30,6 @@ from tacevo.data.optics import DOME_RADIUS
 from tacevo.data.portable import cosine, exp_minus, normal, normal_number, sine
 from tacevo.data.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
-from tacevo.errors import ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 
@@ -61,14 +59,6 @@ SOFT_SKIN, STIFF_SKIN = 0.14, 0.88
 DOME_STIFFNESS = 0.5
 
 
-class SimulatedTask(StrEnum):
-    """What is pressed onto the sensor, and what is to be told from the image."""
-
-    force = "force"
-    grating = "grating"
-    hardness = "hardness"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
     """A simulated data set.
@@ -78,7 +68,7 @@ class Simulated:
     one more of the first ones). `hardness`: the Shore A hardness of a rubber ball, one of six levels.
     """
 
-    task: SimulatedTask
+    task: SensorTask
     #: Number of images.
     images: int
     #: Height and width in pixels, from 16 to 256.
@@ -91,16 +81,9 @@ class Simulated:
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.
     spacings_mm: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        if not 16 <= self.image_size <= 256:
-            raise ConfigError(f"data.image_size of a simulated sensor needs 16 to 256 pixels; got {self.image_size}")
-        spaced = min(self.spacings_mm, default=0) > 0 and len(set(self.spacings_mm)) == len(self.spacings_mm)
-        if self.task is SimulatedTask.grating and not spaced:
-            raise ConfigError(f"data.spacings_mm needs different widths above 0; got {list(self.spacings_mm)}")
-
     def describe(self) -> Json:
         """Name everything that determines the images."""
-        spacings = self.spacings_mm if self.task is SimulatedTask.grating else ()
+        spacings = self.spacings_mm if self.task is SensorTask.grating else ()
         return {
             "source": "simulated",
             "version": SIMULATOR_VERSION,
@@ -118,7 +101,7 @@ class Simulated:
         indices = range(self.images)
         labels = [_press(self, index)[1] for index in indices]
         pictures = tuple(partial(draw, self, index) for index in indices)
-        if self.task is SimulatedTask.grating:
+        if self.task is SensorTask.grating:
             return Catalogue(
                 kind=Kind.classification,
                 names=tuple(f"{spacing:g} mm" for spacing in self.spacings_mm),
@@ -128,8 +111,8 @@ class Simulated:
             )
         return Catalogue(
             kind=Kind.regression,
-            names=("Fx", "Fy", "Fz") if self.task is SimulatedTask.force else ("shore",),
-            units=("N", "N", "N") if self.task is SimulatedTask.force else ("Shore A",),
+            names=("Fx", "Fy", "Fz") if self.task is SensorTask.force else ("shore",),
+            units=("N", "N", "N") if self.task is SensorTask.force else ("Shore A",),
             labels=np.array(labels, dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures,
@@ -145,14 +128,14 @@ def draw(source: Simulated, index: int) -> Picture:
 def _press(source: Simulated, index: int) -> tuple[Press, tuple[float, ...], np.random.Generator]:
     """Sample one press and its label; the generator is left where the picture takes it up."""
     match source.task:
-        case SimulatedTask.force:
+        case SensorTask.force:
             rng = stream(source.seed, "simulate", "force", index)
             return *_force(rng), rng
-        case SimulatedTask.grating:
+        case SensorTask.grating:
             kind, number = _class_and_number(index, source.images, len(source.spacings_mm))
             rng = stream(source.seed, "simulate", "grating", kind, number)
             return _grating(rng, source.spacings_mm[kind]), (kind,), rng
-        case SimulatedTask.hardness:
+        case SensorTask.hardness:
             rng = stream(source.seed, "simulate", "hardness", index)
             return *_hardness(rng), rng
 

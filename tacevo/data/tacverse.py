@@ -12,13 +12,13 @@ presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
 import json
 import re
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from tacevo.choices import SensorTask
 from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
 from tacevo.data.roots import entries, folders_in, holder, nearest, require_folder
 from tacevo.data.rows import Row, pictures, read_rows, unnamed_images
@@ -31,25 +31,17 @@ from tacevo.records import Json, Kind
 SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
 
 
-class TacVerseTask(StrEnum):
-    """What is to be told from the images."""
-
-    force = "force"
-    grating = "grating"
-    hardness = "hardness"
-
-
 FOLDERS = {
-    TacVerseTask.force: "Force_Regression",
-    TacVerseTask.grating: "Grating_Classification",
-    TacVerseTask.hardness: "Hardness_Regression",
+    SensorTask.force: "Force_Regression",
+    SensorTask.grating: "Grating_Classification",
+    SensorTask.hardness: "Hardness_Regression",
 }
 IMAGE_COLUMN = "image_name"
 #: Columns of the labels and the names of the outputs, in the same order.
-COLUMNS = {TacVerseTask.force: ("fx", "fy", "fz"), TacVerseTask.hardness: ("shore",)}
-OUTPUTS = {TacVerseTask.force: ("Fx", "Fy", "Fz"), TacVerseTask.hardness: ("shore",)}
+COLUMNS = {SensorTask.force: ("fx", "fy", "fz"), SensorTask.hardness: ("shore",)}
+OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
 #: Units of exported simulations; the release states none.
-UNITS = {TacVerseTask.force: ("N", "N", "N"), TacVerseTask.hardness: ("Shore A",)}
+UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +49,7 @@ class TacVerse:
     """One task and one sensor of the release."""
 
     root: Path
-    task: TacVerseTask
+    task: SensorTask
     #: The folder of the sensor, e.g. `ViTacTip`.
     sensor: str
     #: Gratings: the folder of the specimens, e.g. `Blackdot`.
@@ -74,7 +66,7 @@ class TacVerse:
             DataError: a folder, the table or an image is missing, or the table or a file name is broken.
         """
         described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
-        if self.task is TacVerseTask.grating:
+        if self.task is SensorTask.grating:
             frames = self._frames()
             presses = [[frame.size, frame.group, frame.frame] for frame in frames]
             return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
@@ -88,7 +80,7 @@ class TacVerse:
         Raises:
             DataError: see `describe`; or an image is unreadable, or of another size than the rest.
         """
-        return self._gratings() if self.task is TacVerseTask.grating else self._regression()
+        return self._gratings() if self.task is SensorTask.grating else self._regression()
 
     def _regression(self) -> Catalogue:
         rows, skipped = self._rows()
@@ -99,7 +91,7 @@ class TacVerse:
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures(rows, self.image_size),
-            release=ordered_split(np.arange(len(rows))) if self.task is TacVerseTask.force else None,
+            release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
             recorded_size=common_size([(row.place, row.path) for row in rows]),
             files=[row.path for row in rows],
             places=[row.place for row in rows],
