@@ -34,7 +34,7 @@ from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 
 #: Changes whenever an image or a label would change; part of the cache key.
-SIMULATOR_VERSION = 3
+SIMULATOR_VERSION = 4
 
 #: Six specimens, Shore A, evenly spaced over the range of the paper's supplement.
 SHORE_LEVELS = (17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
