@@ -62,11 +62,15 @@ class _Killed:
     detail: str
 
 
+class _LostError(SandboxError):
+    """The zygote died, and with it a job of which nothing is known."""
+
+
 class Sandbox:
     """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
 
-    The prepared process (the zygote) starts with the first job. If it dies, the jobs that it had not started
-    raise `SandboxError`, running ones are finished by their supervisors, and the next `run` starts another.
+    The prepared process (the zygote) starts with the first job. If it dies, running jobs are finished by their
+    supervisors, and the others start another zygote, once each.
 
     Args:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
@@ -119,7 +123,10 @@ class Sandbox:
             raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
         order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
         job = Message.of(Sort.job, order, payload)
-        answer = self._attempt(job, limits)
+        try:
+            answer = self._attempt(job, limits)
+        except _LostError:  # the zygote was killed from outside: no candidate can do that
+            answer = self._attempt(job, limits)
         if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
             answer = self._attempt(job, limits)
         if not isinstance(answer, _Killed):
@@ -156,7 +163,12 @@ class Sandbox:
                 self._zygote = None
             if self._zygote is None:
                 self._zygote = _Zygote(self._setup, self._environment)
-            self._zygote.submit(job)
+            try:
+                self._zygote.submit(job)
+            except _LostError:
+                self._zygote.close()  # it has closed its socket, so it is dying, whether that shows already or not
+                self._zygote = None
+                raise
             return self._zygote
 
 
@@ -209,7 +221,7 @@ class _Zygote:
         try:
             socket.send_fds(self._stream, [b"j"], [job.fileno()])
         except OSError as error:
-            raise SandboxError(f"the zygote takes no job ({error}); the next call starts another one") from error
+            raise _LostError(f"the zygote takes no job ({error}); run the same command again") from error
 
     def close(self) -> None:
         """End the process and everything below it; harmless when it has ended already."""
@@ -237,8 +249,8 @@ def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
         channel.send(job)
     except (OSError, EOFError) as error:
         state = "is alive" if zygote.is_alive() else "has died"
-        raise SandboxError(
-            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}"
+        raise _LostError(
+            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}; run the same command again"
         ) from error
     return supervisor
 
@@ -256,7 +268,7 @@ def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zy
     except (OSError, EOFError) as error:
         if zygote.is_alive():
             return _Killed("its supervisor was killed")
-        raise SandboxError("the sandbox ended while a candidate ran; run it again") from error
+        raise _LostError("the sandbox ended while a candidate ran; run the same command again") from error
     return _judge(message.read_header(), frames)
 
 
