@@ -8,10 +8,11 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from types import MappingProxyType
 
 from tacevo.sandbox.processes import descendants
 
@@ -97,14 +98,30 @@ def draw_kills(counts: dict[Phase, int], seed: int) -> list[Kill]:
     return kills
 
 
-def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
-    """Start the search in a folder; every process of it, candidates too, names that folder in its command line."""
-    (folder / "tmp").mkdir(parents=True, exist_ok=True)
-    environment = {**os.environ, "PYTHONPATH": str(folder), "TMPDIR": str(folder / "tmp")}
+def start(
+    folder: Path,
+    *overrides: str,
+    environment: Mapping[str, str] = MappingProxyType({}),
+    place: str = ".",
+    umask: int = -1,
+) -> subprocess.Popen[str]:
+    """Start the search in a folder; every process of it, candidates too, names that folder in its command line.
+
+    Args:
+        folder: where; it keeps temporary files, too.
+        overrides: of the search's configuration.
+        environment: what is added to the environment.
+        place: the working directory, below the folder.
+        umask: -1 for that of this process.
+    """
+    for name in ("tmp", place):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    own = {"PYTHONPATH": str(folder), "TMPDIR": str(folder / "tmp")}
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "tacevo.app", "search", *SEARCH, *overrides],
-        cwd=folder,
-        env=environment,
+        cwd=folder / place,
+        env={**os.environ, **own, **environment},
+        umask=umask,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -123,11 +140,8 @@ def finish(search: subprocess.Popen[str]) -> str:
 
 def kill(search: subprocess.Popen[str], folder: Path, planned: Kill) -> bool:
     """Kill a search as planned; False where it ended before its phase came."""
-    before = _seen(folder, planned.phase)
-    while planned.phase is not Phase.whenever and not _has_begun(folder, planned.phase, before):
-        if search.poll() is not None:
-            return False
-        time.sleep(_TICK)
+    if not begins(planned.phase, search, folder):
+        return False
     time.sleep(planned.delay)
     doomed = [search.pid, *(descendants(search.pid) if planned.family else ())]
     if search.poll() is not None:
@@ -137,6 +151,16 @@ def kill(search: subprocess.Popen[str], folder: Path, planned: Kill) -> bool:
             os.kill(pid, signal.SIGKILL)
     search.communicate(timeout=PATIENCE)
     return search.returncode == -signal.SIGKILL
+
+
+def begins(phase: Phase, search: subprocess.Popen[str], folder: Path) -> bool:
+    """Wait for the sign of a phase; False where the search ended without it."""
+    before = _seen(folder, phase)
+    while phase is not Phase.whenever and not _has_begun(folder, phase, before):
+        if search.poll() is not None:
+            return False
+        time.sleep(_TICK)
+    return True
 
 
 def _has_begun(folder: Path, phase: Phase, before: set[tuple[str, int]]) -> bool:

@@ -26,13 +26,6 @@ from interruptions import (
 UNTRACKED = "tracking=none"
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Give the folder and the digest of an uninterrupted search."""
-    folder = tmp_path_factory.mktemp("whole")
-    return folder, finish(start(folder, UNTRACKED))
-
-
 def kill_until_finished(folder: Path, kills: list[Kill]) -> Counter[Phase]:
     """Search in a folder, killed again and again, until a session comes to its end; count the kills by phase.
 
@@ -89,16 +82,16 @@ def strike(counts: dict[Phase, int], root: Path, whole: tuple[Path, str], *, see
     return struck
 
 
-def test_one_kill_in_every_phase(tmp_path: Path, whole: tuple[Path, str]) -> None:
+def test_one_kill_in_every_phase(tmp_path: Path, whole_search: tuple[Path, str]) -> None:
     """A search that is killed once in each phase ends as if nothing had happened."""
     counts = dict.fromkeys(Phase, 1)
-    assert strike(counts, tmp_path, whole, seed=1) == counts
+    assert strike(counts, tmp_path, whole_search, seed=1) == counts
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(4 * 3600)
 @pytest.mark.parametrize("seed", [2, 3, 4, 5])
-def test_fifty_kills(seed: int, tmp_path: Path, whole: tuple[Path, str]) -> None:
+def test_fifty_kills(seed: int, tmp_path: Path, whole_search: tuple[Path, str]) -> None:
     """Fifty kills, some in every phase, in as many searches as that takes; with four seeds, two hundred."""
     counts = {
         Phase.whenever: 10,
@@ -110,6 +103,6 @@ def test_fifty_kills(seed: int, tmp_path: Path, whole: tuple[Path, str]) -> None
         Phase.mirroring: 2,
         Phase.finishing: 3,
     }
-    struck = strike(counts, tmp_path, whole, seed=seed)
+    struck = strike(counts, tmp_path, whole_search, seed=seed)
     assert struck == counts
     assert struck.total() == 50

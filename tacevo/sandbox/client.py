@@ -250,7 +250,8 @@ def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
     except (OSError, EOFError) as error:
         state = "is alive" if zygote.is_alive() else "has died"
         raise _LostError(
-            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}; run the same command again"
+            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}; run the same command "
+            "again"
         ) from error
     return supervisor
 
