@@ -59,7 +59,7 @@ _SIGNS = {
     Phase.admitting: "cache/answers/*/*",
     Phase.evaluating: "cache/probes/*/*",  # the next thing that happens to an admitted source
     Phase.committing: "run/ledger.jsonl",
-    Phase.mirroring: "mlflow.db*",
+    Phase.mirroring: "*mlflow.db*",
 }
 
 #: How long after its sign a phase is hit, at most, in seconds.

@@ -5,6 +5,7 @@ call returns, or the search ends in whatever way, no process of the candidate's 
 is dead within a second. What it does not promise is in docs/security.md.
 """
 
+import contextlib
 import socket
 import subprocess
 import tempfile
@@ -123,17 +124,21 @@ class Sandbox:
             raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
         order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
         job = Message.of(Sort.job, order, payload)
-        try:
-            answer = self._attempt(job, limits)
-        except _LostError:  # the zygote was killed from outside: no candidate can do that
-            answer = self._attempt(job, limits)
+        answer = self._answer(job, limits)
         if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
-            answer = self._attempt(job, limits)
+            answer = self._answer(job, limits)
         if not isinstance(answer, _Killed):
             return answer
         if self._closed:
             raise SandboxError("the sandbox was closed while a candidate ran")
         return Died(Reason.crashed, answer.detail)
+
+    def _answer(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
+        """Run a job, once more where it was lost with the zygote."""
+        try:
+            return self._attempt(job, limits)
+        except _LostError:
+            return self._attempt(job, limits)
 
     def _attempt(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
         """Run a job in a fresh process."""
@@ -158,17 +163,14 @@ class Sandbox:
         with self._lock:
             if self._closed:
                 raise SandboxError("the sandbox is closed")
-            if self._zygote is not None and not self._zygote.is_alive():
+            if self._zygote is not None:
+                with contextlib.suppress(_LostError):  # it is dying, which may not show yet
+                    self._zygote.submit(job)
+                    return self._zygote
                 self._zygote.close()
                 self._zygote = None
-            if self._zygote is None:
-                self._zygote = _Zygote(self._setup, self._environment)
-            try:
-                self._zygote.submit(job)
-            except _LostError:
-                self._zygote.close()  # it has closed its socket, so it is dying, whether that shows already or not
-                self._zygote = None
-                raise
+            self._zygote = _Zygote(self._setup, self._environment)
+            self._zygote.submit(job)
             return self._zygote
 
 
@@ -216,7 +218,7 @@ class _Zygote:
         """Pass on the socket of a job.
 
         Raises:
-            SandboxError: the zygote is gone.
+            _LostError: the zygote is gone.
         """
         try:
             socket.send_fds(self._stream, [b"j"], [job.fileno()])
