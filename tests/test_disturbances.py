@@ -176,12 +176,12 @@ def test_two_searches_share_one_store_at_once(whole_search: Whole, tmp_path: Pat
     assert (tmp_path / "other" / "ledger.jsonl").read_bytes() == (tmp_path / "run" / "ledger.jsonl").read_bytes()
 
 
-def test_processes_killed_from_outside_change_nothing(whole_search: Whole, tmp_path: Path) -> None:
-    """Somebody kills the zygote, then a supervisor, then a candidate: the search starts them again and goes on."""
+@pytest.mark.parametrize("depth", [0, 1, 2], ids=["zygote", "supervisor", "candidate"])
+def test_process_killed_from_outside_changes_nothing(depth: int, whole_search: Whole, tmp_path: Path) -> None:
+    """Somebody kills a process of the sandbox: the search starts it again and goes on."""
     search = start(tmp_path, UNTRACKED)
-    for depth in (0, 1, 2):
-        assert begins(Phase.evaluating, search, tmp_path)
-        assert wait_until(partial(kill_one_below, search.pid, depth))
+    assert begins(Phase.evaluating, search, tmp_path)
+    assert wait_until(partial(kill_one_below, search.pid, depth))
     assert finish(search) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
     assert wait_until(lambda: not processes_of(tmp_path))

@@ -64,7 +64,7 @@ class _Killed:
 
 
 class _LostError(SandboxError):
-    """The zygote died, and with it a job of which nothing is known."""
+    """A job was lost before any code of the candidate ran, or with the zygote; nothing is known of it."""
 
 
 class Sandbox:
@@ -134,7 +134,7 @@ class Sandbox:
         return Died(Reason.crashed, answer.detail)
 
     def _answer(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
-        """Run a job, once more where it was lost with the zygote."""
+        """Run a job, once more where it was lost."""
         try:
             return self._attempt(job, limits)
         except _LostError:
@@ -287,5 +287,7 @@ def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
             return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
         case "killed":
             return _Killed(verdict["detail"])
+        case "lost":
+            raise _LostError(f"a child was {verdict['detail']} before it was confined; run the same command again")
         case _:
             raise SandboxError(f"the sandbox is broken: {one_line(verdict['detail'])}")

@@ -149,8 +149,11 @@ class _Watch:
         if not pid:
             how = "it closed its result pipe"
         elif os.WIFSIGNALED(status):
-            if os.WTERMSIG(status) == signal.SIGKILL and self._confined:  # not sent from here
-                return {"ended": "killed", "detail": f"killed by signal {signal.SIGKILL:d}"}
+            if os.WTERMSIG(status) == signal.SIGKILL:  # not sent from here
+                return {
+                    "ended": "killed" if self._confined else "lost",
+                    "detail": f"killed by signal {signal.SIGKILL:d}",
+                }
             how = f"killed by signal {os.WTERMSIG(status)}"
         else:
             how = f"it exited with status {os.waitstatus_to_exitcode(status)} before it had answered"
