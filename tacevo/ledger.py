@@ -7,9 +7,10 @@ host names and paths never enter it.
 
 import json
 import os
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import Self
 
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json
@@ -41,12 +42,12 @@ class Ledger:
 
     def __init__(self, path: Path | None, recorded: tuple[dict[str, Json], ...] = ()) -> None:
         self._recorded = recorded
-        self._file: IO[str] | None = None
+        self._file: FileIO | None = None
         self._count = 0
         self.digest = GENESIS
         if path is not None:
             self._recorded, length = _read(path)
-            self._file = path.open("a", encoding="utf-8")
+            self._file = path.open("ab", buffering=0)  # no rest of a failed line waits to be written at the end
             self._file.truncate(length)  # a line torn by a crash was never committed
 
     def __enter__(self) -> Self:
@@ -78,15 +79,14 @@ class Ledger:
 
         Raises:
             DivergenceError: the recorded line differs; the message names generation, slot and field.
+            RunError: the disk is full or fails; the lines before this one are safe.
             ValueError: a number is NaN or infinite.
         """
         line = seal(entry, self.digest)
         if self._count < len(self._recorded):
             _compare(self._recorded[self._count], line)
         elif self._file is not None:
-            self._file.write(canonical(line) + "\n")
-            self._file.flush()
-            os.fsync(self._file.fileno())
+            _append(self._file, f"{canonical(line)}\n".encode())
         self._count += 1
         self.digest = line["hash"]
         return line
@@ -101,6 +101,19 @@ def read_ledger(path: Path) -> tuple[dict[str, Json], ...]:
     if not path.exists():
         raise RunError(f"{path} is missing; give the folder of a run, as `tacevo search` printed it")
     return _read(path)[0]
+
+
+def _append(file: FileIO, data: bytes) -> None:
+    """Write a line to its end, and wait until it is on the disk."""
+    try:
+        while data:
+            data = data[file.write(data) :]  # a disk that fills up takes a part of it first
+        os.fsync(file.fileno())
+    except OSError as error:
+        raise RunError(
+            f"{file.name} cannot be written: {error.strerror}; the lines before are safe. Make room, and run the same "
+            "command again"
+        ) from error
 
 
 def _read(path: Path) -> tuple[tuple[dict[str, Json], ...], int]:

@@ -23,7 +23,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json, Rejection
-from tacevo.store import write_durably
+from tacevo.store import sweep, write_durably
 
 #: Layout of run.json.
 SCHEMA = 1
@@ -84,6 +84,10 @@ class RunDirectory:
         finally:
             os.close(handle)
 
+    def sweep(self) -> None:
+        """Remove what killed writers left here."""
+        sweep(self.path)
+
     def write_json(self, name: str, value: Json) -> None:
         """Write one of the JSON files whole."""
         write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
@@ -105,7 +109,10 @@ class RunDirectory:
         except FileNotFoundError as error:
             raise RunError(f"{self.path} is not the folder of a run: it has no run.json") from error
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+            raise RunError(
+                f"{path} is damaged: {type(error).__name__}: {error}; restore it, or delete it, and the "
+                "`tacevo search` command that began the run writes it anew"
+            ) from error
         if schema != SCHEMA:
             raise RunError(f"{path} has schema {schema!r}; this version of tacevo reads {SCHEMA}")
         return run
@@ -166,13 +173,23 @@ class RunDirectory:
             write_durably(path, text)
 
     def add_timing(self, entry: dict[str, Json]) -> None:
-        """Append a line to timings.jsonl, with the present time; a line torn by a kill is ended first."""
+        """Append a line to timings.jsonl, with the present time; a line torn by a kill is ended first.
+
+        Raises:
+            RunError: the disk is full or fails.
+        """
         line = json.dumps({**entry, "at": datetime.now(UTC).isoformat(timespec="milliseconds")}) + "\n"
         path = self.path / "timings.jsonl"
-        with path.open("ab+") as file:
-            file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
-            torn = file.read(1) not in (b"", b"\n")
-            file.write(f"\n{line}".encode() if torn else line.encode())
+        try:
+            with path.open("ab+") as file:
+                file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
+                torn = file.read(1) not in (b"", b"\n")
+                file.write(f"\n{line}".encode() if torn else line.encode())
+        except OSError as error:
+            raise RunError(
+                f"{path} cannot be written: {error.strerror}; the ledger is safe. Make room, and run the same command "
+                "again"
+            ) from error
 
     def read_spending(self) -> dict[str, Spending]:
         """Read what each candidate's answers cost, by id; a line torn by a kill is left out."""

@@ -20,7 +20,7 @@ from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
 from tacevo.rundir import SCHEMA, RunDirectory, machine, versions
 from tacevo.sandbox.confinement import report, require
 from tacevo.search import Plan, SearchState, run_search
-from tacevo.store import content_hash
+from tacevo.store import content_hash, sweep_stores
 from tacevo.summary import summarise
 from tacevo.tracking.entries import without_password
 from tacevo.tracking.process import Mirror
@@ -59,6 +59,8 @@ def search(config: RunConfig, view: View) -> Result:
     directory = RunDirectory(_run_path(config, header))
     with directory.locked(), Ledger(directory.ledger) as ledger:
         _commit_header(ledger, header, directory)
+        directory.sweep()
+        sweep_stores(Path(config.store.root))
         _begin(directory, config, task, data.facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view), open_tools(config, task, data.facts, data, Mode.record) as tools:

@@ -1,18 +1,22 @@
 """A store of answers under the content hash of their questions.
 
 What it promises: an entry, once `write` returns, survives a crash; a reader never sees half of one; two
-processes may share a store; nothing expires. What it does not: it holds no lock, so two processes that miss at
-the same moment both compute, and the answer that lands last (for a pure function: an equal one) stays.
+processes may share a store; nothing expires; what a killed writer left is swept up. What it does not: no lock spans
+a computation, so two processes that miss at the same moment both compute, and the answer that lands last (for a pure
+function: an equal one) stays.
 """
 
 import contextlib
+import fcntl
 import hashlib
 import itertools
 import json
 import os
-import threading
+import re
+import secrets
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode
@@ -28,6 +32,9 @@ Field = tuple[str | int, ...]
 
 #: The kinds of answers that a run keeps.
 KINDS = ("answers", "centroids", "completions", "evaluations", "probes")
+
+#: A file in the making: hidden beside what it will be, and locked by its writer.
+_PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 
 #: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
 _COMPARED = 20_000
@@ -176,23 +183,56 @@ def write_durably(path: Path, content: str | bytes) -> None:
     Raises:
         StoreError: the disk is full or the folder cannot be written; the old content stays.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.part")  # nobody else's
     try:
         made = list(itertools.takewhile(lambda folder: not folder.exists(), path.parents))
         if made:
             path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as file:
+        with _part_of(path) as file:
             file.write(content if isinstance(content, bytes) else content.encode())
             file.flush()
             os.fsync(file.fileno())
-        part.replace(path)  # atomic: a reader never sees half an entry
+            os.replace(file.name, path)  # atomic: a reader never sees half an entry
         for folder in (path.parent, *(folder.parent for folder in made)):
             _sync_folder(folder)  # the names, too, must survive a crash
     except OSError as error:
-        raise StoreError(f"{path} cannot be written: {error.strerror}; what stood there is unchanged") from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
+        raise StoreError(
+            f"{path} cannot be written: {error.strerror}; what stood there is unchanged. Make room or choose a folder "
+            "that can be written to, and run the same command again"
+        ) from error
+
+
+def sweep(folder: Path) -> None:
+    """Remove the files in the making, anywhere in a folder, whose writers are dead; those of the living stay.
+
+    What cannot be removed stays too: it is another user's, who will sweep it up, or the disk is read-only.
+    """
+    for part in folder.rglob(".*.part"):
+        if _PART.fullmatch(part.name):
+            with contextlib.suppress(OSError), part.open("rb+") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                part.unlink()
+
+
+def sweep_stores(root: Path) -> None:
+    """Remove what killed writers left in the stores, and in the records of batches, below `root`."""
+    for kind in (*KINDS, "batches"):
+        sweep(root / kind)
+
+
+@contextlib.contextmanager
+def _part_of(path: Path) -> Iterator[BinaryIO]:
+    """Open a new file beside `path`, locked as long as it is open; it is removed unless it was renamed."""
+    while True:
+        part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")  # nobody else's, on whatever machine
+        with part.open("xb") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                if os.fstat(file.fileno()).st_nlink:  # else it was swept up before it was locked
+                    yield file
+                    return
+            finally:
+                with contextlib.suppress(OSError):
+                    part.unlink(missing_ok=True)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -3,13 +3,22 @@
 import ipaddress
 import socket
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
+import interruptions
 import pytest
 from hypothesis import settings
 
 settings.register_profile("tacevo", deadline=None, derandomize=True)
 settings.load_profile("tacevo")
+
+
+@pytest.fixture(scope="session")
+def whole_search(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Give the folder and the digest of an undisturbed search (`interruptions`); nothing may be changed in it."""
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, interruptions.finish(interruptions.start(folder, "tracking=none"))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.data.staging import LOCK, PART, staged
+from tacevo.data.staging import LOCK, PART, staged, sweep
 from tacevo.errors import DataError
 
 
@@ -80,6 +80,14 @@ def test_leftovers_go_and_folders_in_the_making_stay(tmp_path: Path) -> None:
         with staged(tmp_path / "set"):
             pass
     assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == {f".alive{PART}", ".other", "set"}
+
+
+def test_reader_of_a_finished_set_sweeps_up_others(tmp_path: Path) -> None:
+    """What a killed maker left of one set does not stay because everybody needs another one, which is whole."""
+    (tmp_path / f".dead{PART}").mkdir()
+    (tmp_path / f".dead{PART}" / "images.npy").write_text("half")
+    sweep(tmp_path)
+    assert not (tmp_path / f".dead{PART}").exists()
 
 
 @contextmanager

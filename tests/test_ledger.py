@@ -2,6 +2,10 @@
 
 import dataclasses
 import json
+import re
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -102,6 +106,74 @@ def test_run_killed_at_any_byte_resumes_to_the_same_bytes(path: Path, tmp_path: 
         assert len(read_ledger(torn)) == whole[:length].count(b"\n")
         write_all(torn)
         assert torn.read_bytes() == whole
+
+
+def small_ledger(path: Path) -> list[dict[str, Json]]:
+    """Write a ledger of three short lines; give them."""
+    write_all(path, [{"kind": "run"}, {"slot": 0, "loss": 0.25}, {"best": None}])
+    return list(read_ledger(path))
+
+
+def test_ledger_cut_at_any_byte_keeps_its_whole_lines(tmp_path: Path) -> None:
+    """Truncated anywhere, a ledger is the lines before the cut and nothing else."""
+    lines = small_ledger(tmp_path / "ledger.jsonl")
+    whole = (tmp_path / "ledger.jsonl").read_bytes()
+    cut = tmp_path / "cut.jsonl"
+    for length in range(len(whole) + 1):
+        cut.write_bytes(whole[:length])
+        assert list(read_ledger(cut)) == lines[: whole[:length].count(b"\n")]
+
+
+def test_any_flipped_bit_of_a_ledger_is_refused_or_cuts_it(tmp_path: Path) -> None:
+    """No bit of a line can change unseen; without its last line feed a ledger is one that was torn there."""
+    lines = small_ledger(tmp_path / "ledger.jsonl")
+    whole = (tmp_path / "ledger.jsonl").read_bytes()
+    flipped = tmp_path / "flipped.jsonl"
+    refused = 0
+    for place in range(8 * len(whole)):
+        data = bytearray(whole)
+        data[place // 8] ^= 1 << place % 8
+        flipped.write_bytes(data)
+        found = lines_or_refusal(flipped)
+        if isinstance(found, str):
+            refused += 1
+            assert re.search(r"line [123] (is not JSON|does not match its hash)", found)
+        else:
+            assert found == lines[:-1]
+    assert refused == 8 * (len(whole) - 1)
+
+
+def lines_or_refusal(path: Path) -> list[dict[str, Json]] | str:
+    """Read a ledger; give its lines, or the words with which it is refused."""
+    try:
+        return list(read_ledger(path))
+    except RunError as error:
+        return str(error)
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size, as on a disk that is full: what fits is written, then the system refuses."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("room", [0, 1, 100, 300, 500])
+def test_full_disk_costs_only_the_line_that_did_not_fit(room: int, path: Path, tmp_path: Path) -> None:
+    """The message names the file and what to do; with room again, the same bytes come about."""
+    full = tmp_path / "full.jsonl"
+    with (
+        largest_file(room),
+        pytest.raises(RunError, match=r"full.jsonl cannot be written: File too large; .*Make room"),
+    ):
+        write_all(full)
+    assert len(read_ledger(full)) == path.read_bytes()[:room].count(b"\n")
+    write_all(full)
+    assert full.read_bytes() == path.read_bytes()
 
 
 def test_resuming_counts_what_stood_there(path: Path) -> None:

@@ -228,12 +228,17 @@ def test_signal_that_cancels_a_run_is_no_verdict(sandbox: Sandbox, number: signa
         assert waiting.result() == "answered"
 
 
-@pytest.mark.parametrize("member", [1, 2], ids=["supervisor", "candidate"])
-def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, member: int) -> None:
-    """The kernel's way out of full memory is no verdict on a candidate."""
+@pytest.mark.parametrize(
+    "members", [(1,), (2,), (0, 1), (0, 1, 2)], ids=["supervisor", "candidate", "both above it", "all"]
+)
+def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, members: tuple[int, ...]) -> None:
+    """The kernel's way out of full memory is no verdict on a candidate, and nothing of it lives on."""
     with ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(answer, sandbox, "doze")
-        os.kill(wait_for_doze()[member], signal.SIGKILL)
+        family = wait_for_doze()
+        for member in members:
+            os.kill(family[member], signal.SIGKILL)
+        assert eventually(lambda: not is_of_a_sandbox(family[2]))  # a zombie has no command line
         assert waiting.result() == "answered"
 
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Message, Mode, Request, to_json
-from tacevo.store import Store, canonical, content_hash, write_durably
+from tacevo.store import Store, canonical, content_hash, sweep, write_durably
 
 REQUEST = Request(
     model="m",
@@ -66,6 +66,18 @@ from tacevo.store import Store
 store = Store(Path(sys.argv[1]), "shared")
 for _ in range(30):
     store.write({"x": 1}, sys.argv[2] * 100_000)
+"""
+
+#: Begins to write a file, says so, and never comes to an end.
+STOPPED_WRITER = """
+import sys, time
+from pathlib import Path
+from tacevo.store import write_durably
+class Endless(str):
+    def encode(self):
+        print("writing", flush=True)
+        time.sleep(1000)
+write_durably(Path(sys.argv[1]), Endless())
 """
 
 
@@ -309,6 +321,69 @@ def test_file_left_by_a_killed_writer_is_not_an_entry(store: Store, tmp_path: Pa
     path = entry_path(tmp_path)
     path.with_name(f".{path.name}.123-456.part").write_text("{", encoding="utf-8")
     assert len(list(store.entries())) == 1
+
+
+def test_sweep_takes_the_parts_of_the_dead_and_leaves_those_of_the_living(store: Store, tmp_path: Path) -> None:
+    """A file in the making goes when its writer was killed, not while it writes, and nothing else is touched."""
+    writing = [sys.executable, "-c", STOPPED_WRITER, str(tmp_path / "things" / "aa" / "entry.json")]
+    before = {path for path in tmp_path.rglob("*") if path.is_file()}
+    foreign = tmp_path / "things" / ".somebody.part"
+    foreign.write_text("mine")
+    with subprocess.Popen(writing, stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "writing\n"
+        assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
+        sweep(tmp_path)
+        assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
+        writer.kill()
+    assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
+    sweep(tmp_path)
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} == before | {foreign}
+
+
+def test_writers_are_not_disturbed_by_sweeps(tmp_path: Path) -> None:
+    """A sweep that never ends takes no file from a living writer."""
+    writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), digit]) for digit in "12"]
+    while any(writer.poll() is None for writer in writers):
+        sweep(tmp_path)
+    assert [writer.returncode for writer in writers] == [0, 0]
+    assert len(list(tmp_path.rglob("*.part"))) == 0
+
+
+def test_entry_cut_at_any_byte_is_refused(store: Store, tmp_path: Path) -> None:
+    """Truncated anywhere before its last line feed, an entry is an error that says what to do."""
+    path = entry_path(tmp_path)
+    whole = path.read_bytes()
+    for length in range(len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(StoreError, match="restore the file from a copy, or delete it"):
+            store.read({"x": 1})
+
+
+def test_any_flipped_bit_of_an_entry_is_refused_or_harmless(store: Store, tmp_path: Path) -> None:
+    """No bit of an entry changes an answer: it is refused, but for blanks between the values."""
+    path = entry_path(tmp_path)
+    whole, answer = path.read_bytes(), store.read({"x": 1})
+    refused = 0
+    for place in range(8 * len(whole)):
+        data = bytearray(whole)
+        data[place // 8] ^= 1 << place % 8
+        path.write_bytes(data)
+        found, refusal = answer_or_refusal(store)
+        if refusal:
+            refused += 1
+            assert "restore the file from a copy, or delete it" in refusal
+        else:
+            assert found == answer
+    assert refused > 0.99 * 8 * len(whole)
+
+
+def answer_or_refusal(store: Store) -> tuple[Json, str]:
+    """Read the recorded answer; where it is refused, give the words of that."""
+    try:
+        return store.read({"x": 1}), ""
+    except StoreError as error:
+        return None, str(error)
 
 
 def test_failed_write_leaves_the_old_content_and_no_rest(tmp_path: Path) -> None:

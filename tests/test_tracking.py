@@ -525,6 +525,20 @@ def wait_for_commands(run_dir: Path) -> list[str]:
     return found
 
 
+def test_database_is_whole_although_its_maker_was_killed(run_dir: Path, tmp_path: Path) -> None:
+    """A mirror killed among MLflow's migrations leaves a hidden file, which the next one replaces."""
+    environment = {**os.environ, URI_VARIABLE: f"sqlite:///{tmp_path}/new/mlflow.db"}
+    command = [sys.executable, "-m", "tacevo.tracking", str(run_dir), "--experiment", "tacevo"]
+    part = tmp_path / "new" / ".mlflow.db.part"
+    with subprocess.Popen(command, env=environment) as killed:
+        wait_until(lambda: part.exists() and part.stat().st_size > 60_000)
+        killed.kill()
+    assert [path.name for path in part.parent.iterdir() if path.suffix == ".db"] == []
+    subprocess.run(command, env=environment, check=True, timeout=PATIENCE)
+    assert contents(environment[URI_VARIABLE])["parent"][1] == "FINISHED"
+    assert not list(part.parent.glob(".*"))
+
+
 def test_process_without_a_uri_says_what_to_set(run_dir: Path) -> None:
     """The URI comes by the environment; without it the process says so and does nothing."""
     environment = {key: value for key, value in os.environ.items() if key != URI_VARIABLE}

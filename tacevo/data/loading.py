@@ -19,7 +19,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.protocol import input_statistics, target_scale
 from tacevo.data.source import Catalogue, Picture, Source, refuse
 from tacevo.data.splitting import Split, random_split, refuse_unbalanced
-from tacevo.data.staging import reserve, staged
+from tacevo.data.staging import reserve, staged, sweep
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import DataError
 from tacevo.records import DataFacts, Kind
@@ -87,6 +87,8 @@ def load(
             if stage is not None:
                 images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
+    else:
+        sweep(cache)
     dataset = datasets.read(folder)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
         raise DataError(f"the cached data set {folder} was changed or damaged; delete that folder and run again")

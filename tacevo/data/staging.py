@@ -1,8 +1,8 @@
 """Folders that are whole or absent: filled out of sight, flushed to the disk, then renamed.
 
 Promises: one process at a time makes a folder, and others say so and wait for it; what a killed process left is
-removed by the next one that makes anything there and may remove it; a disk without room is an error before anything
-is written to it.
+removed by the next one that makes or reads anything there and may remove it; a disk without room is an error before
+anything is written to it.
 What it does not: it needs a file system on which `flock` works across the processes that share it.
 """
 
@@ -51,7 +51,7 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
         if folder.is_dir():
             yield None
             return
-        _sweep(folder.parent)
+        sweep(folder.parent)
         _clear(stage)
         try:
             stage.mkdir()
@@ -87,17 +87,8 @@ def reserve(file: BinaryIO, size: int) -> None:
         ) from error
 
 
-def _publish(stage: Path, folder: Path) -> None:
-    """Flush a filled folder to the disk and give it its name."""
-    for file in stage.iterdir():
-        _sync(file)
-    _sync(stage)
-    stage.rename(folder)  # atomic: a reader sees the whole folder or none
-    _sync(folder.parent)
-
-
-def _sweep(parent: Path) -> None:
-    """Remove what killed processes left: folders in the making whose lock nobody holds (ours is held already)."""
+def sweep(parent: Path) -> None:
+    """Remove what killed processes left: folders in the making whose lock nobody holds (a maker holds its own)."""
     for stage in parent.glob(f".*{PART}"):
         try:
             with _open_lock(stage.with_suffix(LOCK)) as lock:
@@ -105,6 +96,15 @@ def _sweep(parent: Path) -> None:
                 shutil.rmtree(stage, ignore_errors=True)
         except OSError:  # it is held, or another user's, who will remove the folder
             continue
+
+
+def _publish(stage: Path, folder: Path) -> None:
+    """Flush a filled folder to the disk and give it its name."""
+    for file in stage.iterdir():
+        _sync(file)
+    _sync(stage)
+    stage.rename(folder)  # atomic: a reader sees the whole folder or none
+    _sync(folder.parent)
 
 
 def _open_lock(path: Path) -> BinaryIO:

@@ -12,6 +12,7 @@ import numpy as np
 from tacevo.choices import Confinement
 from tacevo.records import Json, Limits
 from tacevo.sandbox.confinement import confine
+from tacevo.sandbox.kernel import end_with
 from tacevo.sandbox.processes import close_all_but
 from tacevo.sandbox.protocol import Message, Sort
 from tacevo.sandbox.text import describe
@@ -25,7 +26,7 @@ Send = Callable[[Json, bytes], None]
 Entry = Callable[[Json, bytes, Arrays, Send], object]
 
 
-def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> NoReturn:
+def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int) -> NoReturn:
     """Turn this fresh fork into a candidate's process, run the entry and end without any clean-up.
 
     Args:
@@ -35,6 +36,7 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> N
         arrays: what the zygote mapped.
         pipe: file descriptor that answers go to; the only one that stays open beside the standard streams, which
             are /dev/null.
+        supervisor: the process that forked this one, and whose end is its own.
     """
 
     def say(sort: Sort, header: Json, data: bytes = b"") -> None:
@@ -43,6 +45,7 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int) -> N
             left = left[os.write(pipe, left) :]
 
     try:
+        end_with(supervisor)
         os.setsid()
         os.chdir("/")
         close_all_but(pipe)

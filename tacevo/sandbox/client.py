@@ -5,6 +5,7 @@ call returns, or the search ends in whatever way, no process of the candidate's 
 is dead within a second. What it does not promise is in docs/security.md.
 """
 
+import contextlib
 import socket
 import subprocess
 import tempfile
@@ -62,11 +63,15 @@ class _Killed:
     detail: str
 
 
+class _LostError(SandboxError):
+    """A job was lost before any code of the candidate ran, or with the zygote; nothing is known of it."""
+
+
 class Sandbox:
     """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
 
-    The prepared process (the zygote) starts with the first job. If it dies, the jobs that it had not started
-    raise `SandboxError`, running ones are finished by their supervisors, and the next `run` starts another.
+    The prepared process (the zygote) starts with the first job. If it dies, running jobs are finished by their
+    supervisors, and the others start another zygote, once each.
 
     Args:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
@@ -119,14 +124,21 @@ class Sandbox:
             raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
         order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
         job = Message.of(Sort.job, order, payload)
-        answer = self._attempt(job, limits)
+        answer = self._answer(job, limits)
         if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
-            answer = self._attempt(job, limits)
+            answer = self._answer(job, limits)
         if not isinstance(answer, _Killed):
             return answer
         if self._closed:
             raise SandboxError("the sandbox was closed while a candidate ran")
         return Died(Reason.crashed, answer.detail)
+
+    def _answer(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
+        """Run a job, once more where it was lost."""
+        try:
+            return self._attempt(job, limits)
+        except _LostError:
+            return self._attempt(job, limits)
 
     def _attempt(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
         """Run a job in a fresh process."""
@@ -151,11 +163,13 @@ class Sandbox:
         with self._lock:
             if self._closed:
                 raise SandboxError("the sandbox is closed")
-            if self._zygote is not None and not self._zygote.is_alive():
+            if self._zygote is not None:
+                with contextlib.suppress(_LostError):  # it is dying, which may not show yet
+                    self._zygote.submit(job)
+                    return self._zygote
                 self._zygote.close()
                 self._zygote = None
-            if self._zygote is None:
-                self._zygote = _Zygote(self._setup, self._environment)
+            self._zygote = _Zygote(self._setup, self._environment)
             self._zygote.submit(job)
             return self._zygote
 
@@ -204,12 +218,12 @@ class _Zygote:
         """Pass on the socket of a job.
 
         Raises:
-            SandboxError: the zygote is gone.
+            _LostError: the zygote is gone.
         """
         try:
             socket.send_fds(self._stream, [b"j"], [job.fileno()])
         except OSError as error:
-            raise SandboxError(f"the zygote takes no job ({error}); the next call starts another one") from error
+            raise _LostError(f"the zygote takes no job ({error}); run the same command again") from error
 
     def close(self) -> None:
         """End the process and everything below it; harmless when it has ended already."""
@@ -237,8 +251,9 @@ def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
         channel.send(job)
     except (OSError, EOFError) as error:
         state = "is alive" if zygote.is_alive() else "has died"
-        raise SandboxError(
-            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}"
+        raise _LostError(
+            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}; run the same command "
+            "again"
         ) from error
     return supervisor
 
@@ -256,7 +271,7 @@ def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zy
     except (OSError, EOFError) as error:
         if zygote.is_alive():
             return _Killed("its supervisor was killed")
-        raise SandboxError("the sandbox ended while a candidate ran; run it again") from error
+        raise _LostError("the sandbox ended while a candidate ran; run the same command again") from error
     return _judge(message.read_header(), frames)
 
 
@@ -272,5 +287,7 @@ def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
             return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
         case "killed":
             return _Killed(verdict["detail"])
+        case "lost":
+            raise _LostError(f"a child was {verdict['detail']} before it was confined; run the same command again")
         case _:
             raise SandboxError(f"the sandbox is broken: {one_line(verdict['detail'])}")

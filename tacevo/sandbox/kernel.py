@@ -2,7 +2,9 @@
 
 import ctypes
 import os
+import signal
 
+_PR_SET_PDEATHSIG = 1
 _PR_SET_DUMPABLE = 4
 _PR_SET_CHILD_SUBREAPER = 36
 _PR_SET_NO_NEW_PRIVS = 38
@@ -31,6 +33,17 @@ def system_call(number: int, *arguments: int | object) -> int:
 def protect_memory() -> None:
     """Let no unprivileged process trace this one or read its memory, environment or descriptors."""
     _control(_PR_SET_DUMPABLE, 0)
+
+
+def end_with(parent: int) -> None:
+    """Let the kernel kill this process as soon as its parent is gone, however that ends.
+
+    Args:
+        parent: the process that forked this one; it may be gone already.
+    """
+    _control(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def become_subreaper() -> None:

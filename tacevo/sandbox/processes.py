@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+_PF_EXITING = 0x4  # include/linux/sched.h
+_FLAGS = 6  # where the flags stand in /proc/<pid>/stat, counted from behind the name
 _PAUSE = 0.001  # seconds between two looks at a dying tree
 _LAST_DESCRIPTOR = 2**31 - 1
 
@@ -55,6 +57,15 @@ def memory(pid: int) -> Memory:
 def address_space_mib() -> float:
     """Address space of this process, in MiB."""
     return _mib(_status(os.getpid()), "VmSize")
+
+
+def is_ending(pid: int) -> bool:
+    """Tell whether the kernel is taking a process down, or has done so; its files may be closed already."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return True
+    return bool(int(fields[_FLAGS]) & _PF_EXITING)
 
 
 def end_own_descendants(spare: Collection[int] = ()) -> None:

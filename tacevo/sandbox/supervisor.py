@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
 from tacevo.sandbox.kernel import become_subreaper
-from tacevo.sandbox.processes import descendants, end_own_descendants, memory
+from tacevo.sandbox.processes import descendants, end_own_descendants, is_ending, memory
 from tacevo.sandbox.protocol import OUTPUT_LIMIT, Channel, Message, Sort, Splitter, TooMuchError
 from tacevo.sandbox.text import describe
 
@@ -51,9 +51,10 @@ def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.A
     message = channel.receive()
     job = message.read_header()
     pipe, theirs = os.pipe()
+    supervisor = os.getpid()
     pid = os.fork()
     if pid == 0:
-        child.run(entries[job["entry"]], job, message.payload, arrays, theirs)
+        child.run(entries[job["entry"]], job, message.payload, arrays, theirs, supervisor=supervisor)
     os.close(theirs)
     os.set_blocking(pipe, False)
     watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]))
@@ -140,14 +141,19 @@ class _Watch:
 
     def _lost(self) -> Json:
         """Give the verdict on a child that stopped talking before it was done."""
-        self._poll.unregister(self._pipe)
-        self._poll.poll(_TICK * 1000)  # a dying process closes its files shortly before it can be waited for
+        if is_ending(self._pid):  # a dying process closes its files before it can be waited for: long before, at times
+            end = select.poll()
+            end.register(self._end, select.POLLIN)
+            end.poll(max(_TICK, self._deadline - time.monotonic()) * 1000)
         pid, status = os.waitpid(self._pid, os.WNOHANG)
         if not pid:
             how = "it closed its result pipe"
         elif os.WIFSIGNALED(status):
-            if os.WTERMSIG(status) == signal.SIGKILL and self._confined:  # not sent from here
-                return {"ended": "killed", "detail": f"killed by signal {signal.SIGKILL:d}"}
+            if os.WTERMSIG(status) == signal.SIGKILL:  # not sent from here
+                return {
+                    "ended": "killed" if self._confined else "lost",
+                    "detail": f"killed by signal {signal.SIGKILL:d}",
+                }
             how = f"killed by signal {os.WTERMSIG(status)}"
         else:
             how = f"it exited with status {os.waitstatus_to_exitcode(status)} before it had answered"

@@ -4,6 +4,7 @@ What it promises: what stands in the store already is not written again, and a c
 unfinished is replaced. What it does not: two writers of one search at the same time; `mirror` sees to that.
 """
 
+import fcntl
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -37,6 +38,7 @@ def open_store(uri: str) -> MlflowClient:
     database = _database(uri)
     if database is not None:
         database.parent.mkdir(parents=True, exist_ok=True)
+        _make(database)
     return MlflowClient(uri)
 
 
@@ -143,6 +145,26 @@ class SearchWriter:
             token = page.token
             if not token:
                 return runs
+
+
+def _make(database: Path) -> None:
+    """Make a database that is missing out of sight, and then give it its name.
+
+    MLflow creates its tables by dozens of steps. A mirror killed among them would leave a database that MLflow can
+    neither use nor mend; so it leaves a hidden file, which the next mirror begins anew.
+    """
+    part = database.with_name(f".{database.name}.part")
+    if database.exists() and not part.exists():
+        return
+    with part.open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # another mirror may be making it
+        if database.exists():
+            part.unlink(missing_ok=True)
+            return
+        file.truncate(0)
+        part.with_name(f"{part.name}-journal").unlink(missing_ok=True)
+        MlflowClient(f"{_SQLITE}{part}")
+        part.rename(database)
 
 
 def _artifact_location(uri: str) -> str | None:
