@@ -102,9 +102,16 @@ class Evaluator:
             StoreError: the store's entry is damaged.
         """
         answer = self._store.recall(self._request(source, seed), lambda: self._train(source, seed))
-        if "rejection" in answer:
-            return Rejection.from_json(answer["rejection"])
-        return Training.from_json(answer["training"])
+        return _verdict(answer)
+
+    def retrain(self, source: str, seed: int) -> Training | Rejection:
+        """Train a candidate whatever is recorded of it; nothing is stored.
+
+        Raises:
+            DataError: there are no examples.
+            SandboxError: the sandbox is broken.
+        """
+        return _verdict(self._train(source, seed))
 
     def _request(self, source: str, seed: int) -> Json:
         return {
@@ -136,6 +143,13 @@ class Evaluator:
         outcome = self._run("train", header, payload, self._recipe.limits)
         verdict = judge(outcome, self._contract, self._recipe.epochs, examples.validation_targets)
         return {"rejection" if isinstance(verdict, Rejection) else "training": to_json(verdict)}
+
+
+def _verdict(answer: Json) -> Training | Rejection:
+    """Read an answer as the store keeps it."""
+    if "rejection" in answer:
+        return Rejection.from_json(answer["rejection"])
+    return Training.from_json(answer["training"])
 
 
 def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any]) -> Training | Rejection:
