@@ -1,4 +1,4 @@
-"""`tacevo replay RUN --retrain [N]`: recorded evaluations computed once more and held against their records, bit by bit.
+"""`tacevo replay RUN --retrain [N]`: recorded evaluations computed again and held against their records, bit by bit.
 
 Nothing is read from the store of evaluations and nothing is written to it. The weights' digest is computed in the
 confined process, so it is that process's claim, then as now; losses of validation and digest of predictions are not.
@@ -64,7 +64,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
     if store is not None:
         config.store.root = store
     require(config.sandbox.require)
-    check_machine(config.numerics.kind)
+    check_machine(config.numerics.kind, config.training.device)
     doubts = doubts_of(directory.read_run(), config.numerics.kind, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.choices import BoundsRule, DataSource, ExecutorKind, SensorTask
+from tacevo.choices import BoundsRule, Confinement, DataSource, Device, ExecutorKind, SensorTask
 from tacevo.config import ExecutorConfig, RunConfig
 from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
@@ -187,7 +187,8 @@ def open_tools(
     """
     with _workers(config, data) as (sandbox, executor):
         gate = build_gate(config, task.contract, sandbox, mode, seen=seen)
-        evaluator = _evaluator(config, task, facts, data, sandbox, _store(config, "evaluations", mode, seen))
+        store = _store(config, "evaluations", mode, seen)
+        evaluator = _evaluator(config, task, facts.fingerprint, sandbox, store=store, data=data)
         seed = derived_seed(config.seed, "training")
         yield Tools(
             llm=build_llm(config, mode, seen=seen),
@@ -209,9 +210,8 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
         data: the data set.
     """
     with _workers(config, data) as (sandbox, executor):
-        evaluator = _evaluator(
-            config, task, data.facts, data, sandbox, _store(config, "evaluations", Mode.live, seen=None)
-        )
+        store = _store(config, "evaluations", Mode.live, seen=None)
+        evaluator = _evaluator(config, task, data.facts.fingerprint, sandbox, store=store, data=data)
         seed = derived_seed(config.seed, "training")
         yield lambda source: evaluator.retrain(source, seed), executor
 
@@ -224,23 +224,30 @@ def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox,
         executor = stack.enter_context(_executor(config.executor))
         stack.callback(executor.shutdown, wait=False, cancel_futures=True)
         # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
+        device = config.training.device
         sandbox = stack.enter_context(
-            Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays=arrays)
+            Sandbox(
+                entries=ENTRIES,
+                environment=environment(config.numerics.kind, device),
+                arrays=arrays,
+                strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
+            )
         )
         yield sandbox, executor
 
 
 def _evaluator(
-    config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, sandbox: Sandbox, store: Store
+    config: RunConfig, task: Task, fingerprint: str, sandbox: Sandbox, *, store: Store, data: Dataset | None
 ) -> Evaluator:
     return Evaluator(
         run=sandbox.run,
         store=store,
         contract=task.contract,
         examples=None if data is None else _examples(data),
-        fingerprint=facts.fingerprint,
+        fingerprint=fingerprint,
         recipe=_recipe(config),
         numerics=config.numerics.kind,
+        device=config.training.device,
     )
 
 
