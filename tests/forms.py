@@ -8,7 +8,7 @@ import ast
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum
-from typing import TypeVar, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import torch
 from gate_cases import completion, contract, examples
@@ -90,7 +90,7 @@ def _networks() -> Iterator[Network]:
 def _varied(record: _Record) -> Iterator[_Record]:
     """Give a record with each value of each of its enumerations and flags in turn."""
     for name, kind in get_type_hints(type(record)).items():
-        if kind is bool:
-            yield from (replace(record, **{name: value}) for value in (False, True))
-        elif isinstance(kind, type) and issubclass(kind, StrEnum):
-            yield from (replace(record, **{name: value}) for value in kind)
+        choices: list[Any] = [False, True] if kind is bool else []
+        if isinstance(kind, type) and issubclass(kind, StrEnum):
+            choices = list(kind)
+        yield from (replace(record, **{name: choice}) for choice in choices)

@@ -194,8 +194,8 @@ def networks() -> None:
         if not isinstance(verdict, Training):
             raise ValueError(f"{name} should train; got {verdict}")
         _print(f"{name}: losses", _of_json(to_json(verdict)))
-    for task in SimulatedTask:
-        _print(f"images and labels of {task}", _digest(list(_simulated(task))))
+    for simulated in SimulatedTask:
+        _print(f"images and labels of {simulated}", _digest(list(_simulated(simulated))))
     shape = {"niches": 25, "dimensions": 2, "samples": 2_000, "seed": 0}
     _print("centroids", _of_json(find_centroids(**shape)))
     _search()

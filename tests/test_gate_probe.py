@@ -205,6 +205,7 @@ def test_untidy_but_sound_candidate_is_admitted(source: str) -> None:
         (("sqrt",), candidate("return self.head(F.lp_pool2d(self.conv(x).abs() + 0.1, 2, 2).mean((2, 3)))")),
         (("sqrt",), candidate(f"return {GOOD} * self.scale", "self.scale = torch.sqrt(torch.tensor(2.0))")),
         (("atan",), candidate(f"y = {GOOD}\nreturn getattr(torch, 'arct' + 'an')(y) if self.training else y")),
+        (("acos",), candidate(f"return torch.acos(torch.tanh({GOOD}))")),
         (("asin",), candidate(f"return torch.asin(torch.tanh({GOOD}))")),
         (("mkldnn_rnn_layer",), candidate(f"return {GOOD} + self.r(x[:, :, 0])[0].mean()", "self.r = nn.LSTM(32, 3)")),
         ((), candidate(f"return ({GOOD} ** 2 + 0.1).rsqrt() * math.sqrt(2) + x.std((1, 2, 3))[:, None]")),

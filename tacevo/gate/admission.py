@@ -164,7 +164,7 @@ def _checked(outcome: Finished, limits: GateLimits) -> Json:
             raise ValueError(f"expected a rejection at {Stage.probe} with a text; got one at {rejection.stage}")
         return _rejected(rejection.reason, one_line(rejection.detail))
     profile = Profile.from_json(frame.header["profile"])
-    known = set(profile.not_portable) <= NOT_PORTABLE.keys()
+    known = profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
     if not (known and _has_allowed_sizes(profile, limits) and _is_sound(profile.graph)):
         raise ValueError("expected the profile of a network within the limits")
     if not all(math.isfinite(value) and value >= 0 for value in astuple(describe(profile))):

@@ -43,6 +43,7 @@ CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for ra
 NOT_PORTABLE: Mapping[str, str] = {
     "sqrt": "torch.sqrt, pow with exponent 0.5, LPPool1d, LPPool2d, LPPool3d",
     "atan": "torch.atan, torch.arctan",
+    "acos": "torch.acos, torch.arccos",
     "asin": "torch.asin, torch.arcsin",
     "linalg_cholesky_ex": "torch.linalg.cholesky",
     "mkldnn_rnn_layer": "nn.LSTM",

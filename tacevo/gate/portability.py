@@ -22,11 +22,11 @@ def watching_portability() -> Iterator[set[str]]:
         yield watcher.found
 
 
-class _Watcher(TorchDispatchMode):
+class _Watcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
     """Sees each call of a kernel, after layers and compound functions have been taken apart."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]
         self.found: set[str] = set()
 
     def __torch_dispatch__(
