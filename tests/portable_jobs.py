@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ from torch import Tensor, nn
 from training_jobs import CONTRACT
 
 from tacevo.archive import find_centroids
-from tacevo.choices import LightScene
-from tacevo.data.simulator import Simulated, SimulatedTask, draw
+from tacevo.choices import LightScene, SensorTask
+from tacevo.data.simulator import Simulated, draw
 from tacevo.descriptors import describe
 from tacevo.documents import archive_files
 from tacevo.gate import probe
@@ -106,25 +107,35 @@ def computed(expression: str) -> str:
 
 
 def operands() -> dict[str, Tensor]:
-    """Make what the expressions name, from whole numbers and correctly rounded operations alone."""
+    """Give what the expressions name; those of float32 want gradients."""
+    tensors = {name: torch.from_numpy(values.copy()) for name, values in _operands().items()}
+    return {name: tensor.requires_grad_(tensor.is_floating_point()) for name, tensor in tensors.items()}
+
+
+@cache
+def _operands() -> dict[str, NDArray[Any]]:
+    """Make the values, from whole numbers and correctly rounded operations alone."""
     draws = stream(0, "operands")
+    even = np.arange(-150_000, 150_001) / 150_000
 
-    def between(low: float, high: float, *shape: int) -> Tensor:
-        values = low + (high - low) * draws.random(shape)
-        return torch.from_numpy(values.astype(np.float32)).requires_grad_()
+    def between(low: float, high: float, *shape: int) -> NDArray[np.float32]:
+        return (low + (high - low) * draws.random(shape)).astype(np.float32)
 
-    x, y, p, u = (between(low, high, *_MANY) for low, high in ((-6, 6), (-6, 6), (1e-3, 6), (-0.999, 0.999)))
     m = between(-0.5, 0.5, 5, 16, 16)
     return {
-        **{"x": x, "y": y, "p": p, "u": u},
-        "k": torch.from_numpy(draws.integers(0, 100, _MANY)),
+        **{"X": (8 * even).astype(np.float32), "L": even.astype(np.float32)},
+        "P": (25.0005 + 24.9995 * even).astype(np.float32),
+        **{"x": between(-6, 6, *_MANY), "y": between(-6, 6, *_MANY)},
+        **{"p": between(1e-3, 6, *_MANY), "u": between(-0.999, 0.999, *_MANY)},
+        "k": draws.integers(0, 100, _MANY),
         "w": between(-1, 1, 100),
         "i": between(-2, 2, 4, 8, 12, 12),
         "s": between(-2, 2, 4, 12, 8),
         "d": between(-2, 2, 2, 4, 6, 8, 8),
         "g": between(-1, 1, 4, 9, 9, 2),
         "m": m,
-        "h": (m @ m.transpose(1, 2) + torch.eye(16)).detach().requires_grad_(),
+        # Symmetric and, by its diagonal, positive definite.
+        "h": (m + m.transpose(0, 2, 1)) / 2 + 16 * np.eye(16, dtype=np.float32),
     }
 
 
@@ -194,7 +205,7 @@ def networks() -> None:
         if not isinstance(verdict, Training):
             raise ValueError(f"{name} should train; got {verdict}")
         _print(f"{name}: losses", _of_json(to_json(verdict)))
-    for simulated in SimulatedTask:
+    for simulated in SensorTask:
         _print(f"images and labels of {simulated}", _digest(list(_simulated(simulated))))
     shape = {"niches": 25, "dimensions": 2, "samples": 2_000, "seed": 0}
     _print("centroids", _of_json(find_centroids(**shape)))
@@ -246,7 +257,7 @@ def _targets(task: Contract) -> NDArray[Any]:
     return draws.integers(0, task.outputs, 24)
 
 
-def _simulated(task: SimulatedTask) -> Iterator[bytes]:
+def _simulated(task: SensorTask) -> Iterator[bytes]:
     """Give the labels of a simulated data set and two of its images."""
     source = Simulated(
         task=task,

@@ -45,6 +45,7 @@ NOT_PORTABLE: Mapping[str, str] = {
     "atan": "torch.atan, torch.arctan",
     "acos": "torch.acos, torch.arccos",
     "asin": "torch.asin, torch.arcsin",
+    "tan": "torch.tan of float64",
     "linalg_cholesky_ex": "torch.linalg.cholesky",
     "mkldnn_rnn_layer": "nn.LSTM",
 }
