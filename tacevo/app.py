@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from tacevo import __version__
 from tacevo.cache_commands import add_cache
@@ -16,11 +17,15 @@ from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, 
 from tacevo.data_commands import add_data
 from tacevo.errors import DivergenceError, TacevoError
 
+if TYPE_CHECKING:
+    from tacevo.progress import View
+
 _EPILOG = """\
 examples:
   tacevo search experiment=demo               a small search, in minutes
   tacevo search experiment=demo seed=1        another one
   tacevo replay runs/NAME                     run it again from its stores and compare
+  tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
 """
@@ -72,6 +77,10 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+#: What `--retrain` without a number stands for.
+_ALL = 0
+
+
 def _parser() -> argparse.ArgumentParser:
     """Describe the command line; commands import what they need only when they run, so that help is quick."""
     parser = Parser(
@@ -97,10 +106,19 @@ def _parser() -> argparse.ArgumentParser:
     replay = commands.add_parser(
         "replay",
         help="run a recorded search again from its stores and compare",
-        description="Run a recorded search again, without model, training or data set, and compare every line.",
+        description="Run a recorded search again, without model, training or data set, and compare every line; with "
+        "--retrain, train its candidates again, too.",
     )
     replay.add_argument("run", metavar="RUN", help="the folder of a run")
     replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    replay.add_argument(
+        "--retrain",
+        nargs="?",
+        type=_count,
+        const=_ALL,
+        metavar="N",
+        help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
+    )
     replay.set_defaults(command=_replay)
 
     show = commands.add_parser("show", help="what a run found, or one candidate of it")
@@ -190,10 +208,27 @@ def _replay(options: argparse.Namespace) -> int:
 
     with PlainView(Console(stderr=True)) as view:
         replayed = replay(Path(options.run), options.store, view)
+        trained = None if options.retrain is None else _retrain(options, view)
     print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
+    if trained is not None:
+        print(trained)
     print(f"digest: {replayed.digest}")
     return DONE
+
+
+def _retrain(options: argparse.Namespace, view: "View") -> str:
+    """Train candidates of a run again; say what was compared."""
+    from tacevo.retraining import describe, retrain
+
+    return describe(retrain(Path(options.run), options.store, options.retrain or None, view))
+
+
+def _count(text: str) -> int:
+    """Read the number of evaluations to train again."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number of evaluations >= 1; got {text!r}")
+    return int(text)
 
 
 def _show(options: argparse.Namespace) -> int:

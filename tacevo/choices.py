@@ -114,6 +114,13 @@ class Numerics(StrEnum):
     fast = "fast"
 
 
+class Device(StrEnum):
+    """What candidates are trained on."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+
+
 class ExecutorKind(StrEnum):
     """Where candidates are evaluated."""
 

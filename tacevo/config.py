@@ -15,6 +15,7 @@ from tacevo.choices import (
     OPTIONAL_SAMPLING,
     BoundsRule,
     Confinement,
+    Device,
     ExecutorKind,
     Numerics,
     ParentPolicy,
@@ -241,6 +242,7 @@ class TrainingConfig:
     #: What one candidate's training may use.
     seconds: float
     memory_mib: int
+    device: Device = Device.cpu
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -353,6 +355,12 @@ class RunConfig:
     def __post_init__(self) -> None:
         """Check what spans several groups."""
         require(self.seed >= 0, "seed", "a value >= 0", self.seed)
+        if self.training.device is Device.cuda:
+            walls, numerics = self.sandbox.require, self.numerics.kind
+            none = walls is Confinement.none
+            require(none, "sandbox.require", "none with training.device=cuda: no driver works behind the walls", walls)
+            fast = numerics is Numerics.fast
+            require(fast, "numerics.kind", "fast with training.device=cuda, whose bits hold on one GPU only", numerics)
 
 
 def identity(config: RunConfig) -> dict[str, Json]:
@@ -368,6 +376,8 @@ def identity(config: RunConfig) -> dict[str, Json]:
     chosen["search"] = {key: whole["search"][key] for key in ("candidates", "initial")}
     chosen["llm"] = {key: whole["llm"][key] for key in ("provider", "model", "max_tokens", "slip_rate")}
     chosen["llm"] |= {key: whole["llm"][key] for key in OPTIONAL_SAMPLING if whole["llm"][key]}
+    if config.training.device is Device.cpu:
+        del chosen["training"]["device"]
     if not config.proposals.repair_attempts:
         del chosen["proposals"]["repair_attempts"]
     chosen["numerics"] = whole["numerics"]["kind"]

@@ -273,6 +273,9 @@ class Profile:
     flops: int
     modules: int
     graph: Graph
+    #: Kernels that the probe ran and that give other bits on another CPU (docs/determinism.md), in order; the child's
+    #: claim, for information.
+    not_portable: tuple[str, ...] = ()
 
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
@@ -282,6 +285,7 @@ class Profile:
             flops=value["flops"],
             modules=value["modules"],
             graph=Graph.from_json(value["graph"]),
+            not_portable=tuple(value["not_portable"]),
         )
 
 
@@ -329,6 +333,9 @@ class Training:
     predictions_sha256: str
     #: SHA-256 of the trained weights and buffers, as the child reported it.
     weights_sha256: str
+    #: Operations that ran although torch has no deterministic form of them on the device, in order, as the child
+    #: reported them; on a CPU such a candidate is turned away instead.
+    not_deterministic: tuple[str, ...] = ()
 
     @property
     def fitness(self) -> float:
@@ -343,6 +350,7 @@ class Training:
             validation_losses=tuple(value["validation_losses"]),
             predictions_sha256=value["predictions_sha256"],
             weights_sha256=value["weights_sha256"],
+            not_deterministic=tuple(value.get("not_deterministic", ())),
         )
 
 

@@ -163,6 +163,8 @@ def commit(
         "status": status.value,
         "curiosity": score,
     }
+    if outcome.result.not_deterministic:
+        entry["not_deterministic"] = list(outcome.result.not_deterministic)
     state, prompt_entry = _record_prompt(state, plan, outcome.proposal, status, score)
     return state, entry | prompt_entry
 
@@ -266,8 +268,9 @@ def _attempted(attempt: Attempt) -> dict[str, Json]:
 
 
 def _measured(profile: Profile, descriptor: Descriptor) -> dict[str, Json]:
-    sizes = {"parameters": profile.parameters, "flops": profile.flops}
-    return {**sizes, **to_json(descriptor)}
+    """Write down what the probe measured; which kernels are not portable, only where there are such."""
+    entry: dict[str, Json] = {"parameters": profile.parameters, "flops": profile.flops, **to_json(descriptor)}
+    return entry | ({"not_portable": list(profile.not_portable)} if profile.not_portable else {})
 
 
 def _record_prompt(

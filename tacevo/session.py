@@ -50,7 +50,7 @@ def search(config: RunConfig, view: View) -> Result:
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     require(config.sandbox.require)
-    check_machine(config.numerics.kind)
+    check_machine(config.numerics.kind, config.training.device)
     build_llm(config, Mode.record)  # a missing key is told before anything is made
     data = load_data(config, view.data, view.say)
     task = load_task(config, data.facts)

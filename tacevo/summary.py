@@ -33,6 +33,7 @@ def summarise(
     parts = [f"# {run['name']}", _headline(run, candidates, generations)]
     if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
+        parts += _unpromised(candidates.values())
         parts += [_progress(generations), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
 
@@ -101,6 +102,19 @@ def _repaired(lines: Collection[Mapping[str, Json]]) -> list[str]:
         f"Repaired: {len(sent_back)} answers were sent back, {attempts} times in all; {admitted} then passed the gate, "
         f"and {trained} of these trained. The table above counts them as rejected, where their first answer was."
     ]
+
+
+def _unpromised(lines: Collection[Mapping[str, Json]]) -> list[str]:
+    """Name the candidates whose training need not come again bit by bit, and what they use, where there are such."""
+    kinds = {
+        "not_portable": "Bits depend on the CPU, even under portable numerics",
+        "not_deterministic": "Bits may differ from one training to the next, for want of a deterministic form",
+    }
+    found = {
+        words: [f"{line['id']} ({', '.join(line[kind])})" for line in lines if kind in line]
+        for kind, words in kinds.items()
+    }
+    return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in found.items() if names]
 
 
 def _costs(

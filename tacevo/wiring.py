@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.choices import BoundsRule, DataSource, ExecutorKind, SensorTask
+from tacevo.choices import BoundsRule, Confinement, DataSource, Device, ExecutorKind, SensorTask
 from tacevo.config import ExecutorConfig, RunConfig
 from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
@@ -19,7 +19,7 @@ from tacevo.data.source import Catalogue, Source
 from tacevo.data.table import Table
 from tacevo.data.tacverse import TacVerse
 from tacevo.data.workers import Progress
-from tacevo.development import Tools
+from tacevo.development import Evaluate, Tools
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.proposals import Settings, Task
@@ -185,24 +185,10 @@ def open_tools(
         mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
         seen: told of every store entry that is read.
     """
-    arrays = {} if data is None else {"images": data.images}
-    with contextlib.ExitStack() as stack:
-        executor = stack.enter_context(_executor(config.executor))
-        stack.callback(executor.shutdown, wait=False, cancel_futures=True)
-        # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
-        sandbox = stack.enter_context(
-            Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays=arrays)
-        )
+    with _workers(config, data) as (sandbox, executor):
         gate = build_gate(config, task.contract, sandbox, mode, seen=seen)
-        evaluator = Evaluator(
-            run=sandbox.run,
-            store=_store(config, "evaluations", mode, seen),
-            contract=task.contract,
-            examples=None if data is None else _examples(data),
-            fingerprint=facts.fingerprint,
-            recipe=_recipe(config),
-            numerics=config.numerics.kind,
-        )
+        store = _store(config, "evaluations", mode, seen)
+        evaluator = _evaluator(config, task, facts.fingerprint, sandbox, store=store, data=data)
         seed = derived_seed(config.seed, "training")
         yield Tools(
             llm=build_llm(config, mode, seen=seen),
@@ -212,6 +198,57 @@ def open_tools(
             evaluation_key=lambda source: evaluator.key(source, seed),
             executor=executor,
         )
+
+
+@contextlib.contextmanager
+def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple[Evaluate, Executor]]:
+    """Open what trains candidates as a run does, but neither reads nor writes the store of evaluations.
+
+    Args:
+        config: the run's configuration.
+        task: the task.
+        data: the data set.
+    """
+    with _workers(config, data) as (sandbox, executor):
+        store = _store(config, "evaluations", Mode.live, seen=None)
+        evaluator = _evaluator(config, task, data.facts.fingerprint, sandbox, store=store, data=data)
+        seed = derived_seed(config.seed, "training")
+        yield lambda source: evaluator.retrain(source, seed), executor
+
+
+@contextlib.contextmanager
+def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox, Executor]]:
+    """Open the sandbox, and the threads that wait for it."""
+    arrays = {} if data is None else {"images": data.images}
+    with contextlib.ExitStack() as stack:
+        executor = stack.enter_context(_executor(config.executor))
+        stack.callback(executor.shutdown, wait=False, cancel_futures=True)
+        # Entered last and so closed first: an interrupted search ends its candidates, and then its threads.
+        device = config.training.device
+        sandbox = stack.enter_context(
+            Sandbox(
+                entries=ENTRIES,
+                environment=environment(config.numerics.kind, device),
+                arrays=arrays,
+                strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
+            )
+        )
+        yield sandbox, executor
+
+
+def _evaluator(
+    config: RunConfig, task: Task, fingerprint: str, sandbox: Sandbox, *, store: Store, data: Dataset | None
+) -> Evaluator:
+    return Evaluator(
+        run=sandbox.run,
+        store=store,
+        contract=task.contract,
+        examples=None if data is None else _examples(data),
+        fingerprint=fingerprint,
+        recipe=_recipe(config),
+        numerics=config.numerics.kind,
+        device=config.training.device,
+    )
 
 
 def _executor(executor: ExecutorConfig) -> Executor:

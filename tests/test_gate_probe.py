@@ -197,6 +197,25 @@ def test_untidy_but_sound_candidate_is_admitted(source: str) -> None:
     assert profile_of(source).parameters > 0
 
 
+@pytest.mark.parametrize(
+    ("kernels", "source"),
+    [
+        (("sqrt",), candidate(f"return ({GOOD}.abs() + 0.1).sqrt()")),
+        (("sqrt",), candidate(f"return ({GOOD}.abs() + 0.1) ** 0.5")),
+        (("sqrt",), candidate("return self.head(F.lp_pool2d(self.conv(x).abs() + 0.1, 2, 2).mean((2, 3)))")),
+        (("sqrt",), candidate(f"return {GOOD} * self.scale", "self.scale = torch.sqrt(torch.tensor(2.0))")),
+        (("atan",), candidate(f"y = {GOOD}\nreturn getattr(torch, 'arct' + 'an')(y) if self.training else y")),
+        (("acos",), candidate(f"return torch.acos(torch.tanh({GOOD}))")),
+        (("asin",), candidate(f"return torch.asin(torch.tanh({GOOD}))")),
+        (("mkldnn_rnn_layer",), candidate(f"return {GOOD} + self.r(x[:, :, 0])[0].mean()", "self.r = nn.LSTM(32, 3)")),
+        ((), candidate(f"return ({GOOD} ** 2 + 0.1).rsqrt() * math.sqrt(2) + x.std((1, 2, 3))[:, None]")),
+    ],
+)
+def test_operations_that_are_not_portable_are_named(kernels: tuple[str, ...], source: str) -> None:
+    """However they are called, while building too and in either mode; equal portable forms are not."""
+    assert profile_of(source).not_portable == kernels
+
+
 def test_probe_repeats_itself() -> None:
     """Equal sources have equal profiles, whatever was drawn before."""
     first = profile_of(VALID)

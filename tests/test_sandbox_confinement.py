@@ -72,6 +72,18 @@ def test_measures_are_in_force_and_reported(strongest: Confinement) -> None:
     assert found == ["0", "0", "0", "17"]
 
 
+def test_level_none_leaves_the_limits_of_resources_out() -> None:
+    """A driver opens files and reserves addresses; privileges and capabilities are given up all the same."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_confined, args=(theirs, Confinement.none))
+    process.start()
+    names = set(ours.recv())
+    process.kill()
+    process.join()
+    assert names == {"no_new_privs", "not_dumpable", "no_capabilities"}
+
+
 def test_asking_for_fixed_addresses_changes_nothing() -> None:
     """The report tries what the kernel grants, and leaves the search as it was."""
     before = Path("/proc/thread-self/personality").read_text()

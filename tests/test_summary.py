@@ -71,6 +71,19 @@ def test_summary_is_golden() -> None:
     assert summarise(RUN, LINES, ["g01s00", "g00s01"], {}) == golden
 
 
+def test_candidates_without_a_promise_are_named() -> None:
+    """The summary says whose bits depend on the CPU or on chance, and which operations do that."""
+    flagged = [
+        {**trained("g00s00", "baseline", 0.5), "not_portable": ["asin", "sqrt"]},
+        {**trained("g00s01", "mutation", 0.4), "not_deterministic": ["adaptive_avg_pool2d_backward_cuda"]},
+        ended(0, trained=2, candidates=2, best=0.4, median=0.45),
+    ]
+    page = summarise(RUN, flagged, ["g00s01"], {})
+    assert "Bits depend on the CPU, even under portable numerics (docs/determinism.md): g00s00 (asin, sqrt)." in page
+    assert "g00s01 (adaptive_avg_pool2d_backward_cuda)." in page
+    assert "Bits" not in summarise(RUN, LINES, ["g01s00"], {})
+
+
 def test_stage_counts_add_up() -> None:
     """What a stage leaves is what came to it less what it rejected; the last line is the trainable rate."""
     lines = summarise(RUN, LINES, ["g01s00"], {}).splitlines()

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
-from tacevo.choices import Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
-from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training, to_json
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.store import Store
@@ -176,8 +176,45 @@ def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
         evaluator(never, tmp_path, contract=replace(CONTRACT, outputs=1)).key(SOURCE, 0),
         evaluator(never, tmp_path, recipe=replace(RECIPE, epochs=9)).key(SOURCE, 0),
         evaluator(never, tmp_path, numerics=Numerics.fast).key(SOURCE, 0),
+        evaluator(never, tmp_path, device=Device.cuda).key(SOURCE, 0),
     }
-    assert len(keys) == 7
+    assert len(keys) == 8
+    assert evaluator(never, tmp_path, device=Device.cpu).key(SOURCE, 0) == base.key(SOURCE, 0)
+
+
+def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
+    """What a trainer on a CPU is sent stays what it was."""
+    sent = []
+    for device in Device:
+        recorder = Recorder()
+        evaluator(recorder.run, tmp_path / device, device=device).evaluate(SOURCE, 0)
+        sent.append(recorder.sent[0][0].get("device"))
+    assert sent == [None, "cuda"]
+
+
+def test_operations_without_a_deterministic_form_are_kept() -> None:
+    """What the child reports of them reaches the record, and comes back from it."""
+    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": ["pool"]}, b"")
+    verdict = judge(Finished((*GOOD[:-1], last)), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    assert isinstance(verdict, Training)
+    assert verdict.not_deterministic == ("pool",)
+    assert Training.from_json(to_json(verdict)) == verdict
+    older = {key: value for key, value in to_json(verdict).items() if key != "not_deterministic"}
+    assert Training.from_json(older).not_deterministic == ()
+
+
+def test_retraining_asks_no_store(tmp_path: Path) -> None:
+    """A recorded answer is neither read nor replaced."""
+    recorder = Recorder()
+    again = evaluator(recorder.run, tmp_path)
+    first = again.evaluate(SOURCE, 0)
+    entries = {path: path.read_bytes() for path in tmp_path.rglob("*.json")}
+    assert again.retrain(SOURCE, 0) == first
+    assert len(recorder.sent) == 2
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.json")} == entries
+    missing = evaluator(recorder.run, tmp_path / "other")
+    missing.retrain(SOURCE, 0)
+    assert not (tmp_path / "other").exists()
 
 
 def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
@@ -249,10 +286,13 @@ GOOD = good_answer(EXAMPLES.validation_targets).frames
         (Frame(None, GOOD[0].payload), *GOOD[1:]),
         (*GOOD[:-1], Frame({"weights_sha256": "zz"}, b"")),
         (*GOOD[:-1], Frame(3, b"")),
+        (*GOOD[:-1], Frame({"weights_sha256": WEIGHTS, "not_deterministic": "pool"}, b"")),
+        (*GOOD[:-1], Frame({"weights_sha256": WEIGHTS, "not_deterministic": [3]}, b"")),
+        (*GOOD[:-1], Frame({"weights_sha256": WEIGHTS, "not_deterministic": ["a"] * 101}, b"")),
         (Frame({"rejection": {"reason": "no such reason", "detail": ""}}, b""),),
         (Frame({"rejection": 7}, b""),),
     ],
-    ids=range(13),
+    ids=range(16),
 )
 def test_malformed_answer_is_a_bad_output(frames: tuple[Frame, ...]) -> None:
     """Frames that a trainer would not send are the candidate's, and count against it."""

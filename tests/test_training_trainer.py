@@ -1,9 +1,5 @@
 """Promise: a training follows from its job alone, learns, and names what the candidate did wrong."""
 
-import os
-import shutil
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -13,10 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, header_of, payload_of
 
-from tacevo.choices import Numerics
 from tacevo.records import Contract, Json, Kind, Limits, Loss, Reason, Recipe, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
-from tacevo.training.numerics import environment
 from tacevo.training.trainer import batches, run
 
 
@@ -207,22 +201,3 @@ def test_single_small_batch_is_kept() -> None:
         epochs=1, batch_size=1000, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=9, memory_mib=300)
     )
     assert len(sent_by(SOURCE, recipe=to_json(recipe))) == 2
-
-
-def printed_by_training(*emulator: str) -> str:
-    """Train in a process of its own under portable numerics; give what it prints."""
-    command = [*emulator, sys.executable, "-c", "import training_jobs; training_jobs.print_training()"]
-    variables = {**environment(Numerics.portable), "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "0"}
-    return subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout
-
-
-@pytest.mark.slow
-def test_portable_bits_are_those_of_another_cpu() -> None:
-    """This machine's CPU and an emulated Haswell train to equal bits."""
-    emulator = shutil.which("qemu-x86_64")
-    if emulator is None:
-        pytest.skip("qemu-x86_64 is not installed")
-    native = printed_by_training()
-    assert native.startswith("AVX2")
-    assert "weights_sha256" in native
-    assert printed_by_training(emulator, "-cpu", "Haswell") == native

@@ -1,6 +1,5 @@
 """A tiny learnable task for the tests of training: 3 x 4 x 4 images whose first two pixels are the targets."""
 
-import hashlib
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from tacevo.records import Contract, Json, Kind, Limits, Loss, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.training.evaluation import Examples
-from tacevo.training.trainer import run
 
 CONTRACT = Contract(
     class_name="Net",
@@ -34,20 +32,6 @@ class Net(nn.Module):
 
     def forward(self, x):
         return self.head(self.body(x))
-"""
-CONVOLUTIONAL = """
-class Net(nn.Module):
-    def __init__(self, in_channels=3, num_outputs=2):
-        super().__init__()
-        self.body = nn.Sequential(
-            nn.Conv2d(in_channels, 16, 3, padding=1), nn.BatchNorm2d(16), nn.ReLU(), nn.MaxPool2d(2),
-            nn.Conv2d(16, 32, 3, padding=1), nn.GroupNorm(4, 32), nn.GELU(), nn.AdaptiveAvgPool2d(2),
-            nn.Flatten(), nn.Dropout(0.2), nn.Linear(128, 64), nn.Sigmoid(),
-        )
-        self.head = nn.Linear(64, num_outputs)
-
-    def forward(self, x):
-        return torch.softmax(self.head(self.body(x)), 1)
 """
 
 
@@ -106,17 +90,6 @@ def header_of(source: str, data: Data) -> Json:
 def payload_of(data: Data) -> bytes:
     """Write the payload that a trainer gets."""
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
-
-
-def print_training() -> None:
-    """Train a convolutional network at 32 pixels in this process and print what torch chose and each frame's hash."""
-    data = examples().enlarged(8)
-    print(torch.backends.cpu.get_cpu_capability())
-
-    def show(header: Json, payload: bytes) -> None:
-        print(header, hashlib.sha256(payload).hexdigest())
-
-    run(header_of(CONVOLUTIONAL, data), payload_of(data), {"images": data.images}, show)
 
 
 def look_at_torch(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:

@@ -11,6 +11,7 @@ from dataclasses import astuple, dataclass
 
 from tacevo.descriptors import describe
 from tacevo.gate.answers import read
+from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import check
 from tacevo.records import (
     Completion,
@@ -30,7 +31,7 @@ from tacevo.sandbox.text import one_line
 from tacevo.store import Store
 
 #: Raised when the probe or the tracer changes what it answers; part of every probe's key.
-PROBE_VERSION = 2
+PROBE_VERSION = 3
 
 #: Widths, channels and kernel sides are below this, so that their squares and sums stay exact or at least finite.
 _TOO_LARGE = 2**53
@@ -163,7 +164,8 @@ def _checked(outcome: Finished, limits: GateLimits) -> Json:
             raise ValueError(f"expected a rejection at {Stage.probe} with a text; got one at {rejection.stage}")
         return _rejected(rejection.reason, one_line(rejection.detail))
     profile = Profile.from_json(frame.header["profile"])
-    if not (_has_allowed_sizes(profile, limits) and _is_sound(profile.graph)):
+    known = profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
+    if not (known and _has_allowed_sizes(profile, limits) and _is_sound(profile.graph)):
         raise ValueError("expected the profile of a network within the limits")
     if not all(math.isfinite(value) and value >= 0 for value in astuple(describe(profile))):
         raise ValueError("expected a network whose descriptors are finite and >= 0")

@@ -5,6 +5,7 @@ the same network has the same graph however it is written. This module knows nam
 """
 
 import re
+from collections.abc import Mapping
 
 #: Calls that move or relabel values: data flows through them, but they are no operation of their own.
 _SHAPING = """
@@ -36,6 +37,18 @@ WEIGHTED = frozenset(_WEIGHTED.split())
 
 #: Convolutions, each with the number of image dimensions of its kernel.
 CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
+
+#: Kernels of torch whose last bit depends on the CPU even under portable numerics, with what calls them, as
+#: measured (docs/determinism.md): MKL and oneDNN choose their code by the CPU there, whatever they are told.
+NOT_PORTABLE: Mapping[str, str] = {
+    "sqrt": "torch.sqrt, pow with exponent 0.5, LPPool1d, LPPool2d, LPPool3d",
+    "atan": "torch.atan, torch.arctan",
+    "acos": "torch.acos, torch.arccos",
+    "asin": "torch.asin, torch.arcsin",
+    "tan": "torch.tan of float64",
+    "linalg_cholesky_ex": "torch.linalg.cholesky",
+    "mkldnn_rnn_layer": "nn.LSTM",
+}
 
 _SYNONYMS = {
     **{f"{form}{op}": op for op in ("add", "sub", "mul", "div", "pow", "matmul") for form in ("i", "r")},

@@ -6,6 +6,7 @@ limits. What it does not: candidate code runs in this very process and could lie
 only cost the candidate its own training.
 """
 
+from dataclasses import replace
 from itertools import islice
 
 import torch
@@ -14,6 +15,7 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import cross_entropy, mse_loss
 from torch.utils.flop_counter import FlopCounterMode
 
+from tacevo.gate.portability import watching_portability
 from tacevo.gate.trace import trace
 from tacevo.randomness import stream
 from tacevo.records import Contract, Graph, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
@@ -41,8 +43,9 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Mod
     """
     built: list[nn.Module] = []
     try:
-        profile = _probe(header["source"], Contract.from_json(header["contract"]), header["limits"], built)
-        send({"profile": to_json(profile)}, b"")
+        with watching_portability() as found:
+            profile = _probe(header["source"], Contract.from_json(header["contract"]), header["limits"], built)
+        send({"profile": to_json(replace(profile, not_portable=tuple(sorted(found))))}, b"")
     except CandidateError as failure:
         rejection = Rejection(stage=Stage.probe, reason=failure.reason, detail=str(failure))
         send({"rejection": to_json(rejection)}, b"")

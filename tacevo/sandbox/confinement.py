@@ -97,13 +97,15 @@ def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
     Raises:
         OSError: the kernel refused a measure that it has.
     """
-    names = ["rlimits", "no_new_privs", "not_dumpable", "no_capabilities"]
+    names = ["no_new_privs", "not_dumpable", "no_capabilities"]
     inherited_mib = address_space_mib()  # read from a file, hence first
     renounce_privileges()
     if strongest is Confinement.kernel and landlock.version():
         landlock.restrict()
         names.append("landlock")
-    _limit_resources(limits, inherited_mib)
+    if strongest is not Confinement.none:  # a device driver opens files and reserves addresses without end
+        _limit_resources(limits, inherited_mib)
+        names.append("rlimits")
     protect_memory()
     drop_capabilities()
     if strongest is Confinement.kernel and seccomp.is_available():

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.choices import Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError
 from tacevo.records import Contract, Json, Limits, Reason, Recipe, Rejection, Stage, Training, to_json
 from tacevo.sandbox.client import Died, Finished, Frame
@@ -62,6 +62,7 @@ class Evaluator:
         fingerprint: of the data set.
         recipe: how to train.
         numerics: of the sandbox's environment.
+        device: what to train on.
 
     Raises:
         ValueError: the fingerprint is not that of the examples.
@@ -77,12 +78,15 @@ class Evaluator:
         fingerprint: str,
         recipe: Recipe,
         numerics: Numerics,
+        device: Device = Device.cpu,
     ) -> None:
         if examples is not None and examples.fingerprint != fingerprint:
             raise ValueError(f"fingerprint must be that of the examples, {examples.fingerprint}; got {fingerprint}")
         self._run, self._store, self._examples = run, store, examples
         self._contract, self._recipe = contract, recipe
         self._fingerprint, self._numerics = fingerprint, numerics
+        # Came later, and so enters keys only where it is set.
+        self._device = {} if device is Device.cpu else {"device": device.value}
 
     def key(self, source: str, seed: int) -> str:
         """Name an evaluation: its key in the store."""
@@ -102,9 +106,16 @@ class Evaluator:
             StoreError: the store's entry is damaged.
         """
         answer = self._store.recall(self._request(source, seed), lambda: self._train(source, seed))
-        if "rejection" in answer:
-            return Rejection.from_json(answer["rejection"])
-        return Training.from_json(answer["training"])
+        return _verdict(answer)
+
+    def retrain(self, source: str, seed: int) -> Training | Rejection:
+        """Train a candidate whatever is recorded of it; nothing is stored.
+
+        Raises:
+            DataError: there are no examples.
+            SandboxError: the sandbox is broken.
+        """
+        return _verdict(self._train(source, seed))
 
     def _request(self, source: str, seed: int) -> Json:
         return {
@@ -115,6 +126,7 @@ class Evaluator:
             "recipe": to_json(self._recipe),
             "seed": seed,
             "numerics": self._numerics.value,
+            **self._device,
         }
 
     def _train(self, source: str, seed: int) -> Json:
@@ -131,11 +143,19 @@ class Evaluator:
             "deviation": list(examples.deviation),
             "train": len(examples.train),
             "validation": len(examples.validation),
+            **self._device,
         }
         payload = examples.train.tobytes() + examples.validation.tobytes() + examples.train_targets.tobytes()
         outcome = self._run("train", header, payload, self._recipe.limits)
         verdict = judge(outcome, self._contract, self._recipe.epochs, examples.validation_targets)
         return {"rejection" if isinstance(verdict, Rejection) else "training": to_json(verdict)}
+
+
+def _verdict(answer: Json) -> Training | Rejection:
+    """Read an answer as the store keeps it."""
+    if "rejection" in answer:
+        return Rejection.from_json(answer["rejection"])
+    return Training.from_json(answer["training"])
 
 
 def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any]) -> Training | Rejection:
@@ -156,6 +176,7 @@ def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: ND
         *progress, last = outcome.frames
         train_losses = tuple(_finite(frame.header["train_loss"]) for frame in progress)
         weights = _digest(last.header["weights_sha256"])
+        not_deterministic = _names(last.header.get("not_deterministic", []))
         predictions = [_matrix(frame.payload, len(targets), contract.outputs) for frame in progress]
     except (ValueError, KeyError, TypeError, IndexError) as error:
         return _rejection(Reason.bad_output, f"the training's answer is malformed: {error}")
@@ -169,6 +190,7 @@ def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: ND
         validation_losses=tuple(validation_loss(contract.loss, values, targets) for values in predictions),
         predictions_sha256=hashlib.sha256(b"".join(values.tobytes() for values in predictions)).hexdigest(),
         weights_sha256=weights,
+        not_deterministic=not_deterministic,
     )
 
 
@@ -192,6 +214,13 @@ def _digest(value: Json) -> str:
     if not isinstance(value, str) or not re.fullmatch(r"[0-9a-f]{64}", value):
         raise ValueError("expected a SHA-256 in hex")
     return value
+
+
+def _names(value: Json) -> tuple[str, ...]:
+    """Read a short list of operations."""
+    if not isinstance(value, list) or len(value) > 100 or not all(isinstance(name, str) for name in value):
+        raise ValueError("expected at most 100 names of operations")
+    return tuple(one_line(name) for name in value)
 
 
 def _matrix(payload: bytes, rows: int, columns: int) -> NDArray[np.float32]:

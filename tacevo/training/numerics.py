@@ -1,9 +1,10 @@
 """How trained bits depend on the machine, as environment variables for the sandbox; see docs/determinism.md."""
 
 import platform
+from importlib.util import find_spec
 from pathlib import Path
 
-from tacevo.choices import Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.errors import ConfigError
 
 #: One thread: sums would otherwise depend on how many there are, and a zygote with threads cannot fork safely.
@@ -17,19 +18,33 @@ _ONE_INSTRUCTION_SET = {
 }
 
 
-def environment(numerics: Numerics) -> dict[str, str]:
+#: Without a workspace of fixed size, cuBLAS may add up in another order each time.
+_CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
+
+
+def environment(numerics: Numerics, device: Device = Device.cpu) -> dict[str, str]:
     """Give the variables that must be set before torch is imported."""
-    return _ONE_THREAD | _ONE_INSTRUCTION_SET if numerics is Numerics.portable else dict(_ONE_THREAD)
+    instructions = _ONE_INSTRUCTION_SET if numerics is Numerics.portable else {}
+    return _ONE_THREAD | instructions | (_CUBLAS if device is Device.cuda else {})
 
 
-def check_machine(numerics: Numerics) -> None:
-    """Refuse portable numerics on a machine that cannot compute them.
+def check_machine(numerics: Numerics, device: Device = Device.cpu) -> None:
+    """Refuse numerics or a device that this machine cannot compute with.
 
     Raises:
-        ConfigError: the machine is no x86-64 with AVX2.
+        ConfigError: portable numerics without an x86-64 with AVX2, or CUDA without a GPU or a torch that knows it.
     """
     table = Path("/proc/cpuinfo")
     refuse_unfit(numerics, platform.machine(), table.read_text(errors="replace") if table.exists() else "")
+    if device is Device.cuda:
+        torch = find_spec("torch")  # found, not imported: no process but the sandbox's needs it
+        library = Path(torch.origin if torch and torch.origin else "").parent / "lib" / "libtorch_cuda.so"
+        for needed in (Path("/dev/nvidiactl"), library):
+            if not needed.exists():
+                raise ConfigError(
+                    f"training.device=cuda needs an NVIDIA GPU and a torch built for it; {needed} is not there. "
+                    "Set training.device=cpu"
+                )
 
 
 def refuse_unfit(numerics: Numerics, machine: str, cpuinfo: str) -> None:

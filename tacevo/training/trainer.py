@@ -18,6 +18,7 @@ from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.training.determinism import noting_nondeterminism
 
 
 class _Job(NamedTuple):
@@ -33,10 +34,11 @@ class _Job(NamedTuple):
     train: NDArray[np.int64]
     validation: NDArray[np.int64]
     targets: torch.Tensor
+    device: torch.device
 
     def inputs(self, rows: NDArray[np.int64]) -> torch.Tensor:
         """Give the network's input for some images, float32 of shape (len(rows), C, S, S)."""
-        return standardise(self.images[rows], self.mean, self.deviation)
+        return standardise(self.images[rows], self.mean, self.deviation).to(self.device)
 
 
 def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
@@ -44,12 +46,14 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
 
     Args:
         header: `source`, `contract`, `recipe`, `seed`; `mean` and `deviation` per channel, in units of the stored
-            values; `train` and `validation`, the numbers of images.
+            values; `train` and `validation`, the numbers of images; `device`, `cpu` where it is left out.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S).
         send: gets `{"epoch", "train_loss"}` with the float32 predictions of the validation images, shape (n, K),
-            row-major, for each epoch; then `{"weights_sha256"}`; or `{"rejection": {"reason", "detail"}}`.
+            row-major, for each epoch; then `{"weights_sha256"}`, with the names of
+            operations without a deterministic form under `not_deterministic`, where any ran; or
+            `{"rejection": {"reason", "detail"}}`.
     """
     try:
         return _train(_read(header, payload, arrays), send)
@@ -61,6 +65,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
 def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
     """Read a job from its wire form."""
     contract = Contract.from_json(header["contract"])
+    device = torch.device(header.get("device", "cpu"))
     count, split = header["train"], header["train"] + header["validation"]
     rows = np.frombuffer(payload, np.int64, split)
     kind = np.float32 if contract.loss is Loss.mse else np.int64
@@ -75,21 +80,24 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
         deviation=torch.tensor(header["deviation"])[:, None, None],
         train=rows[:count],
         validation=rows[count:],
-        targets=torch.from_numpy(targets.copy()),
+        targets=torch.from_numpy(targets.copy()).to(device),
+        device=device,
     )
 
 
 def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; give the trained network."""
     with blaming(Reason.construction_failed):
-        model = build(job.source, job.contract, job.seed)
+        model = build(job.source, job.contract, job.seed).to(job.device)
         # Fused always: the other form takes its square root from a library whose last bit depends on the CPU.
         optimiser = torch.optim.Adam(model.parameters(), job.recipe.learning_rate, fused=True)
-    for epoch in range(job.recipe.epochs):
-        train_loss = _epoch(job, model, optimiser, epoch)
-        send({"epoch": epoch, "train_loss": train_loss}, _predict(job, model))
+    with noting_nondeterminism(job.device) as noted:
+        for epoch in range(job.recipe.epochs):
+            train_loss = _epoch(job, model, optimiser, epoch)
+            send({"epoch": epoch, "train_loss": train_loss}, _predict(job, model))
     with blaming(Reason.crashed):
-        send({"weights_sha256": digest(model)}, b"")
+        weights = {"weights_sha256": digest(model)}
+        send(weights | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
     return model
 
 
@@ -133,7 +141,7 @@ def _predict(job: _Job, model: nn.Module) -> bytes:
     size = job.recipe.batch_size
     with torch.no_grad():
         parts = [_forward(job, model, job.validation[i : i + size]) for i in range(0, len(job.validation), size)]
-    return torch.cat(parts).contiguous().numpy().tobytes()
+    return torch.cat(parts).cpu().contiguous().numpy().tobytes()
 
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:

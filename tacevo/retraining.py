@@ -1,0 +1,193 @@
+"""`tacevo replay RUN --retrain [N]`: recorded evaluations computed again and held against their records, bit by bit.
+
+Nothing is read from the store of evaluations and nothing is written to it. The weights' digest is computed in the
+confined process, so it is that process's claim, then as now; losses of validation and digest of predictions are not.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.choices import Numerics
+from tacevo.config import RunConfig
+from tacevo.data.dataset import Dataset
+from tacevo.errors import DataError, DivergenceError, RunError
+from tacevo.progress import View
+from tacevo.randomness import stream
+from tacevo.records import DataFacts, Json, Reason, Rejection, Training
+from tacevo.replaying import read_run
+from tacevo.rundir import RunDirectory, machine, versions
+from tacevo.sandbox.confinement import require
+from tacevo.training.numerics import check_machine
+from tacevo.wiring import load_data, open_trainer
+
+#: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
+_FIELDS = ("train_losses", "validation_losses", "predictions", "weights")
+
+#: Why a training may end on one machine and not on another.
+_BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
+
+#: Packages whose version may change training bits.
+_COMPUTING = ("torch", "numpy")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Retrained:
+    """Evaluations that were found to be as recorded."""
+
+    #: How many were computed again, and how many the run has.
+    compared: int
+    of: int
+    #: Fields that the run does not record.
+    not_recorded: tuple[str, ...]
+    #: Why equal bits were not promised; empty where they were.
+    doubts: tuple[str, ...]
+
+
+def retrain(path: Path, store: str | None, count: int | None, view: View) -> Retrained:
+    """Train candidates of a finished run again, and compare every bit that the run recorded of it.
+
+    Args:
+        path: the run directory; its ledger must have been checked.
+        store: where the stores lie, if not where the run had them; of these the images are used.
+        count: how many evaluations to draw, with the run's seed; None for all of them.
+        view: who is told.
+
+    Raises:
+        DivergenceError: the first difference.
+        DataError: the run's data set is not there, or is another one.
+        ConfigError: this machine cannot compute what the run's numerics ask for.
+        RunError: a candidate's source is missing.
+    """
+    directory = RunDirectory(path)
+    config, task, facts = read_run(directory)
+    if store is not None:
+        config.store.root = store
+    require(config.sandbox.require)
+    check_machine(config.numerics.kind, config.training.device)
+    doubts = doubts_of(directory.read_run(), config.numerics.kind, versions(), machine())
+    for doubt in doubts:
+        view.say(f"equal bits are not promised: {doubt}")
+    lines = evaluated(directory.read_ledger())
+    chosen = sampled(lines, count, config.seed)
+    sources = [_source(directory, line) for line in chosen]
+    data = _data(config, facts, view)
+    with open_trainer(config, task, data) as (train, executor):
+        for number, (line, result) in enumerate(zip(chosen, executor.map(train, sources), strict=True), start=1):
+            _insist_on_equal(line, result, doubts)
+            view.say(f"{line['id']}: as recorded ({number} of {len(chosen)})")
+    missing = [name for name in _FIELDS if any("stage" not in line and name not in line for line in chosen)]
+    return Retrained(compared=len(chosen), of=len(lines), not_recorded=tuple(missing), doubts=doubts)
+
+
+def describe(found: Retrained) -> str:
+    """Say what was compared, for a person."""
+    recorded = [name for name in _FIELDS if name not in found.not_recorded]
+    lines = [
+        f"retrained: {found.compared} of {found.of} evaluations; {', '.join(recorded)} are bit for bit as recorded"
+    ]
+    if found.not_recorded:
+        lines.append(f"not recorded, hence not compared: {', '.join(found.not_recorded)}")
+    return "\n".join(lines)
+
+
+def evaluated(ledger: Sequence[Mapping[str, Json]]) -> list[Mapping[str, Json]]:
+    """Give the first line of every evaluation whose outcome does not hang on the machine's speed or memory."""
+    lines: dict[str, Mapping[str, Json]] = {}
+    for line in ledger:
+        if "evaluation" in line and line.get("reason") not in _BY_MACHINE:
+            lines.setdefault(line["evaluation"], line)
+    return list(lines.values())
+
+
+def sampled(lines: Sequence[Mapping[str, Json]], count: int | None, seed: int) -> list[Mapping[str, Json]]:
+    """Draw lines without repetition, in their order; all of them where `count` is None or not below their number."""
+    if count is None or count >= len(lines):
+        return list(lines)
+    places = stream(seed, "retrain").choice(len(lines), count, replace=False)
+    return [lines[place] for place in sorted(places.tolist())]
+
+
+def difference(line: Mapping[str, Json], result: Training | Rejection) -> str | None:
+    """Name the first field in which a recomputed evaluation differs from its ledger line, with both values.
+
+    Fields that the line does not have are passed over.
+    """
+    recorded, recomputed = _outcome(line.get("reason")), _outcome(getattr(result, "reason", None))
+    if isinstance(result, Rejection) or "reason" in line:
+        return None if recorded == recomputed else _differ("the outcome", recorded, recomputed)
+    fields = (result.train_losses, result.validation_losses, result.predictions_sha256, result.weights_sha256)
+    for name, value in zip(_FIELDS, fields, strict=True):
+        if name in line and isinstance(value, tuple):
+            if len(line[name]) != len(value):
+                return _differ(f"the number of {name}", len(line[name]), len(value))
+            for epoch, (was, now) in enumerate(zip(line[name], value, strict=True), start=1):
+                if was != now:
+                    return _differ(f"{name} of epoch {epoch}", was, now)
+        elif name in line and line[name] != value:
+            return _differ(name, line[name], value)
+    return None
+
+
+def doubts_of(
+    run: Mapping[str, Json], numerics: Numerics, packages: Mapping[str, str], hardware: Mapping[str, Json]
+) -> tuple[str, ...]:
+    """Say why a run's training bits are not promised to come again here.
+
+    Args:
+        run: what run.json holds.
+        numerics: of the run; `fast` promises bits on the recorded hardware only.
+        packages: versions of this environment, as `versions` gives them.
+        hardware: this machine, as `machine` describes it.
+    """
+    compared = [("versions", name, packages) for name in _COMPUTING]
+    if numerics is Numerics.fast:
+        compared += [("machine", name, hardware) for name in ("cpu", "architecture")]
+    return tuple(
+        f"{name} is {here[name]}; the run had {run[part][name]}"
+        for part, name, here in compared
+        if run[part][name] != here[name]
+    )
+
+
+def _outcome(reason: Json) -> str:
+    return "trained" if reason is None else str(reason)
+
+
+def _differ(what: str, recorded: object, recomputed: object) -> str:
+    return f"{what}: recorded {recorded}, recomputed {recomputed}"
+
+
+def _insist_on_equal(line: Mapping[str, Json], result: Training | Rejection, doubts: Sequence[str]) -> None:
+    """Raise for the first difference, with what explains it beside the candidate."""
+    found = difference(line, result)
+    if found is None:
+        return
+    reasons = [f"not promised: {doubt}" for doubt in doubts]
+    if isinstance(result, Rejection) and result.reason in _BY_MACHINE:
+        reasons.append("this depends on the machine's speed and memory; try with executor.workers=1 or a quiet machine")
+    if "not_portable" in line:
+        reasons.append(f"the candidate uses {', '.join(line['not_portable'])}, whose bits depend on the CPU")
+    raise DivergenceError("; ".join([f"{line['id']} differs in {found}", *reasons]))
+
+
+def _source(directory: RunDirectory, line: Mapping[str, Json]) -> str:
+    source = directory.read_kept(line["id"])
+    if source is None:
+        raise RunError(f"{directory.path}/candidates has no {line['id']}.py; restore the folder")
+    return source
+
+
+def _data(config: RunConfig, facts: DataFacts, view: View) -> Dataset:
+    """Load the run's data set.
+
+    Raises:
+        DataError: it is missing, or is not the one that the run had.
+    """
+    data = load_data(config, view.data, view.say)
+    if data.facts.fingerprint != facts.fingerprint:
+        raise DataError(
+            f"data={config.data.source} has the fingerprint {data.facts.fingerprint[:12]}; the run had "
+            f"{facts.fingerprint[:12]}: images, labels or split are others. Restore the data set of the run"
+        )
+    return data

@@ -1,0 +1,42 @@
+"""What becomes of operations that torch cannot repeat bit by bit (child side).
+
+On a CPU they are refused: there are few, and no honest network has needed one. On a GPU the backward pass of adaptive
+pooling is among them, which every baseline needs; so there they run, and are named in the candidate's record.
+"""
+
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+
+_WITHOUT_FORM = re.compile(r"(\S+) does not have a deterministic implementation")
+
+
+@contextmanager
+def noting_nondeterminism(device: torch.device) -> Iterator[set[str]]:
+    """Let torch take deterministic algorithms; where it has none, refuse on a CPU, and note the name elsewhere.
+
+    Raises:
+        RuntimeError: from within, on a CPU: the operation has no deterministic form.
+    """
+    torch.set_deterministic_debug_mode("error" if device.type == "cpu" else "warn")
+    noted: set[str] = set()
+    with warnings.catch_warnings():
+        if device.type != "cpu":
+            note_warnings(noted)
+        yield noted
+
+
+def note_warnings(noted: set[str]) -> None:
+    """Collect the operations that torch warns of from now on, until the caller's `catch_warnings` ends."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        if "deterministic" in str(message):
+            found = _WITHOUT_FORM.match(str(message))
+            noted.add(found[1] if found else str(message)[:100])
+
+    warnings.simplefilter("always")
+    warnings.showwarning = show

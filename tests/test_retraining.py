@@ -1,0 +1,179 @@
+"""Promise: training again is compared with the record bit by bit, and the first bit that differs is named."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tacevo.app import main
+from tacevo.choices import Numerics
+from tacevo.errors import DataError, DivergenceError
+from tacevo.ledger import Ledger, read_ledger
+from tacevo.progress import PlainView
+from tacevo.records import Json, Reason, Rejection, Stage, Training
+from tacevo.retraining import Retrained, describe, difference, doubts_of, evaluated, retrain, sampled
+
+#: A real search, as small as one can be.
+TINY = [
+    "experiment=demo",
+    "tracking=none",
+    "search.generations=0",
+    "search.initial=2",
+    "data.images=40",
+    "training.epochs=2",
+    "archive.niches=5",
+    "archive.prompt_niches=5",
+    "archive.samples=100",
+    "run.dir=run",
+]
+
+LINE: dict[str, Json] = {
+    "id": "g00s01",
+    "evaluation": "e",
+    "train_losses": [0.5, 0.25],
+    "validation_losses": [0.6, 0.3],
+    "predictions": "p",
+    "weights": "w",
+}
+TRAINING = Training(train_losses=(0.5, 0.25), validation_losses=(0.6, 0.3), predictions_sha256="p", weights_sha256="w")
+REJECTION = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="nan")
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of one finished tiny search."""
+    folder = tmp_path_factory.mktemp("searched")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["search", *TINY]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a copy of the finished search."""
+    shutil.copytree(searched, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def rewritten(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]) -> None:
+    """Change the lines of a ledger, with sound hashes."""
+    path = folder / "run" / "ledger.jsonl"
+    lines = read_ledger(path)
+    path.unlink()
+    with Ledger(path) as ledger:
+        for line in lines:
+            ledger.commit(change({key: line[key] for key in line if key not in ("hash", "previous")}))
+
+
+def again(count: int | None = None) -> Retrained:
+    """Train again in the working directory."""
+    with PlainView(Console(quiet=True)) as view:
+        return retrain(Path("run"), None, count, view)
+
+
+def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command says what it compared, and still ends with the digest; the store of evaluations stays as it was."""
+    entries = {path: path.read_bytes() for path in (folder / "cache" / "evaluations").rglob("*.json")}
+    assert main(["replay", "run", "--retrain"]) == 0
+    output = capsys.readouterr()
+    assert "train_losses, validation_losses, predictions, weights are bit for bit as recorded" in output.out
+    assert "as recorded (1 of " in output.err
+    assert output.out.splitlines()[-1].startswith("digest: ")
+    assert {path: path.read_bytes() for path in (folder / "cache" / "evaluations").rglob("*.json")} == entries
+
+
+def test_number_limits_what_is_trained(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One of all evaluations, and it says of how many."""
+    assert main(["replay", "run", "--retrain", "1"]) == 0
+    assert "retrained: 1 of 3 evaluations" in capsys.readouterr().out
+
+
+def test_changed_record_is_found(folder: Path) -> None:
+    """One other digest of weights in a ledger that is sound otherwise is named with the candidate and both values."""
+    rewritten(folder, lambda line: {**line, "weights": "0" * 64} if line.get("id") == "g00s01" else line)
+    with pytest.raises(DivergenceError, match=r"g00s01 differs in weights: recorded 0{64}, recomputed [0-9a-f]{64}"):
+        again()
+
+
+def test_record_without_digests_is_compared_as_far_as_it_goes(folder: Path) -> None:
+    """What an older run does not record is said, and the rest is compared."""
+    rewritten(folder, lambda line: {key: line[key] for key in line if key not in ("weights", "predictions")})
+    found = again(1)
+    assert found.not_recorded == ("predictions", "weights")
+    assert "not recorded, hence not compared: predictions, weights" in describe(found)
+
+
+def test_another_data_set_is_refused_before_anything_is_trained(folder: Path) -> None:
+    """Its fingerprint is compared first, and the message has both."""
+    path = folder / "run" / "run.json"
+    run = json.loads(path.read_text())
+    run["config"]["data"]["seed"] += 1
+    path.write_text(json.dumps(run))
+    with pytest.raises(DataError, match=r"has the fingerprint [0-9a-f]{12}; the run had [0-9a-f]{12}.*Restore"):
+        again()
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "two"])
+def test_number_must_be_one(number: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mistake on the command line is told before the run is read."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["replay", "run", f"--retrain={number}"])
+    assert "expected a number of evaluations >= 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"train_losses": [0.5, 0.2500001]}, "train_losses of epoch 2: recorded 0.2500001, recomputed 0.25"),
+        ({"validation_losses": [0.7, 0.3]}, "validation_losses of epoch 1: recorded 0.7, recomputed 0.6"),
+        ({"validation_losses": [0.6]}, "the number of validation_losses: recorded 1, recomputed 2"),
+        ({"predictions": "q"}, "predictions: recorded q, recomputed p"),
+        ({"weights": "v"}, "weights: recorded v, recomputed w"),
+        ({"stage": "train", "reason": "not_finite"}, "the outcome: recorded not_finite, recomputed trained"),
+    ],
+)
+def test_first_difference_is_named(change: dict[str, Json], named: str) -> None:
+    """Each field is compared, the epochs of losses one by one."""
+    assert difference(LINE, TRAINING) is None
+    assert difference({**LINE, **change}, TRAINING) == named
+
+
+def test_rejections_are_compared_by_reason() -> None:
+    """A training that failed must fail again, for the same reason."""
+    line = {"id": "g00s01", "evaluation": "e", "stage": "train", "reason": "not_finite"}
+    assert difference(line, REJECTION) is None
+    assert difference(LINE, REJECTION) == "the outcome: recorded trained, recomputed not_finite"
+
+
+def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> None:
+    """Running out of time is no property of a candidate; an evaluation that two candidates share is one."""
+    slow = {"id": "g00s02", "evaluation": "f", "stage": "train", "reason": "out_of_time"}
+    untrained = {"id": "g00s03", "stage": "probe", "reason": "crashed"}
+    assert evaluated([LINE, {**LINE, "id": "g00s04"}, slow, untrained]) == [LINE]
+
+
+def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:
+    """The same seed draws the same evaluations, another seed others, none twice."""
+    lines = [{"id": str(number)} for number in range(100)]
+    drawn = [int(line["id"]) for line in sampled(lines, 10, 0)]
+    assert drawn == sorted(set(drawn))
+    assert len(drawn) == 10
+    assert sampled(lines, 10, 0) == sampled(lines, 10, 0) != sampled(lines, 10, 1)
+    assert sampled(lines, 200, 0) == sampled(lines, None, 0) == lines
+
+
+def test_only_what_was_promised_is_not_doubted() -> None:
+    """Another library leaves both promises; another CPU that of `fast` alone."""
+    versions, machine = {"torch": "2", "numpy": "2"}, {"cpu": "A", "architecture": "x86_64"}
+    run = {"versions": versions, "machine": machine}
+    other = {**machine, "cpu": "B"}
+    assert doubts_of(run, Numerics.fast, versions, machine) == ()
+    assert doubts_of(run, Numerics.portable, versions, other) == ()
+    assert doubts_of(run, Numerics.fast, versions, other) == ("cpu is B; the run had A",)
+    for numerics in Numerics:
+        assert doubts_of(run, numerics, {**versions, "torch": "3"}, machine) == ("torch is 3; the run had 2",)
