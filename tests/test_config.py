@@ -272,6 +272,7 @@ def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
+    listed |= {"training.device"}  # which needs other settings beside it: tests/test_training_determinism.py
     assert {key for key in keys() if not key.startswith(("task.", "data."))} == listed
 
 

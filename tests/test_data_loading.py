@@ -341,7 +341,7 @@ def test_single_class_is_refused(tmp_path: Path) -> None:
 LOAD_IN_A_PROCESS = """
 import os, resource, signal, sys
 from pathlib import Path
-from tacevo.choices import LightScene, Normalisation, TargetScaling
+from tacevo.choices import LightScene, Normalisation, SensorTask, TargetScaling
 from tacevo.data.loading import load
 from tacevo.data.simulator import Simulated
 from tacevo.errors import DataError

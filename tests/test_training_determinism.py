@@ -43,7 +43,7 @@ def _torch_settings() -> Iterator[None]:
 def unpool() -> torch.Tensor:
     """Call what has no deterministic form on a CPU either."""
     values, places = torch.nn.functional.max_pool2d(torch.ones(1, 1, 4, 4), 2, return_indices=True)
-    return torch.nn.functional.max_unpool2d(values, places, [2])
+    return torch.nn.functional.max_unpool2d(values, places, [2, 2])
 
 
 def test_cpu_refuses() -> None:
