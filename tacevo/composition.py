@@ -2,9 +2,8 @@
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass
-from typing import cast, get_type_hints
+from collections.abc import Iterator, Mapping, Sequence
+from typing import cast
 
 import yaml
 from hydra import compose as hydra_compose
@@ -22,6 +21,7 @@ from tacevo.errors import ConfigError
 from tacevo.llm.prices import PriceTable, parse_prices
 from tacevo.proposals import Instruction, Task, system_prompt
 from tacevo.records import Contract, DataFacts, Json
+from tacevo.settings import expected, keys
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
@@ -48,7 +48,8 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     except ConfigError:
         raise
     except (HydraException, OmegaConfBaseException, yaml.YAMLError, OSError, ValueError, TypeError) as error:
-        raise ConfigError(_explained(error)) from error
+        given = dict(override.split("=", 1) for override in overrides)
+        raise ConfigError(_explained(error, given)) from error
 
 
 def to_run_config(composed: DictConfig) -> RunConfig:
@@ -70,7 +71,7 @@ def from_plain(value: Mapping[str, Json]) -> RunConfig:
     try:
         return to_run_config(cast(DictConfig, OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
     except OmegaConfBaseException as error:
-        raise ConfigError(_explained(error)) from error
+        raise ConfigError(_explained(error, dict(_flat(value)))) from error
 
 
 def facts_without_data(config: RunConfig) -> DataFacts:
@@ -161,15 +162,26 @@ def _read_library(name: str) -> dict[str, Json]:
     return library
 
 
-def _explained(error: Exception) -> str:
-    """Say in one line what Hydra or OmegaConf found wrong, and what the user may have meant."""
+def _explained(error: Exception, given: Mapping[str, object]) -> str:
+    """Say in one line what Hydra or OmegaConf found wrong, and what the user may have meant.
+
+    Args:
+        error: theirs.
+        given: what the user set, by the key as it was written.
+    """
     lines = [line.strip().removeprefix("In 'config': ") for line in str(error).splitlines() if line.strip()]
     cause = [line.strip() for line in str(error.__cause__ or "").splitlines() if line.strip()]
     unknown = re.match(r"Could not override '([^']+)'", lines[0])
     if unknown:
-        close = difflib.get_close_matches(unknown.group(1), [*groups(), *_keys(RunConfig)], n=1)
+        name = unknown.group(1)
+        if name in keys():  # a whole group was set, of which one key is unknown
+            name = getattr(error.__cause__, "full_key", name)
+        close = difflib.get_close_matches(name, [*groups(), *keys()], n=1)
         meant = f"; did you mean {close[0]!r}?" if close else "; `tacevo search --help` lists the groups"
-        return f"there is no setting {unknown.group(1)!r}{meant}"
+        return f"there is no setting {name!r}{meant}"
+    misfit = _misfit(error, given)
+    if misfit is not None:
+        return misfit
     if "Available options in" in str(error):
         start = next(index for index, line in enumerate(lines) if line.startswith("Available options in"))
         options = [line for line in lines[start + 1 :] if not line.startswith(("Config search path", "provider="))]
@@ -182,10 +194,22 @@ def _explained(error: Exception) -> str:
     return ": ".join([*lines[:1], *cause[:1]])
 
 
-def _keys(schema: type, prefix: str = "") -> list[str]:
-    """List every key of a schema, e.g. `archive.niches`."""
-    keys = []
-    for name, kind in get_type_hints(schema).items():
-        nested = _keys(kind, f"{prefix}{name}.") if isinstance(kind, type) and is_dataclass(kind) else []
-        keys += [f"{prefix}{name}", *nested]
-    return keys
+def _misfit(error: Exception, given: Mapping[str, object]) -> str | None:
+    """Say what a key takes and what it got, where the fault is a value that its key cannot hold; else None."""
+    fault = error if isinstance(error, OmegaConfBaseException) else error.__cause__
+    key = re.sub(r"\[.*", "", getattr(fault, "full_key", None) or "")  # of a list's item, the list
+    takes = expected(key) if key else None
+    if takes is None:
+        return None
+    holders = [name for name in given if key == name or key.startswith(f"{name}.")]
+    below = [f"{name}={value}" for name, value in given.items() if name.startswith(f"{key}.")]
+    got = given[max(holders, key=len)] if holders else " ".join(below) or "nothing"
+    return f"{key} needs {takes}; got {got}"
+
+
+def _flat(value: Mapping[str, Json], prefix: str = "") -> Iterator[tuple[str, Json]]:
+    """Walk nested settings by their whole keys, e.g. `archive` and then `archive.niches`."""
+    for name, part in value.items():
+        yield f"{prefix}{name}", part
+        if isinstance(part, Mapping):
+            yield from _flat(part, f"{prefix}{name}.")

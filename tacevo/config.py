@@ -26,7 +26,7 @@ from tacevo.choices import (
     TemperatureRule,
     Tracking,
 )
-from tacevo.data_options import DataConfig
+from tacevo.data_config import DataConfig
 from tacevo.ranges import is_positive, require
 from tacevo.records import Delivery, Json, Kind, Loss, Mode
 

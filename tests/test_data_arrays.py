@@ -182,7 +182,7 @@ def test_single_array_is_refused(tmp_path: Path) -> None:
             r"data.root is no file: .*; give the .npz archive. .* it holds empty, set.npz; did you mean .*/set",
         ),
         (".", r"data.root is a folder, not a .npz archive: .*; it holds set.npz; set data.root=.*/set.npz$"),
-        ("empty", r"data.root is a folder, not a .npz archive: .*; it holds none$"),
+        ("empty", r"data.root is a folder, not a .npz archive: .*; it holds none that can be seen$"),
     ],
 )
 def test_wrong_root_says_what_is_there(tmp_path: Path, name: str, message: str) -> None:

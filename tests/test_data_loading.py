@@ -1,10 +1,5 @@
 """Loading: made once, independent of workers, blind to the test split, and no image decoded before a fault is told."""
 
-import fcntl
-import re
-import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,62 +8,17 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
+from greys import Greys, entries, load_greys
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
 from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
-from tacevo.data.dataset import Dataset, fingerprint
+from tacevo.data.dataset import fingerprint
 from tacevo.data.loading import load, split_rows
 from tacevo.data.simulator import Simulated
-from tacevo.data.source import Catalogue, Picture, Source
-from tacevo.data.splitting import ordered_split
-from tacevo.data.staging import LOCK
-from tacevo.data.workers import FEW_PICTURES, Progress
+from tacevo.data.source import Catalogue, Source
+from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import Json, Kind
-
-REPOSITORY = Path(__file__).parent.parent
-
-
-def grey(value: int) -> Picture:
-    """Make a picture of one grey value."""
-    return np.full((3, 4, 4), value, dtype=np.uint8)
-
-
-def broken(name: str) -> Picture:
-    """Fail as a damaged image file does."""
-    raise DataError(name)
-
-
-@dataclass(frozen=True)
-class Greys:
-    """A source of grey pictures whose label is their grey value."""
-
-    count: int = 20
-    kind: Kind = Kind.regression
-    names: tuple[str, ...] = ("grey",)
-    broken: int = 0
-    groups: tuple[int, ...] | None = None
-    released: bool = False
-    constant: bool = False
-
-    def describe(self) -> Json:
-        """Name the content."""
-        return {"source": "greys", "count": self.count, "broken": self.broken}
-
-    def catalogue(self) -> Catalogue:
-        """List the pictures; the first few may be broken."""
-        good = [partial(grey, value % 256) for value in range(self.broken, self.count)]
-        labels = np.arange(self.count, dtype=np.float64).reshape(-1, 1) * (not self.constant)
-        classes = np.arange(self.count) * len(self.names) // self.count
-        return Catalogue(
-            kind=self.kind,
-            names=self.names,
-            labels=classes if self.kind is Kind.classification else labels,
-            groups=None if self.groups is None else np.array(self.groups),
-            release=ordered_split(np.arange(self.count)) if self.released else None,
-            image_size=4,
-            pictures=[*[partial(broken, f"{number}.png") for number in range(self.broken)], *good],
-        )
 
 
 @dataclass(frozen=True)
@@ -78,32 +28,6 @@ class Undecodable(Greys):
     def catalogue(self) -> NoReturn:
         """Fail, because nothing may be decoded any more."""
         raise AssertionError("the cache was not used")
-
-
-def load_greys(
-    source: Source,
-    cache: Path,
-    *,
-    split: SplitRule = SplitRule.random,
-    target_scaling: TargetScaling = TargetScaling.minmax,
-    workers: int = 1,
-    accept: Callable[[Catalogue], None] | None = None,
-    progress: Progress | None = None,
-    say: Callable[[str], None] | None = None,
-) -> Dataset:
-    """Load with the default protocol."""
-    return load(
-        source,
-        split=split,
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=target_scaling,
-        cache=cache,
-        workers=workers,
-        accept=accept,
-        progress=progress,
-        say=say,
-    )
 
 
 def test_loaded_data_set_keeps_its_promises(tmp_path: Path) -> None:
@@ -310,7 +234,7 @@ def refuse_all(catalogue: Catalogue) -> None:
     ("source", "accept", "message"),
     [
         (Greys(broken=20), refuse_all, "no grey, please"),
-        (Greys(broken=20, constant=True), None, r"target \['grey'\] has one value"),
+        (Greys(broken=20, step=0.0), None, r"target \['grey'\] has one value"),
         (Greys(broken=20, groups=(0, 1) * 10), None, "at least 3 groups"),
         (Greys(broken=9, count=9), None, "at least 10 images"),
         (Greys(broken=20, kind=Kind.classification), None, "at least two classes"),
@@ -326,6 +250,45 @@ def test_what_needs_no_decoding_is_told_first(
         load_greys(source, tmp_path, accept=accept)
 
 
+@pytest.mark.parametrize("part", ["train", "validation", "test"])
+@pytest.mark.parametrize("scaling", TargetScaling)
+def test_labels_beyond_all_measure_are_named_by_row(tmp_path: Path, part: str, scaling: TargetScaling) -> None:
+    """In training sums of their squares would overflow; elsewhere a slip would pass for a huge error of the network."""
+    source = Greys()
+    row = int(getattr(split_rows(source.catalogue(), SplitRule.random, 0), part)[0])
+    message = rf"beyond 1e\+30 in size \(1 found\): row {row} \[1e\+33\]. Correct them, or choose a larger unit"
+    with pytest.raises(DataError, match=message):
+        load_greys(Mislabelled(source, row, 1e33), tmp_path, target_scaling=scaling)
+
+
+def test_labels_far_from_those_of_training_are_named_by_row(tmp_path: Path) -> None:
+    """A label within bounds whose target is beyond 32-bit numbers, since training labels lie close together."""
+    source = Greys(step=1e-12)
+    row = int(split_rows(source.catalogue(), SplitRule.random, 0).test[0])
+    with pytest.raises(DataError, match=rf"too far from those of the training split .*: row {row} \[1e\+30\]. Correct"):
+        load_greys(Mislabelled(source, row, 1e30), tmp_path)
+
+
+@dataclass(frozen=True)
+class Mislabelled:
+    """A source in which one row has another label."""
+
+    source: Source
+    row: int
+    label: float
+
+    def describe(self) -> Json:
+        """Name the content."""
+        return {"row": self.row, "label": self.label, "source": self.source.describe()}
+
+    def catalogue(self) -> Catalogue:
+        """Replace the label."""
+        catalogue = self.source.catalogue()
+        labels = catalogue.labels.copy()
+        labels[self.row] = self.label
+        return replace(catalogue, labels=labels)
+
+
 def test_fewer_than_ten_images_are_refused(tmp_path: Path) -> None:
     """Nine images cannot be split into three parts of the protocol."""
     with pytest.raises(DataError, match=r"at least 10 images.*got 9"):
@@ -336,136 +299,6 @@ def test_single_class_is_refused(tmp_path: Path) -> None:
     """There is nothing to tell apart."""
     with pytest.raises(DataError, match=r"at least two classes; got only \['flat'\]"):
         load_greys(Greys(kind=Kind.classification, names=("flat",)), tmp_path)
-
-
-LOAD_IN_A_PROCESS = """
-import os, resource, signal, sys
-from pathlib import Path
-from tacevo.choices import LightScene, Normalisation, SensorTask, TargetScaling
-from tacevo.data.loading import load
-from tacevo.data.simulator import Simulated
-from tacevo.errors import DataError
-
-cache, fate, seed = sys.argv[1:]
-
-told = []
-
-def progress(done, total):
-    told.append(done)
-    if fate == "die" and done > total / 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-if fate == "limited":
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-source = Simulated(task=SensorTask.force, images=300, image_size=16, seed=int(seed), sensor_seed=0,
-                   light=LightScene.standard, spacings_mm=())
-try:
-    dataset = load(source, split_seed=0, normalisation=Normalisation.unit, target_scaling=TargetScaling.minmax,
-                   cache=Path(cache), workers=1, progress=progress)
-except DataError as error:
-    sys.exit(f"error: {error}")
-print(dataset.facts.fingerprint)
-print("made" if told else "found", file=sys.stderr)
-"""
-
-
-def start(cache: Path, fate: str, *, seed: int = 0, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-    """Start a process that loads a simulated data set, dies half-way, or may write little to a file."""
-    command = [*before, sys.executable, "-c", LOAD_IN_A_PROCESS, str(cache), fate, str(seed)]
-    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def entries(cache: Path) -> list[Path]:
-    """List what a reader of the cache can see."""
-    return [path for path in cache.iterdir() if not path.name.startswith(".")]
-
-
-def unfinished(cache: Path) -> list[Path]:
-    """List the hidden folders, which hold images in the making."""
-    return [path for path in cache.iterdir() if path.name.startswith(".") and path.is_dir()]
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_what_a_killed_process_left_is_removed(tmp_path: Path, seed: int) -> None:
-    """After a kill half-way the entry is absent; the next process, whatever it makes, clears the rest away."""
-    killed = start(tmp_path, "die")
-    killed.communicate()
-    assert killed.returncode == -9
-    assert entries(tmp_path) == []
-    assert len(unfinished(tmp_path)) == 1
-    output, _ = start(tmp_path, "live", seed=seed).communicate()
-    assert len(output.strip()) == 64
-    assert len(entries(tmp_path)) == 1
-    assert unfinished(tmp_path) == []
-
-
-def test_processes_that_start_at_once_share_one_entry(tmp_path: Path) -> None:
-    """All finish, with the same data, of which only one has made a picture, and one entry remains."""
-    started = [start(tmp_path, "live") for _ in range(3)]
-    outputs, told = zip(*[process.communicate() for process in started], strict=True)
-    assert len(set(outputs)) == 1
-    assert len(outputs[0].strip()) == 64
-    assert sorted(told) == ["found\n", "found\n", "made\n"]
-    assert len(entries(tmp_path)) == 1
-    assert unfinished(tmp_path) == []
-
-
-def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
-    """One line, before the wait, so that nobody takes it for a hang; who need not wait says nothing."""
-    said: list[str] = []
-    folder = load_greys(Greys(), tmp_path, say=said.append).images.parent
-    assert said == []
-    shutil.rmtree(folder)
-    with (tmp_path / f".{folder.name}{LOCK}").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-
-        def say(text: str) -> None:
-            said.append(text)
-            fcntl.flock(lock, fcntl.LOCK_UN)  # else the test would wait for ever
-
-        load_greys(Greys(), tmp_path, say=say)
-    assert said == ["data: another process makes this data set; waiting for it"]
-
-
-def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Path) -> None:
-    """Two data sets made at once after a kill: neither takes the other's unfinished folder for a leftover."""
-    start(tmp_path, "die").communicate()
-    started = [start(tmp_path, "live", seed=seed) for seed in (0, 1, 0, 1)]
-    outputs = [process.communicate()[0] for process in started]
-    assert outputs[0] == outputs[2] != outputs[1] == outputs[3]
-    assert len(entries(tmp_path)) == 2
-    assert unfinished(tmp_path) == []
-
-
-NO_ROOM = r"error: {cache} has no room for 230,528 bytes of images \(.* bytes are free\); make room there, .*\n"
-
-
-def test_file_that_may_not_grow_is_refused(tmp_path: Path) -> None:
-    """A limit of 100 kB for a file of 230 kB: the room is asked for before anything is written."""
-    process = start(tmp_path, "limited")
-    _, message = process.communicate()
-    assert process.returncode == 1
-    assert re.fullmatch(NO_ROOM.format(cache=tmp_path), message)
-    assert entries(tmp_path) == []
-    assert unfinished(tmp_path) == []
-
-
-#: Runs a command with a disk of 128 kB in place of a folder, which only it sees, and lists what is left on it.
-SMALL_DISK = (
-    'mount -t tmpfs -o size=128k tmpfs "$0" && { "$@"; status=$?; find "$0" -mindepth 1 -type d; exit $status; }'
-)
-
-
-def test_full_disk_is_refused_and_left_clean(tmp_path: Path) -> None:
-    """A disk of 128 kB: a clear line instead of the bus error that a memory map dies of, and no folder left."""
-    private = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
-    if subprocess.run([*private, SMALL_DISK, str(tmp_path), "true"], capture_output=True, check=False).returncode:
-        pytest.skip("this machine lets no test mount a disk")
-    process = start(tmp_path, "live", before=(*private, SMALL_DISK, str(tmp_path)))
-    left, message = process.communicate()
-    assert left == ""
-    assert process.returncode == 1
-    assert re.fullmatch(NO_ROOM.format(cache=tmp_path), message)
 
 
 def test_catalogue_that_is_given_is_not_listed_again(tmp_path: Path) -> None:

@@ -92,6 +92,16 @@ def test_values_of_no_known_range_are_refused(tmp_path: Path, pixels: npt.NDArra
         decode(tmp_path / "deep.tif", 4)
 
 
+def test_floating_point_pixels_are_told_from_the_header(tmp_path: Path) -> None:
+    """A file whose pixels are cut off is still refused for what its header says of them."""
+    Image.fromarray(np.full((64, 64), 0.5, dtype=np.float32)).save(tmp_path / "whole.tif")
+    content = (tmp_path / "whole.tif").read_bytes()
+    (tmp_path / "cut.tif").write_bytes(content[: len(content) // 2])
+    message = r"\(1 found\): depth map \(holds floating-point values, whose full range is unknown\)"
+    with pytest.raises(DataError, match=message):
+        common_size([("depth map", tmp_path / "cut.tif")])
+
+
 def test_palette_is_looked_up(tmp_path: Path) -> None:
     """Numbers of colours are not brightness."""
     image = Image.new("P", (2, 2), 1)

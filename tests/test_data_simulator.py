@@ -237,6 +237,21 @@ def test_wider_grooves_are_darker_and_imprint_deeper() -> None:
         assert 0 < grating.imprint < 2 / np.pi * 0.5
 
 
+def test_ridges_and_their_brightness_err_as_stated() -> None:
+    """Widths differ by 3 % from their class's, a contact is 60 +- 6 grey values bright, and a plate keeps out 50."""
+    source = replace(FORCE, task=SensorTask.grating, images=700)
+    sampled = [_press(source, index)[:2] for index in range(source.images)]
+    pairs = [(press, press.grating) for press, _ in sampled if press.grating is not None]
+    spacings = np.array([SPACINGS[int(label[0])] for _, label in sampled])
+    widths = np.array([grating.period / 2 for _, grating in pairs])
+    bright = np.array([press.brightness for press, _ in pairs])
+    grooves = bright * [grating.groove for _, grating in pairs]
+    assert np.mean(widths / spacings) == pytest.approx(1, abs=0.005)
+    assert np.std(widths / spacings) == pytest.approx(0.03, rel=0.1)
+    assert (bright.mean(), bright.std()) == (pytest.approx(60, abs=1), pytest.approx(6, rel=0.1))
+    assert grooves == pytest.approx((bright + 50) * np.exp(-widths) - 50)
+
+
 def test_hardness_has_six_levels() -> None:
     """Labels are those of six specimens."""
     labels = replace(FORCE, task=SensorTask.hardness).catalogue().labels

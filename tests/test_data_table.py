@@ -306,6 +306,18 @@ def test_images_that_no_row_names_are_told(tmp_path: Path) -> None:
     assert [path.name for path in source.catalogue().ignored] == ["1.png"]
 
 
+def test_linked_images_are_looked_for_beside_the_links(tmp_path: Path) -> None:
+    """What lies in the folder that the table means counts, not what lies where its links lead."""
+    source = save_table(tmp_path / "set", "0.png,1,2,\n1.png,3,4,\n")
+    (tmp_path / "store").mkdir()
+    save_image(tmp_path / "store" / "other.png", 9)
+    (tmp_path / "set" / "0.png").rename(tmp_path / "store" / "kept.png")
+    (tmp_path / "set" / "0.png").symlink_to(tmp_path / "store" / "kept.png")
+    (tmp_path / "set" / "1.png").rename(tmp_path / "store" / "also.png")
+    (tmp_path / "set" / "1.png").symlink_to(tmp_path / "store" / "also.png")
+    assert source.catalogue().ignored == [tmp_path / "set" / "2.png"]
+
+
 def test_image_damaged_behind_its_header_is_named_by_line(tmp_path: Path) -> None:
     """Only decoding finds the damage; the message still gives the line, in words."""
     source = save_table(tmp_path, "".join(f"{number}.png,{number},{number % 3},\n" for number in range(12)), images=12)

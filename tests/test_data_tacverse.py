@@ -186,9 +186,10 @@ def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, message: str) 
 
 
 def test_absent_label_column_is_named(tmp_path: Path) -> None:
-    """The user sees what the columns are called."""
+    """The user sees what the columns are called, and is sent to no setting, for none changes the layout's names."""
     with pytest.raises(
-        DataError, match=r"no column 'fz' \(TacVerse's layout\); its columns are 'image_name', 'fx', 'fy'"
+        DataError,
+        match=r"no column 'fz' \(TacVerse's layout\); its columns are 'image_name', 'fx', 'fy'\. Rename columns",
     ):
         save_forces(tmp_path, "image_0.png,1,2\n", header="image_name,fx,fy\n").describe()
 

@@ -3,6 +3,7 @@
 Files with other endings, and files beside the class folders, are no part of the data set; the catalogue names them.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from tacevo.data.numerals import number_in
 from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
-from tacevo.data.roots import entries, require_folder
+from tacevo.data.roots import entries, glimpsed, require_folder
 from tacevo.data.source import Catalogue, counted, listed, refuse, repeats
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -88,14 +89,21 @@ def _content(root: Path) -> str:
 
 def _advice(root: Path) -> str:
     """Tell the likely slip: the root is the folder of one class, or the set is a table."""
-    tables = entries(root, suffix=".csv")
+    tables = glimpsed(root, suffix=".csv")
     if tables:
         return f"for a table of labels set data=csv data.table={tables[0]}"
     parent = root.absolute().parent
-    classes = [name for name in entries(parent) if image_files(parent / name, "*")]
+    classes = [name for name in glimpsed(parent) if _shows_images(parent / name)]
     if root.name in classes and len(classes) > 1:
         return f"it seems to be one class of {listed(classes)}; set data.root={parent}"
     return "put the images of each class into a folder of its own"
+
+
+def _shows_images(folder: Path) -> bool:
+    """Tell for a hint whether a folder holds images; False where it may not be looked into."""
+    with suppress(OSError):
+        return bool(image_files(folder, "*"))
+    return False
 
 
 def _ordered(names: list[str]) -> list[str]:

@@ -1,8 +1,8 @@
 """From a source to a finished data set, made once and then kept in a cache.
 
 Promises: an entry of the cache is whole or absent, however many processes start at once and whenever one is
-killed (`staging`); the number of workers cannot change a byte; every fault that can be found without decoding an
-image is told before any is decoded.
+killed (`staging`); the number of workers cannot change a byte; every fault that names, tables and the images'
+headers tell is told before any image is decoded.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
-from tacevo.data.protocol import input_statistics, target_scale
+from tacevo.data.protocol import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Picture, Source, refuse
 from tacevo.data.splitting import Split, random_split, refuse_unbalanced
 from tacevo.data.staging import reserve, staged, sweep
@@ -122,13 +122,24 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
     if catalogue.kind is Kind.classification:
         return catalogue.labels.astype(np.int64), (), ()
     labels = catalogue.labels.astype(np.float64)
-    offset, scale = target_scale(labels, train, scaling, catalogue.names)
+    small = (np.abs(labels) <= LARGEST_LABEL).all(axis=1)
+    refuse(
+        f"some labels are beyond {LARGEST_LABEL:g} in size",
+        _told(catalogue, ~small),
+        "Correct them, or choose a larger unit.",
+    )
+    offset, scale = target_scale(labels, train, scaling, catalogue.names, chosen_by=catalogue.names_chosen_by)
     with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
-    rows = np.flatnonzero(~np.isfinite(targets).all(axis=1))
-    faults = [f"{_place(catalogue, row)} {labels[row].tolist()}" for row in rows.tolist()]
-    refuse("some labels are too large for the 32-bit numbers of a training", faults, "Choose a larger unit.")
+    finite = np.isfinite(targets).all(axis=1)
+    problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
+    refuse(problem, _told(catalogue, ~finite), "Correct them.")
     return targets, offset, scale
+
+
+def _told(catalogue: Catalogue, chosen: npt.NDArray[np.bool_]) -> list[str]:
+    """Name the chosen rows (bool, shape (N,)), each with its labels."""
+    return [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in np.flatnonzero(chosen).tolist()]
 
 
 def _place(catalogue: Catalogue, row: int) -> str:

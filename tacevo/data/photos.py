@@ -30,6 +30,9 @@ ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 #: a preview behind the photograph, which is no image of its own.
 STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 
+#: What is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything.
+_FLOATING = "holds floating-point values, whose full range is unknown"
+
 #: What Pillow raises for a file that is no image, or a damaged one.
 _UNREADABLE = (
     OSError,
@@ -99,13 +102,16 @@ def decode(path: Path, image_size: int) -> Picture:
             message tells the fault alone, because the caller knows what the user calls this image.
     """
     with _opened(path) as file:
-        upright = _to_rgb(ImageOps.exif_transpose(file))
-    return square(upright, image_size)
+        upright = ImageOps.exif_transpose(file)
+    return square(_to_rgb(upright), image_size)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open an image; what goes wrong while it is used is a `DataError` that tells the fault."""
+    """Open an image; what goes wrong while Pillow reads it is a `DataError` that tells the fault.
+
+    Only Pillow's own work belongs inside: a slip of ours would be told as damage of the file.
+    """
     try:
         with warnings.catch_warnings():
             for kind in (UserWarning, Image.DecompressionBombWarning):  # Pillow warns of damage and goes on
@@ -161,7 +167,7 @@ def _to_rgb(image: Image.Image) -> Image.Image:
 def _to_8_bits(grey: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     """Scale whole numbers of 16 bits by their full range: round(value * 255 / 65535), shape unchanged."""
     if grey.dtype.kind == "f":
-        raise DataError("holds floating-point values, whose full range is unknown")
+        raise DataError(_FLOATING)
     if grey.min() < 0 or grey.max() > 65_535:
         raise DataError("holds values beyond 16 bits")
     return ((grey.astype(np.uint32) + 128) // 257).astype(np.uint8)
@@ -180,7 +186,7 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
         Width and height in pixels.
 
     Raises:
-        DataError: files are no readable images, or differ in size.
+        DataError: files are no readable images, hold several or floating-point values, or differ in size.
     """
     sizes: list[tuple[str, tuple[int, int]]] = []
     unreadable = []
@@ -201,14 +207,21 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
 
 
 def _upright_size(path: Path) -> tuple[int, int]:
-    """Read width and height from a header, as they are after the orientation note is obeyed."""
+    """Read width and height from a header, as they are after the orientation note is obeyed.
+
+    Raises:
+        DataError: the header tells that the image cannot be used.
+    """
     with _opened(path) as file:
-        if file.format in STACKS and getattr(file, "n_frames", 1) > 1:
-            raise DataError("holds several images")
-        width, height = file.size
+        stacked = file.format in STACKS and getattr(file, "n_frames", 1) > 1
+        (width, height), mode = file.size, file.mode
         # The base class's method: that of PNG files decodes all pixels to look behind them. Pillow gives the size of
         # TIFF files upright.
         lying = file.format != "TIFF" and Image.Image.getexif(file).get(ORIENTATION) in LYING
+    if stacked:
+        raise DataError("holds several images")
+    if mode.startswith("F"):
+        raise DataError(_FLOATING)
     return (height, width) if lying else (width, height)
 
 

@@ -59,33 +59,35 @@ def _moments(histogram: npt.NDArray[np.int64]) -> tuple[float, float]:
 
 
 def target_scale(
-    labels: npt.NDArray[np.float64], train: npt.NDArray[np.int64], scaling: TargetScaling, names: tuple[str, ...]
+    labels: npt.NDArray[np.float64],
+    train: npt.NDArray[np.int64],
+    scaling: TargetScaling,
+    names: tuple[str, ...],
+    *,
+    chosen_by: str | None = None,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Find offset and scale per output, where target = (label - offset) / scale.
 
     Args:
-        labels: shape (N, K), in the units of the recording.
+        labels: shape (N, K), in the units of the recording; no training label beyond `LARGEST_LABEL` in size.
         train: the rows that may be looked at.
         scaling: what the training targets shall become.
         names: of the K outputs, for messages.
+        chosen_by: the setting that names the outputs, for messages; None where the source fixes them.
 
     Returns:
         Offsets and scales, K each, in the units of the labels.
 
     Raises:
-        DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt; or
-            values beyond `LARGEST_LABEL`.
+        DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt.
     """
     columns = [[float(value) for value in column] for column in labels[train].T]
     constant = [name for name, column in zip(names, columns, strict=True) if min(column) == max(column)]
     if constant:
+        choice = "" if chosen_by is None else f", or leave it out of {chosen_by}"
         raise DataError(
-            f"target {constant} has one value in the whole training split; leave it out of data.target_columns or "
-            "record more images"
+            f"target {constant} has one value in the whole training split; add images in which it varies{choice}"
         )
-    excessive = [name for name, column in zip(names, columns, strict=True) if max(map(abs, column)) > LARGEST_LABEL]
-    if excessive:
-        raise DataError(f"target {excessive} has values beyond {LARGEST_LABEL:g} in size; choose a larger unit")
     pairs = [_offset_and_scale(column, scaling) for column in columns]
     return tuple(offset for offset, _ in pairs), tuple(scale for _, scale in pairs)
 

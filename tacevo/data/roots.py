@@ -1,7 +1,9 @@
 """Where a data set is not: what was looked for, what lies there instead, and what was probably meant."""
 
 import difflib
+import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from tacevo.data.source import listed
@@ -37,8 +39,8 @@ def require_file(root: Path, suffix: str) -> None:
     if root.is_file():
         return
     if root.is_dir():
-        found = entries(root, suffix=suffix)
-        there = f"{listed(found)}; set data.root={root / found[0]}" if found else "none"
+        found = glimpsed(root, suffix=suffix)
+        there = f"{listed(found)}; set data.root={root / found[0]}" if found else "none that can be seen"
         raise DataError(f"data.root is a folder, not a {suffix} archive: {root}; it holds {there}")
     raise DataError(f"data.root is no file: {root}; give the {suffix} archive. {_instead(root)}")
 
@@ -51,9 +53,19 @@ def entries(folder: Path, *, suffix: str | None = None) -> list[str]:
     return sorted(path.name for path in found if path.suffix.lower() == suffix and path.is_file())
 
 
+def glimpsed(folder: Path, *, suffix: str | None = None) -> list[str]:
+    """List `entries` for a hint: none where the folder may not be listed, so that the user reads the fault itself."""
+    with suppress(OSError):
+        return entries(folder, suffix=suffix)
+    return []
+
+
 def folders_in(folder: Path) -> str:
     """Name the folders in a folder for a message, the first few."""
-    names = entries(folder)
+    try:
+        names = entries(folder)
+    except OSError as error:
+        return f"what cannot be listed ({error.strerror})"
     return listed(names) if names else "no folders"
 
 
@@ -66,8 +78,8 @@ def nearest(name: str, names: Sequence[str]) -> str | None:
 
 def holder(folder: Path, name: str) -> Path | None:
     """Find what holds a file or folder of a name: the folder above, or one just below; None where none does."""
-    places = [folder.parent, *(folder / child for child in entries(folder))]
-    return next((place for place in places if (place / name).exists()), None)
+    places = [folder.parent, *(folder / child for child in glimpsed(folder))]
+    return next((place for place in places if os.path.exists(place / name)), None)  # False where it may not look
 
 
 def _instead(path: Path) -> str:
@@ -77,7 +89,10 @@ def _instead(path: Path) -> str:
     missing, there = path.absolute(), path.absolute().parent
     while not there.is_dir():
         missing, there = there, there.parent
-    names = sorted(child.name for child in there.iterdir() if not child.name.startswith("."))
+    try:
+        names = sorted(child.name for child in there.iterdir() if not child.name.startswith("."))
+    except OSError as error:
+        return f"{there} is there, but has no {missing.name}; what it holds cannot be listed ({error.strerror})"
     meant = nearest(missing.name, names)
     guess = "" if meant is None else f"; did you mean {there / meant}?"
     return f"{there} is there, but has no {missing.name}; it holds {listed(names) if names else 'nothing'}{guess}"

@@ -21,8 +21,10 @@ class Row:
     #: As an editor counts, the header being line 1.
     line: int
     name: str
-    #: The image; it need not exist.
+    #: The image, links followed; it need not exist.
     path: Path
+    #: The folder that the image was found in, as it is written: not where a link leads.
+    folder: Path
     #: The text of each target column, in their order.
     texts: tuple[str, ...]
 
@@ -45,8 +47,10 @@ def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture
 def unnamed_images(rows: Sequence[Row]) -> list[Path]:
     """Find the images that lie beside those of the rows, and that no row names."""
     named = {row.path for row in rows}
-    folders = sorted({path.parent for path in named})
-    return [path for folder in folders for path in image_files(folder, "*") if path.resolve() not in named]
+    folders = {row.folder.resolve(): row.folder for row in rows}  # a folder may be written in several ways
+    return [
+        path for folder in sorted(folders.values()) for path in image_files(folder, "*") if path.resolve() not in named
+    ]
 
 
 def read_rows(
@@ -55,6 +59,7 @@ def read_rows(
     image_column: str,
     target_columns: Sequence[str],
     asked_by: tuple[str, str],
+    advice: str,
     folders: Sequence[Path],
     skip_missing: bool,
 ) -> tuple[list[Row], int]:
@@ -67,6 +72,7 @@ def read_rows(
         image_column: holds each image's path, relative to one of the folders.
         target_columns: hold the labels.
         asked_by: who says so, for messages: the settings of image column and target columns.
+        advice: what the user can do where a column is absent.
         folders: where images are looked for, in this order.
         skip_missing: leave out rows whose image is missing, instead of refusing the table.
 
@@ -78,7 +84,7 @@ def read_rows(
         DataError: the table is no such table, or a row is faulty: all rows with the same fault are named at once.
     """
     asked = [(image_column, asked_by[0]), *((name, asked_by[1]) for name in target_columns)]
-    rows = list(_rows(table, asked, folders))
+    rows = list(_rows(table, asked, advice, folders))
     if not rows:
         raise DataError(f"{table.name} has no rows below its header; give the table that holds the labels")
     present = [row for row in rows if os.path.isfile(row.path)]
@@ -111,22 +117,23 @@ def _refuse_missing(table: Path, rows: Sequence[Row], folder: Path, *, skippable
     refuse(f"{table.name} names images that are not in {folder}", [row.place for row in missing], advice)
 
 
-def _rows(table: Path, asked: Sequence[tuple[str, str]], folders: Sequence[Path]) -> Iterator[Row]:
+def _rows(table: Path, asked: Sequence[tuple[str, str]], advice: str, folders: Sequence[Path]) -> Iterator[Row]:
     """Read the rows of a table, with the asked columns only, the image's first."""
     lines = _lines(table)
     _, header = next(lines, (1, []))
-    numbers = _columns(table, header, asked)
+    numbers = _columns(table, header, asked, advice)
     long = []
     for line, values in lines:
         if len(values) > len(header):  # a decimal comma would shift every label behind it
             long.append(f"line {line}")
             continue
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
-        yield Row(line=line, name=name.strip(), path=_find(name.strip(), folders), texts=tuple(texts))
+        path, folder = _find(name.strip(), folders)
+        yield Row(line=line, name=name.strip(), path=path, folder=folder, texts=tuple(texts))
     refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "Quote or correct them.")
 
 
-def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]]) -> list[int]:
+def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]], advice: str) -> list[int]:
     """Find the position of each asked column; each comes with the setting that asks for it."""
     columns = [name.strip() for name in header]
     if not columns:
@@ -142,19 +149,19 @@ def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]
     if absent:
         raise DataError(
             f"{table.name} has no column {listed(absent)}; its columns are {listed(list(map(shortened, columns)))}. "
-            f"{_hint(columns)}"
+            f"{_hint(columns) or advice}"
         )
     return [found[name] for name in names]
 
 
-def _hint(columns: Sequence[str]) -> str:
-    """Tell how to mend a header that lacks columns."""
+def _hint(columns: Sequence[str]) -> str | None:
+    """Tell how to mend what is no header of a CSV table; None where it may be one."""
     for mark, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if len(columns) == 1 and mark in columns[0]:
             return f"They seem to be separated by {name}; save the table with commas between them."
     if any(number_in(name) is not None for name in columns):
         return "This looks like a line of values; the first line must name the columns."
-    return "Set names as they are here, or rename a column."
+    return None
 
 
 def _lines(table: Path) -> Iterator[tuple[int, list[str]]]:
@@ -188,8 +195,12 @@ def _open_quote(table: Path, line: int) -> DataError:
     )
 
 
-def _find(name: str, folders: Sequence[Path]) -> Path:
-    """Find an image in the first folder that has it; where none has, name the place where it should be."""
+def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path]:
+    """Find an image in the first folder that has it; where none has, name the place where it should be.
+
+    Returns:
+        Where the image is, links followed, and the folder that it was found in, as it is written.
+    """
     found = (folder / name for folder in folders if os.path.isfile(folder / name))
     path = next(found, None)
-    return folders[0] / name if path is None else path.resolve()
+    return (folders[0] / name, folders[0]) if path is None else (path.resolve(), path.parent)

@@ -37,6 +37,8 @@ class Catalogue:
     pictures: Sequence[Callable[[], Picture]]
     #: Regression: the unit of every output, e.g. `N`; None where the source states none. Never guessed.
     units: tuple[str, ...] | None = None
+    #: Regression: the setting that names the outputs, for messages; None where the source fixes them.
+    names_chosen_by: str | None = None
     #: int64 (N,): rows with the same number were recorded together and share a part of a random split; None: no two.
     groups: npt.NDArray[np.int64] | None = None
     #: The split that the authors of the recording name; None where they name none.

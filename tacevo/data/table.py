@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.data.photos import DECODING, common_size, files_hash
-from tacevo.data.roots import entries, folders_in, holder, nearest, require_folder
+from tacevo.data.roots import folders_in, glimpsed, holder, nearest, require_folder
 from tacevo.data.rows import Row, pictures, read_rows, unnamed_images
 from tacevo.data.source import Catalogue, listed
 from tacevo.errors import DataError
@@ -58,6 +58,7 @@ class Table:
         return Catalogue(
             kind=Kind.regression,
             names=self.target_columns,
+            names_chosen_by="data.target_columns",
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures(rows, self.image_size),
@@ -78,6 +79,7 @@ class Table:
             image_column=self.image_column,
             target_columns=self.target_columns,
             asked_by=("data.image_column", "data.target_columns"),
+            advice="Set names as they are here, or rename a column.",
             folders=(self.root, table.parent),
             skip_missing=self.skip_missing,
         )
@@ -85,7 +87,7 @@ class Table:
 
 def _advice(root: Path, table: str) -> str:
     """Tell what lies where a table was looked for, and what was probably meant."""
-    tables, place = entries(root, suffix=".csv"), holder(root, table)
+    tables, place = glimpsed(root, suffix=".csv"), holder(root, table)
     if place is not None:
         return f"it is in {place}: set data.root={place}"
     if tables:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from tacevo.choices import SensorTask
 from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
-from tacevo.data.roots import entries, folders_in, holder, nearest, require_folder
+from tacevo.data.roots import folders_in, glimpsed, holder, nearest, require_folder
 from tacevo.data.rows import Row, pictures, read_rows, unnamed_images
 from tacevo.data.source import Catalogue, listed, refuse, repeats
 from tacevo.data.splitting import Split, ordered_split
@@ -135,7 +135,7 @@ class TacVerse:
         folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
         table = folder / f"{self.sensor}.csv"
         if not table.is_file():
-            tables = entries(folder, suffix=".csv")
+            tables = glimpsed(folder, suffix=".csv")
             there = f"it holds {listed(tables)}: rename the table" if tables else "it belongs beside the images"
             raise DataError(f"there is no table {table.name} in {folder}; {there}")
         rows, skipped = read_rows(
@@ -143,6 +143,7 @@ class TacVerse:
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
             asked_by=("TacVerse's layout", "TacVerse's layout"),
+            advice="Rename columns: no setting changes the names of this layout.",
             folders=(folder,),
             skip_missing=self.skip_missing,
         )
@@ -229,5 +230,5 @@ def _advice(folder: Path, key: str, name: str) -> str:
     if key == "data.root":
         holding = folder.parent if folder.name == name else holder(folder, name)
         return f"set data.root={holding}" if holding else f"set data.root to the folder that holds {name}"
-    meant = nearest(name, entries(folder))
+    meant = nearest(name, glimpsed(folder))
     return f"set {key}={meant}" if meant else f"set {key} to one of these"
