@@ -122,24 +122,24 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
     if catalogue.kind is Kind.classification:
         return catalogue.labels.astype(np.int64), (), ()
     labels = catalogue.labels.astype(np.float64)
-    small = (np.abs(labels) <= LARGEST_LABEL).all(axis=1)
+    excessive = np.flatnonzero((np.abs(labels) > LARGEST_LABEL).any(axis=1))
     refuse(
         f"some labels are beyond {LARGEST_LABEL:g} in size",
-        _told(catalogue, ~small),
+        _told(catalogue, excessive),
         "Correct them, or choose a larger unit.",
     )
     offset, scale = target_scale(labels, train, scaling, catalogue.names, chosen_by=catalogue.names_chosen_by)
     with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
-    finite = np.isfinite(targets).all(axis=1)
+    infinite = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
-    refuse(problem, _told(catalogue, ~finite), "Correct them.")
+    refuse(problem, _told(catalogue, infinite), "Correct them.")
     return targets, offset, scale
 
 
-def _told(catalogue: Catalogue, chosen: npt.NDArray[np.bool_]) -> list[str]:
-    """Name the chosen rows (bool, shape (N,)), each with its labels."""
-    return [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in np.flatnonzero(chosen).tolist()]
+def _told(catalogue: Catalogue, rows: npt.NDArray[np.intp]) -> list[str]:
+    """Name some rows, given by number, each with its labels."""
+    return [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in rows.tolist()]
 
 
 def _place(catalogue: Catalogue, row: int) -> str:
