@@ -81,8 +81,8 @@ def test_so_many_requests_are_open_at_once(provider: str) -> None:
 class _Starting:
     """A server that answers once all have begun, and notes how many had, whenever one of them got its first turn."""
 
-    secrets = ()
-    sampling = ()
+    secrets: tuple[str, ...] = ()
+    sampling: tuple[str, ...] = ()
 
     def __init__(self, together: int) -> None:
         self._together = together
