@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tacevo.costs import Spending, spending_on, total, usd
 from tacevo.errors import ConfigError, StoreError
+from tacevo.plurals import counted
 from tacevo.records import Completion, Json
 from tacevo.store import KINDS, Store, check_entry, content_hash, shown, value_at
 from tacevo.summary import table
@@ -250,7 +251,7 @@ def _nearest(root: Path, kind: str, request: Json) -> str:
     if found is None:
         return f"there is no other recording of {kind} in {root}"
     entry, fields = found
-    lines = [f"nearest other recording: {entry['key']}; it differs in {len(fields)} fields:"]
+    lines = [f"nearest other recording: {entry['key']}; it differs in {counted(len(fields), 'field')}:"]
     for field in fields:
         was, now = (_brief(value_at(each, field)) for each in (entry["request"], request))
         lines.append(f"  {shown(field)}: recorded {was}, here {now}")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Self
 
+from tacevo.plurals import counted
 from tacevo.records import Completion, Json
 
 
@@ -58,11 +59,10 @@ def total(parts: Iterable[Spending]) -> Spending:
 
 def in_words(spending: Spending) -> str:
     """Write a spending as a clause, e.g. `61 answers, 80,000 + 40,000 tokens, 0.0700 USD`."""
-    words = (
-        f"{spending.answers} answers, {spending.input_tokens:,} + {spending.output_tokens:,} tokens, {usd(spending)}"
-    )
+    tokens = f"{spending.input_tokens:,} + {spending.output_tokens:,} tokens"
+    words = f"{counted(spending.answers, 'answer')}, {tokens}, {usd(spending)}"
     if 0 < spending.unpriced < spending.answers:
-        words += f" without the {spending.unpriced} answers of unknown price"
+        words += f" without the {counted(spending.unpriced, 'answer')} of unknown price"
     return words
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import plain_name
-from tacevo.data.source import Catalogue, counted
+from tacevo.data.source import Catalogue
 from tacevo.data.survey import Survey
+from tacevo.plurals import counted
 from tacevo.records import Json, to_json
 
 #: Equal or constant images that the report spells out before it only counts them; the JSON lists all.

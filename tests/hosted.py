@@ -2,12 +2,16 @@
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 from tacevo.llm import anthropic, openai
+from tacevo.llm.batch_server import Pace
+from tacevo.llm.batches import BatchLLM
 from tacevo.llm.faults import Patience
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.outcomes import Models
 from tacevo.records import Message, Request, Setting
+from tacevo.store import Store
 
 KEY = "sk-ant-a-secret-key-0123456789"
 
@@ -38,6 +42,19 @@ def hosted(
         name=f"llm={provider}",
         patience=patience,
         models=models,
+        stop=stop,
+    )
+
+
+def batched(url: str, root: Path, *, stop: threading.Event | None = None, tries: int = 5) -> BatchLLM:
+    """Make the LLM that submits batches to a server; the key is to stand in the environment."""
+    return BatchLLM(
+        lambda: anthropic.connect_batches(url),
+        store=Store(root, "completions"),
+        folder=root / "batches",
+        name="llm=anthropic",
+        patience=Patience(tries=tries, first=0.001, longest=0.01),
+        pace=Pace(first=0.01, longest=0.02, settling=0.1),
         stop=stop,
     )
 

@@ -8,7 +8,7 @@ A command stands in the last turn of a request: `[fault NAME]`, or `[fault NAME 
     too_long filtered invalid credit    status 400 with the words that the real servers use
     refusal max_tokens empty            answers of those kinds
     wrong_model echo                    an answer by another model; an answer, or a refusal, that repeats the key
-    errored expired canceled            of one request in a batch
+    errored expired canceled unknown    of one request in a batch; the last for a model that nobody knows
 """
 
 import hashlib
@@ -146,6 +146,8 @@ def outcome_in_batch(script: Script, body: Body, login: str) -> Body:
     fault = script.fault(body, 1)
     if fault == "errored":
         return {"type": "errored", "error": error("api_error", "internal server error")}
+    if fault == "unknown":
+        return {"type": "errored", "error": error("not_found_error", f"model: {body['model']}")}
     if fault in UNANSWERED:
         return {"type": fault}
     words = REFUSALS.get(fault) or script.refusal(body)

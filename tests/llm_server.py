@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import json
 import random
+import socket
 import sys
 import threading
 from collections import Counter
@@ -24,6 +25,13 @@ from llm_script import REFUSALS, Body, Script, chat, error, key_of, message, out
 
 #: What time a batch was made is of no interest here, but the API says it.
 _TIMES = {"created_at": "2026-01-01T00:00:00Z", "expires_at": "2026-01-02T00:00:00Z"}
+
+
+#: Connections that may wait to be accepted.
+_BACKLOG = 16_384
+
+#: Stop reasons of recorded answers that are served as they were recorded.
+_SERVED = ("end_turn", "max_tokens")
 
 
 @dataclass
@@ -55,10 +63,10 @@ class Call:
 class LLMServer:
     """The server and its counts; it runs in an event loop of its own thread."""
 
-    def __init__(self, script: Script, port: int = 0) -> None:
+    def __init__(self, script: Script, listening: socket.socket) -> None:
         self.script = script
-        self._port = port
-        self.url = ""
+        self._listening = listening
+        self.url = f"http://127.0.0.1:{listening.getsockname()[1]}"
         #: How often every request was tried and billed, by `key_of` its body.
         self.tried: Counter[str] = Counter()
         self.billed: Counter[str] = Counter()
@@ -79,13 +87,11 @@ class LLMServer:
         self._batch_faults = script.batch_faults
         self._gathered = asyncio.Event()
 
-    async def serve(self, ready: threading.Event, ended: asyncio.Event) -> None:
-        """Listen until it is ended."""
-        listening = await asyncio.start_server(self._talk, "127.0.0.1", self._port, backlog=16_384, limit=2**24)
-        self.url = f"http://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
-        ready.set()
+    async def serve(self, ended: asyncio.Event) -> None:
+        """Answer until it is ended."""
+        answering = await asyncio.start_server(self._talk, sock=self._listening, backlog=_BACKLOG, limit=2**24)
         await ended.wait()
-        listening.close()
+        answering.close()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer one connection's requests, one after the other."""
@@ -274,14 +280,23 @@ async def _send_text(writer: asyncio.StreamWriter, status: int, text: str) -> No
     await writer.drain()
 
 
+def listen(port: int = 0) -> socket.socket:
+    """Take a port of this machine, or any that is free; who connects waits until a server answers.
+
+    Raises:
+        OSError: it is in use, or not for this user.
+    """
+    return socket.create_server(("127.0.0.1", port), backlog=_BACKLOG)
+
+
 @contextlib.contextmanager
-def serving(script: Script | None = None, *, port: int = 0) -> Iterator[LLMServer]:
-    """Run a server in a thread of this process, at a port or at any that is free."""
-    server, ready = LLMServer(script or Script(), port), threading.Event()
+def serving(script: Script | None = None, *, listening: socket.socket | None = None) -> Iterator[LLMServer]:
+    """Run a server in a thread of this process, at a port that was taken or at any that is free."""
+    server = LLMServer(script or Script(), listening or listen())
     loop, ended = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:
-        loop.run_until_complete(server.serve(ready, ended))
+        loop.run_until_complete(server.serve(ended))
         for task in asyncio.all_tasks(loop):
             task.cancel()
         loop.run_until_complete(asyncio.sleep(0.01))
@@ -289,7 +304,6 @@ def serving(script: Script | None = None, *, port: int = 0) -> Iterator[LLMServe
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    ready.wait()
     try:
         yield server
     finally:
@@ -303,16 +317,20 @@ def recorded_answers(folder: Path, task: str) -> Script:
     A request that names a file (`force_000`) gets its answer, and every other one that which follows from its hash.
 
     Args:
-        folder: of JSON files `<task>_<number>.json`, each with a `response` and its `stop_reason`.
+        folder: of JSON files `<task>_<number>.json`, each with a `response` and its `stop_reason`, which is `end_turn`
+            or `max_tokens`: other answers cannot be served as they were.
         task: whose answers; empty for those of every task.
 
     Raises:
-        ValueError: the folder holds none.
+        ValueError: the folder holds none, or one that ended otherwise.
     """
     paths = sorted(folder.glob(f"{task or '*'}_*.json"))
     if not paths:
         raise ValueError(f"{folder} holds no recorded answers {task or '*'}_*.json")
     recorded = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+    for path in paths:
+        if (reason := recorded[path.stem]["stop_reason"]) not in _SERVED:
+            raise ValueError(f"{path} ended by {reason}; {' and '.join(_SERVED)} can be served: leave it out")
 
     def chosen(body: Body) -> Body:
         other = paths[int(key_of(body), 16) % len(paths)].stem
@@ -325,6 +343,21 @@ def recorded_answers(folder: Path, task: str) -> Script:
     return Script(answer=lambda body: str(chosen(body)["response"]), kind=kind)
 
 
+def _rate(text: str) -> float:
+    """Read a part of the tries; if all failed, nobody would ever be answered."""
+    rate = float(text)
+    if not 0 <= rate < 1:
+        raise argparse.ArgumentTypeError(f"expected a number in [0, 1), got {text}")
+    return rate
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port < 2**16:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 65535, got {text}")
+    return port
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Serve until Ctrl-C; the address is the first line of the output."""
     parser = argparse.ArgumentParser(
@@ -335,18 +368,22 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--answers", type=Path, help="folder of recorded answers, <task>_<number>.json; else it echoes")
     parser.add_argument("--task", default="force", help="whose recorded answers to serve (default: force)")
-    parser.add_argument("--port", type=int, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
-    parser.add_argument("--rate", type=float, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
+    parser.add_argument("--port", type=_port, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
+    parser.add_argument("--rate", type=_rate, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
     parser.add_argument("--seed", type=int, default=0, help="from which the failures follow (default: 0)")
     parser.add_argument("--delay", type=float, default=0.0, help="seconds before every answer (default: 0)")
     parser.add_argument("--together", type=int, default=0, help="answer nothing before so many requests are open")
     given = parser.parse_args(arguments)
     try:
         script = Script() if given.answers is None else recorded_answers(given.answers, given.task)
-    except ValueError as missing:
-        parser.error(str(missing))
+    except ValueError as unusable:
+        parser.error(str(unusable))
+    try:
+        listening = listen(given.port)
+    except OSError as taken:
+        parser.error(f"cannot listen: {taken.strerror}; choose another --port")
     script = replace(script, rate=given.rate, seed=given.seed, delay=given.delay, together=given.together)
-    with contextlib.suppress(KeyboardInterrupt), serving(script, port=given.port) as server:
+    with contextlib.suppress(KeyboardInterrupt), serving(script, listening=listening) as server:
         print(server.url, flush=True)
         threading.Event().wait()
     return 0

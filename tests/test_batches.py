@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -14,16 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import KEY, request
+from hosted import KEY, batched, request
 from llm_script import Script
 from llm_server import LLMServer, serving
 
 from tacevo.errors import ConfigError, LLMError, StoreError, TransportError
 from tacevo.llm.anthropic import body_of, connect_batches
 from tacevo.llm.batch_records import BatchRecord, BatchRecords
-from tacevo.llm.batch_server import Pace
-from tacevo.llm.batches import BatchLLM
-from tacevo.llm.faults import Patience
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Delivery, Request, to_json
 from tacevo.store import Store, content_hash
@@ -37,23 +35,10 @@ def _key(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
 
 
-def batches(url: str, root: Path, *, stop: threading.Event | None = None, tries: int = 5) -> BatchLLM:
-    """Make the LLM that submits batches to a server."""
-    return BatchLLM(
-        lambda: connect_batches(url),
-        store=Store(root, "completions"),
-        folder=root / "batches",
-        name="llm=anthropic",
-        patience=Patience(tries=tries, first=0.001, longest=0.01),
-        pace=Pace(first=0.01, longest=0.02, settling=0.1),
-        stop=stop,
-    )
-
-
 def recorded(url: str, root: Path, asked: list[Request] | None = None) -> list[str]:
     """Ask through the store, and give the answers in the order of the requests."""
     wanted = ASKED if asked is None else asked
-    answers = dict(RecordingLLM(batches(url, root), Store(root, "completions")).complete(wanted))
+    answers = dict(RecordingLLM(batched(url, root), Store(root, "completions")).complete(wanted))
     return [answers[position].text for position in range(len(wanted))]
 
 
@@ -80,7 +65,7 @@ def test_generation_is_one_batch_in_any_order(server: LLMServer, tmp_path: Path)
 
 def test_request_in_a_batch_is_that_of_the_messages_api(server: LLMServer, tmp_path: Path) -> None:
     """Settings of every kind reach the server under their names."""
-    list(batches(server.url, tmp_path).complete([request("a", settings=(("thinking_tokens", 2048), ("top_p", 0.9)))]))
+    list(batched(server.url, tmp_path).complete([request("a", settings=(("thinking_tokens", 2048), ("top_p", 0.9)))]))
     params = server.batches[0].requests[0]["params"]
     assert (params["temperature"], params["top_p"], params["max_tokens"]) == (0.65, 0.9, 77)
     assert params["thinking"] == {"type": "enabled", "budget_tokens": 2048}
@@ -88,14 +73,14 @@ def test_request_in_a_batch_is_that_of_the_messages_api(server: LLMServer, tmp_p
 
 def test_completion_says_that_it_came_by_a_batch(server: LLMServer, tmp_path: Path) -> None:
     """Its price follows from that."""
-    ((_, completion),) = batches(server.url, tmp_path).complete(ASKED[:1])
+    ((_, completion),) = batched(server.url, tmp_path).complete(ASKED[:1])
     assert completion.delivery is Delivery.batch
     assert (completion.model, completion.output_tokens) == ("model-x-dated", 7)
 
 
 def test_record_stands_until_the_answers_are_stored(server: LLMServer, tmp_path: Path) -> None:
     """Answers that were read but not stored are taken from the same batch again; stored ones free the record."""
-    unstored = batches(server.url, tmp_path)
+    unstored = batched(server.url, tmp_path)
     assert len(list(unstored.complete(ASKED))) == 5
     assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
     assert len(server.batches) == 1
@@ -107,7 +92,7 @@ def test_record_stands_until_the_answers_are_stored(server: LLMServer, tmp_path:
 
 def test_part_of_a_batch_is_taken_from_it(server: LLMServer, tmp_path: Path) -> None:
     """A run that asks in other portions than the one before, as under a budget, submits nothing again."""
-    list(batches(server.url, tmp_path).complete(ASKED))
+    list(batched(server.url, tmp_path).complete(ASKED))
     assert recorded(server.url, tmp_path, ASKED[1:3]) == ["b!", "c!"]
     assert recorded(server.url, tmp_path, [*ASKED, request("f")]) == ["a!", "b!", "c!", "d!", "e!", "f!"]
     assert [len(batch.requests) for batch in server.batches] == [5, 1]
@@ -116,7 +101,7 @@ def test_part_of_a_batch_is_taken_from_it(server: LLMServer, tmp_path: Path) -> 
 @pytest.mark.parametrize("fault", ["errored", "expired"])
 def test_unanswered_request_is_submitted_again_a_few_times(fault: str, server: LLMServer, tmp_path: Path) -> None:
     """The others are kept; after three batches the run says what failed."""
-    answers = batches(server.url, tmp_path).complete([request("a"), request(f"b [fault {fault}]")])
+    answers = batched(server.url, tmp_path).complete([request("a"), request(f"b [fault {fault}]")])
     assert next(answers)[1].text == "a!"
     with pytest.raises(TransportError, match="1 of 2 requests failed after all tries"):
         next(answers)
@@ -127,7 +112,7 @@ def test_canceled_request_is_reported_and_submitted_anew_by_the_next_command(ser
     """Somebody wanted it to end, so this run submits nothing more."""
     for number in (1, 2):
         with pytest.raises(TransportError, match="canceled; give the same command again"):
-            list(batches(server.url, tmp_path).complete([request("a [fault canceled]")]))
+            list(batched(server.url, tmp_path).complete([request("a [fault canceled]")]))
         assert len(server.batches) == number
 
 
@@ -136,7 +121,7 @@ def test_request_that_can_never_be_answered_is_recorded(
     fault: str, stop_reason: str, server: LLMServer, tmp_path: Path
 ) -> None:
     """It stops no run, and is not submitted again."""
-    answers = dict(batches(server.url, tmp_path).complete([request(f"a [fault {fault}]"), request("b")]))
+    answers = dict(batched(server.url, tmp_path).complete([request(f"a [fault {fault}]"), request("b")]))
     completion = answers[0]
     assert (completion.text, completion.stop_reason, completion.delivery) == ("", stop_reason, Delivery.batch)
     assert len(server.batches) == 1
@@ -154,7 +139,7 @@ def test_refusal_of_all_but_one_is_recorded_for_none(server: LLMServer, tmp_path
 def test_results_without_an_answer_are_read_again_with_pauses_and_not_for_ever(results: str, tmp_path: Path) -> None:
     """What is paid for is neither submitted again nor waited for without end; a later command takes it."""
     with serving(Script(results=results)) as server:
-        with pytest.raises(TransportError, match=r"lack 1 answers.*give the same command again"):
+        with pytest.raises(TransportError, match=r"lack 1 answer,.*give the same command again"):
             recorded(server.url, tmp_path)
         assert server.results_read == 5
         server.script = Script()
@@ -168,7 +153,7 @@ def test_interruption_ends_the_reading_of_results_without_an_answer(tmp_path: Pa
     with serving(Script(results="lacking")) as server:
         threading.Timer(0.2, stop.set).start()
         with pytest.raises(LLMError, match="interrupted"):
-            list(batches(server.url, tmp_path, stop=stop, tries=10**9).complete(ASKED))
+            list(batched(server.url, tmp_path, stop=stop, tries=10**9).complete(ASKED))
 
 
 def test_broken_results_count_no_failure_twice(tmp_path: Path) -> None:
@@ -176,20 +161,27 @@ def test_broken_results_count_no_failure_twice(tmp_path: Path) -> None:
     with serving(Script(cut="results")) as server:
         asked = [request(f"{number} [fault errored]") for number in range(9)]
         with pytest.raises(TransportError, match="9 of 9 requests failed after all tries"):
-            list(batches(server.url, tmp_path).complete(asked))
+            list(batched(server.url, tmp_path).complete(asked))
         assert [len(batch.requests) for batch in server.batches] == [9, 9, 9]
 
 
 def test_refused_payment_stops_the_run(server: LLMServer, tmp_path: Path) -> None:
     """It is the user's to mend."""
     with pytest.raises(ConfigError, match="credit balance"):
-        list(batches(server.url, tmp_path).complete([request("a [fault credit]")]))
+        list(batched(server.url, tmp_path).complete([request("a [fault credit]")]))
+
+
+def test_unknown_model_is_told_by_the_setting_that_names_it(server: LLMServer, tmp_path: Path) -> None:
+    """The batch itself was accepted, so the address is not at fault."""
+    with pytest.raises(ConfigError, match=r"404: model: model-x .*; check llm\.model") as refused:
+        list(batched(server.url, tmp_path).complete([request("a [fault unknown]")]))
+    assert "llm.base_url" not in str(refused.value)
 
 
 def test_refused_settings_are_dropped_and_recorded(tmp_path: Path) -> None:
     """The requests are submitted again without what the model refuses, and the refused ones cost nothing."""
     with serving(Script(refused=("temperature",))) as server:
-        completions = [completion for _, completion in batches(server.url, tmp_path).complete(ASKED)]
+        completions = [completion for _, completion in batched(server.url, tmp_path).complete(ASKED)]
         assert {completion.dropped for completion in completions} == {("temperature",)}
         assert [len(batch.requests) for batch in server.batches] == [5, 5]
 
@@ -220,13 +212,32 @@ def test_someone_elses_batch_is_not_taken_for_ours(server: LLMServer, tmp_path: 
     assert server.batches[0].requests[0]["custom_id"] == "other0"
 
 
-def test_batch_whose_results_are_deleted_is_not_taken_for_ours(server: LLMServer, tmp_path: Path) -> None:
-    """Somebody else's batch of the same size stops no run, though nothing in it can be recognised."""
+def test_candidate_whose_results_are_deleted_is_never_replaced_silently(server: LLMServer, tmp_path: Path) -> None:
+    """Nothing in it can be recognised, so it may be ours, and paid for: this command and the next refuse."""
     _cut_off_a_submission(server.url, tmp_path)
     _submit_elsewhere(server.url)
     server.batches[0].archived_at = "2026-01-01T00:00:00Z"
+    for _ in range(2):
+        with pytest.raises(ConfigError, match=r"has deleted its results.*delete .*\.json to submit, and to pay for"):
+            recorded(server.url, tmp_path)
+        assert len(server.batches) == 1
+    records(tmp_path)[0].unlink()
     assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
-    assert server.batches[0].requests[0]["custom_id"] == "other0"
+
+
+def test_submission_that_left_no_batch_is_told_before_it_is_made_again(
+    server: LLMServer, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Another key or workspace may hold it, and this one cannot see that: the user hears of it."""
+    _cut_off_a_submission(server.url, tmp_path)
+    with caplog.at_level(logging.WARNING):
+        assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
+    (said,) = caplog.messages
+    assert said.startswith("llm=anthropic: no batch found for 5 requests whose submission was cut off")
+    assert "another key or workspace" in said
+    caplog.clear()
+    recorded(server.url, tmp_path, [request("f")])
+    assert caplog.messages == []
 
 
 def _cut_off_a_submission(url: str, root: Path) -> tuple[str, ...]:
@@ -251,17 +262,17 @@ def test_interruption_leaves_the_batch_running(tmp_path: Path) -> None:
     with serving(Script(polls=20)) as server:
         threading.Timer(0.1, stop.set).start()
         with pytest.raises(LLMError, match="submitted batches go on"):
-            list(batches(server.url, tmp_path, stop=stop).complete(ASKED))
+            list(batched(server.url, tmp_path, stop=stop).complete(ASKED))
         assert recorded(server.url, tmp_path) == ["a!", "b!", "c!", "d!", "e!"]
         assert [batch.canceled for batch in server.batches] == [False]
 
 
 def test_unknown_batch_is_not_paid_for_twice_silently(server: LLMServer, tmp_path: Path) -> None:
     """Another key sees other batches: the message names the record, and nothing is submitted."""
-    list(batches(server.url, tmp_path).complete(ASKED))
+    list(batched(server.url, tmp_path).complete(ASKED))
     server.batches.clear()
     with pytest.raises(
-        ConfigError, match=r"5 requests stand in batch msgbatch_0000, but .*404.*delete .*\.json to sub"
+        ConfigError, match=r"batch msgbatch_0000 holds 5 requests, perhaps paid for, but .*404.*delete .*\.json"
     ):
         recorded(server.url, tmp_path)
     assert server.batches == []
@@ -307,7 +318,7 @@ def _forget_when_looked_at(server: LLMServer) -> None:
 
 def test_damaged_record_is_named_and_refused(server: LLMServer, tmp_path: Path) -> None:
     """Half a record is no reason to submit again."""
-    list(batches(server.url, tmp_path).complete(ASKED))
+    list(batched(server.url, tmp_path).complete(ASKED))
     (path,) = records(tmp_path)
     path.write_text(path.read_text(encoding="utf-8")[:40], encoding="utf-8")
     with pytest.raises(StoreError, match=rf"{path.name} is no record of a batch"):
@@ -318,14 +329,14 @@ def test_damaged_record_is_named_and_refused(server: LLMServer, tmp_path: Path) 
 def test_records_of_another_server_are_left_alone(tmp_path: Path) -> None:
     """Its ids mean nothing here."""
     with serving() as first, serving() as second:
-        list(batches(first.url, tmp_path).complete(ASKED))
-        list(batches(second.url, tmp_path).complete(ASKED))
+        list(batched(first.url, tmp_path).complete(ASKED))
+        list(batched(second.url, tmp_path).complete(ASKED))
         assert (len(first.batches), len(second.batches), len(records(tmp_path))) == (1, 1, 2)
 
 
 def test_record_holds_no_key_and_no_address(server: LLMServer, tmp_path: Path) -> None:
     """A store is there to be shared."""
-    ((_, echoed),) = batches(server.url, tmp_path).complete([request("a [fault echo]")])
+    ((_, echoed),) = batched(server.url, tmp_path).complete([request("a [fault echo]")])
     assert echoed.text == "you are ***"
     (path,) = records(tmp_path)
     assert KEY not in path.read_text(encoding="utf-8")
@@ -335,7 +346,7 @@ def test_record_holds_no_key_and_no_address(server: LLMServer, tmp_path: Path) -
 def test_large_generations_are_divided(server: LLMServer, tmp_path: Path) -> None:
     """The server limits a batch's size, and models are not mixed."""
     asked = [request(f"q{number}") for number in range(5_003)]
-    assert len(list(batches(server.url, tmp_path).complete(asked))) == 5_003
+    assert len(list(batched(server.url, tmp_path).complete(asked))) == 5_003
     assert [len(batch.requests) for batch in server.batches] == [5_000, 3]
 
 

@@ -171,7 +171,7 @@ def test_explain_tells_an_entry_and_its_neighbour(root: Path) -> None:
     assert page.startswith(f"completions {key}: recorded in")
     assert "answered by claude-x-dated (batch, sent without temperature), ended by max_tokens" in page
     assert "1,000,000 + 1,000,000 tokens, 1.50 USD" in page
-    assert "it differs in 1 fields:\n  draw: recorded 2, here 1" in page
+    assert "it differs in 1 field:\n  draw: recorded 2, here 1" in page
 
 
 def test_explain_says_what_an_unrecorded_request_differs_in(root: Path, tmp_path: Path) -> None:

@@ -41,8 +41,9 @@ def test_answers_without_price_are_counted_apart() -> None:
     """Their tokens count, their dollars are not taken for zero."""
     spent = spending_on([answer(HAIKU), answer(None)])
     assert spent == Spending(answers=2, input_tokens=2_000_000, output_tokens=4_000_000, usd=2.75, unpriced=1)
-    assert in_words(spent).endswith("2.75 USD without the 1 answers of unknown price")
+    assert in_words(spent).endswith("2.75 USD without the 1 answer of unknown price")
     assert usd(spending_on([answer(None)])) == "price unknown"
+    assert in_words(spending_on([answer(None)])) == "1 answer, 1,000,000 + 2,000,000 tokens, price unknown"
 
 
 def test_nothing_costs_nothing() -> None:

@@ -3,22 +3,25 @@
 The real SDKs talk to a server in this process, over real connections; each rule holds for both.
 """
 
+import asyncio
 import itertools
 import logging
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hosted import KEY, PROVIDERS, hosted, request
 from llm_script import Script, text_of
-from llm_server import serving
+from llm_server import LLMServer, serving
 
 from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.faults import Patience
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.outcomes import Models
 from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.records import Completion, Request
 from tacevo.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
@@ -73,6 +76,39 @@ def test_so_many_requests_are_open_at_once(provider: str) -> None:
     with serving(Script(delay=0.05)) as server:
         assert len(texts(hosted(server.url, provider, concurrency=4), *(str(n) for n in range(20)))) == 20
         assert server.most == 4
+
+
+class _Starting:
+    """A server that answers once all have begun, and notes how many had, whenever one of them got its first turn."""
+
+    secrets: tuple[str, ...] = ()
+    sampling: tuple[str, ...] = ()
+
+    def __init__(self, together: int) -> None:
+        self._together = together
+        self._all = asyncio.Event()
+        self._begun = 0
+        self.seen: list[int] = []
+
+    async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
+        self._begun += 1
+        if self._begun == self._together:
+            self._all.set()
+        await asyncio.sleep(0)
+        self.seen.append(self._begun)
+        await self._all.wait()
+        return Completion(text="", model="m", stop_reason="end_turn", input_tokens=1, output_tokens=0)
+
+    async def close(self) -> None:
+        pass
+
+
+def test_requests_begin_one_after_the_other() -> None:
+    """Each begins when those before it had a turn: a thousand that begin in one go would keep the first from one."""
+    server = _Starting(together=50)
+    llm = HostedLLM(lambda: server, concurrency=50, name="llm=fake")
+    assert len(list(llm.complete([request(str(number)) for number in range(50)]))) == 50
+    assert server.seen == list(range(1, 51))
 
 
 @both
@@ -309,9 +345,18 @@ def test_stopped_run_begins_nothing_further_and_ends_its_waits(provider: str) ->
         server.held = {"a": threading.Event()}
         llm = hosted(server.url, provider, concurrency=2, stop=stop)
         answers = llm.complete([request(text) for text in ("a", "b [fault 429]", "c")])
-        threading.Timer(0.3, stop.set).start()
-        threading.Timer(0.6, server.held["a"].set).start()
+        stops = threading.Thread(target=_stop_once_asked, args=(stop, server, 2))
+        stops.start()
         assert next(answers)[1].text == "a!"
         with pytest.raises(LLMError, match="give the same command again"):
             next(answers)
+        stops.join()
         assert {text_of(body) for body in server.bodies} == {"a", "b [fault 429]"}
+
+
+def _stop_once_asked(stop: threading.Event, server: LLMServer, requests: int) -> None:
+    """Stop a run once so many of its requests came, and only then let the server answer the one it holds."""
+    while len(server.bodies) < requests:
+        time.sleep(0.005)
+    stop.set()
+    server.held["a"].set()

@@ -10,19 +10,15 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hosted import KEY, hosted, request
+from hosted import KEY, batched, hosted, request
 from llm_script import PASSING, Script, key_of
-from llm_server import main, recorded_answers, serving
+from llm_server import listen, main, recorded_answers, serving
 
 from tacevo.checking import task_without_data
 from tacevo.gate.admission import Admitted
-from tacevo.llm.anthropic import connect_batches
-from tacevo.llm.batch_server import Pace
-from tacevo.llm.batches import BatchLLM
 from tacevo.llm.client import LLM
 from tacevo.records import Completion, Json, Mode, Request
 from tacevo.sandbox.client import Sandbox
-from tacevo.store import Store
 from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
 
@@ -41,16 +37,6 @@ def answers(llm: LLM, asked: list[Request]) -> list[Completion]:
     """Ask, and give the answers in the order of the requests."""
     given = dict(llm.complete(asked))
     return [given[position] for position in range(len(asked))]
-
-
-def _batches(url: str, root: Path) -> BatchLLM:
-    return BatchLLM(
-        lambda: connect_batches(url),
-        store=Store(root, "completions"),
-        folder=root / "batches",
-        name="llm=anthropic",
-        pace=Pace(first=0.01, longest=0.02, settling=0.1),
-    )
 
 
 def body(text: str) -> dict[str, object]:
@@ -130,7 +116,7 @@ def test_every_recorded_answer_comes_whole_through_the_sdks(
         monkeypatch.setenv(name, KEY)
     files = recordings()
     with serving(recorded_answers(ANSWERS, "")) as server:
-        llm = _batches(server.url, tmp_path) if provider == "batches" else hosted(server.url, provider)
+        llm = batched(server.url, tmp_path) if provider == "batches" else hosted(server.url, provider)
         given = answers(llm, [request(name) for name in files])
         assert len(server.billed) == server.billed.total() == len(files)
     assert [(each.text, each.stop_reason) for each in given] == [
@@ -176,3 +162,33 @@ def test_folder_without_answers_is_refused(tmp_path: Path, capsys: pytest.Captur
     with pytest.raises(SystemExit, match="2"):
         main(["--answers", str(tmp_path)])
     assert f"{tmp_path} holds no recorded answers force_*.json" in capsys.readouterr().err
+
+
+def test_port_in_use_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """The message names the port; nothing waits for a server that never comes."""
+    with listen() as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(SystemExit, match="2"):
+            main(["--port", str(port)])
+    complaint = capsys.readouterr().err
+    assert "cannot listen: Address already in use" in complaint
+    assert f"{port})); choose another --port" in complaint
+
+
+@pytest.mark.parametrize("argument", ["--rate=1", "--rate=-0.1", "--rate=nan", "--port=65536", "--port=-1"])
+def test_number_out_of_its_range_is_refused(argument: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Were every try to fail, nobody would ever be answered."""
+    name, value = argument.split("=")
+    with pytest.raises(SystemExit, match="2"):
+        main([argument])
+    complaint = capsys.readouterr().err
+    assert f"argument {name}: expected a number " in complaint
+    assert complaint.endswith(f", got {value}\n")
+
+
+@pytest.mark.parametrize("reason", ["refusal", "stop_sequence"])
+def test_answer_that_cannot_be_served_whole_is_refused(reason: str, tmp_path: Path) -> None:
+    """A refusal would lose its text, and another stop reason would be told as the end of a turn."""
+    (tmp_path / "force_000.json").write_text(json.dumps({"response": "a", "stop_reason": reason}), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"force_000\.json ended by {reason}; end_turn and max_tokens can be served"):
+        recorded_answers(tmp_path, "force")

@@ -13,8 +13,9 @@ import numpy as np
 from tacevo.data.numerals import number_in
 from tacevo.data.photos import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
 from tacevo.data.roots import entries, glimpsed, require_folder
-from tacevo.data.source import Catalogue, counted, listed, refuse, repeats
+from tacevo.data.source import Catalogue, listed, refuse, repeats
 from tacevo.errors import DataError
+from tacevo.plurals import counted
 from tacevo.records import Json, Kind
 
 

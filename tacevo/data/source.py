@@ -94,11 +94,6 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else "")
 
 
-def counted(number: int, noun: str) -> str:
-    """Write a number with its noun: `1 image`, `2 images`."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def repeats(named: Iterable[tuple[str, Hashable]]) -> list[str]:
     """List the names of items whose key an earlier item has already."""
     seen: set[Hashable] = set()

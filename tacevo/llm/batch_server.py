@@ -98,7 +98,7 @@ class BatchServer:
     def younger_than(self, known: Sequence[str], requests: int) -> list[str]:
         """Find batches of so many requests that were submitted after others were known, the oldest first.
 
-        Those whose results the server has deleted are left out: nothing could be recognised in them.
+        Those whose results the server has deleted are among them; `wait_for` tells which they are.
         """
         self._wait(self._pace.settling)
 
@@ -107,7 +107,7 @@ class BatchServer:
             for batch in self._client.messages.batches.list(limit=100):
                 if batch.id in known:
                     break
-                if batch.archived_at is None and sum(batch.request_counts.model_dump().values()) == requests:
+                if sum(batch.request_counts.model_dump().values()) == requests:
                     found.append(batch.id)
             return found[::-1]
 

@@ -3,10 +3,12 @@
 What it promises: a batch is remembered on disk before it is submitted, so a run that is killed at any moment finds it
 again and neither submits it nor pays for it twice; an interruption leaves it running. A killed submission is found
 again by its size and by its place in the server's list, and recognised for certain by the names in its results, for
-which it must have ended. What it does not: two runs at the same time do not share a batch; and a batch that appears in
-the server's list only after the time that `Pace.settling` gives it is not found, so it is submitted again.
+which it must have ended. What it does not: two runs at the same time do not share a batch; and after a submission that
+was cut off, a batch that the server does not list is submitted again, with a warning: one that appears only after the
+time that `Pace.settling` gives it, one that was deleted, or one of another key or workspace.
 """
 
+import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
@@ -21,8 +23,11 @@ from tacevo.llm.batch_records import BatchRecord, BatchRecords
 from tacevo.llm.batch_server import BatchServer, GoneBatchError, LostSubmissionError, Pace
 from tacevo.llm.faults import Fault, FaultError, FaultKind, Patience, fault_of_connection, fault_of_status
 from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
+from tacevo.plurals import counted
 from tacevo.records import Completion, Delivery, Request, to_json
 from tacevo.store import Store, content_hash
+
+_LOG = logging.getLogger(__name__)
 
 #: How often a request is submitted anew, where the server failed on it or ran out of time.
 SUBMISSIONS = 3
@@ -183,6 +188,12 @@ class BatchLLM:
                 return records.identify(record, batch)
         if gone is not None:
             return records.identify(record, gone)
+        _LOG.warning(
+            "%s: no batch found for %s whose submission was cut off, so what is wanted of them "
+            "is submitted again; a batch of another key or workspace would not be seen, and be paid for twice",
+            self._name,
+            counted(len(record.keys), "request"),
+        )
         records.remove(record)
         return None
 
@@ -200,8 +211,8 @@ class BatchLLM:
             yield from self._read_all(record, round_, server, records, begun)
         except GoneBatchError as error:
             raise ConfigError(
-                f"{self._name}: {len(record.keys)} requests stand in batch {record.id}, but {error}, and they may be "
-                "paid for: give the key, or the workspace, that submitted it; or, if its answers are lost, delete "
+                f"{self._name}: batch {record.id} holds {counted(len(record.keys), 'request')}, perhaps paid for, but "
+                f"{error}: give the key, or the workspace, that submitted it; or, if its answers are lost, delete "
                 f"{records.path(record)} to submit, and to pay for, them anew"
             ) from error
 
@@ -214,7 +225,7 @@ class BatchLLM:
         tried = 0
         while lacking := round_.awaited(record) - nothing:
             if tried:
-                said = f"the results of batch {batch} lack {len(lacking)} answers, or hold them unreadable"
+                said = f"the results of batch {batch} lack {counted(len(lacking), 'answer')}, or hold them unreadable"
                 server.wait_or_raise(tried, Fault(kind=FaultKind.passing, message=said))
             tried += 1
             for result in server.results(batch):
@@ -261,7 +272,7 @@ class BatchLLM:
             return replace(completion, dropped=tuple(name for name in dropped if name in _wanted(request)))
         if outcome.type == "errored":
             error = outcome.error.error
-            raise FaultError(fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump(), path="a model"))
+            raise FaultError(fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump()))
         raise FaultError(Fault(kind=FaultKind.passing, message=f"a batch's request that was {outcome.type}"))
 
 

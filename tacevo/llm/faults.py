@@ -113,19 +113,21 @@ class Patience:
         return min(self.first * 2.0 ** min(tried - 1, 60), self.longest) * (1 - jitter / 2)
 
 
-def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path: str) -> Fault:
+def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path: str | None = None) -> Fault:
     """Read a server's refusal.
 
     Args:
         status: the HTTP status, at least 400.
         headers: with names in lower case, or in a mapping that does not mind.
         body: the parsed JSON, or the text where it is none.
-        path: what was asked for at the server; a server that does not know it need not say what it was.
+        path: what was asked for at the server, which need not say what it does not know; None where it knew the path.
     """
     said = f"{status}: {_said(body)}"
     kind = _kind(status, said)
-    if status == 404:
+    if status == 404 and path is not None:
         said += f"; {path} was asked for: check llm.model, and llm.base_url, from which that path follows"
+    elif status == 404:
+        said += "; check llm.model"
     return Fault(kind=kind, message=said, retry_after=_retry_after(headers))
 
 

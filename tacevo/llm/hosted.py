@@ -158,9 +158,8 @@ class _Asking:
             places = []
             for _ in range(min(concurrency, len(requests))):
                 places.append(asyncio.create_task(work()))
-                await asyncio.sleep(
-                    0
-                )  # thousands that begin in one go outlast the time in which the first must connect
+                # Thousands that begin in one go outlast the time in which the first must connect.
+                await asyncio.sleep(0)
             await asyncio.gather(*places)
         finally:
             watching.cancel()
