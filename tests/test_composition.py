@@ -48,7 +48,14 @@ PAPER: dict[str, Json] = {
     "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
     "prompts": {"policy": "uniform"},
     "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4, "repair_attempts": 0},
-    "training": {"epochs": 10, "batch_size": 32, "learning_rate": 0.001, "seconds": 86_400.0, "memory_mib": 4096},
+    "training": {
+        "epochs": 10,
+        "batch_size": 32,
+        "learning_rate": 0.001,
+        "seconds": 86_400.0,
+        "memory_mib": 4096,
+        "device": "cpu",
+    },
     "archive": {
         "niches": 100,
         "prompt_niches": 100,
