@@ -166,6 +166,7 @@ def _search(options: argparse.Namespace) -> int:
 
     from tacevo.composition import compose
     from tacevo.progress import make_view
+    from tacevo.records import Mode
     from tacevo.session import search
     from tacevo.tracking.entries import without_password
 
@@ -174,6 +175,8 @@ def _search(options: argparse.Namespace) -> int:
     with make_view(Console(stderr=True), total=total, generations=config.search.generations) as view:
         result = search(config, view)
     print(result.summary)
+    if config.llm.mode is Mode.replay:
+        print("every answer came from the store: this search made no call and cost nothing")
     tacevo, mlflow = _as_typed("tacevo"), _as_typed("mlflow")
     print(f"run: {result.directory}")
     print(f"look:   {tacevo} show {result.directory} {result.best}")

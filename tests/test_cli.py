@@ -140,6 +140,14 @@ def test_same_command_again_trains_nothing_and_gives_the_same_digest(searched: t
     assert {path: path.stat().st_mtime_ns for path in evaluations(searched[0])} == before
 
 
+def test_search_that_replays_says_that_it_cost_nothing(searched: tuple[Path, str]) -> None:
+    """What the recordings cost stands in the summary, so the command says that it was not paid again."""
+    said = "this search made no call and cost nothing"
+    again = tacevo("search", *TINY, "llm.mode=replay", cwd=searched[0])
+    assert (digest(again), said in again.stdout) == (searched[1], True)
+    assert said not in tacevo("search", *TINY, cwd=searched[0]).stdout
+
+
 def test_replay_needs_neither_data_nor_sandbox_and_gives_the_digest(copied: Path, searched: tuple[Path, str]) -> None:
     """A recorded search is run again from its stores alone."""
     shutil.rmtree(copied / "cache" / "data")
