@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
@@ -19,6 +20,8 @@ from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 
 MIB = 2**20
+_PTRACE_TRACEME = 0
+_EXIT = {"x86_64": 60, "aarch64": 93}[os.uname().machine]  # the system call that ends one thread
 
 
 def echo(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
@@ -170,6 +173,33 @@ def fill_memory_in_family(header: Json, payload: bytes, arrays: Arrays, send: Se
     _sleep_for_ever()
 
 
+def fill_memory_without_leader(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Take 400 MiB in a process whose first thread has ended."""
+    threading.Thread(target=_fill_memory_soon).start()
+    _end_this_thread()
+
+
+def fill_memory_in_fork_without_leader(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Take 400 MiB in a child whose first thread has ended."""
+    if os.fork() == 0:
+        fill_memory_without_leader(header, payload, arrays, send)
+    _sleep_for_ever()
+
+
+def close_pipe_without_leader(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Close the result pipe in a process whose first thread has ended, and go on."""
+    threading.Thread(target=_close_pipe_soon).start()
+    _end_this_thread()
+
+
+def close_pipe_while_traced(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Make the supervisor a tracer that is told of stops, stop, and close the result pipe in another thread."""
+    threading.Thread(target=_close_pipe_soon).start()
+    libc = ctypes.CDLL(None)
+    libc.ptrace(_PTRACE_TRACEME, 0, 0, 0)
+    libc["raise"](signal.SIGUSR1)  # without the interpreter's lock, so that the other thread goes on
+
+
 def kill_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Kill the parent, and stay behind with a child."""
     os.fork()
@@ -188,6 +218,14 @@ def kill_zygote(header: Json, payload: bytes, arrays: Arrays, send: Send) -> Non
     os.kill(header, signal.SIGKILL)
     time.sleep(0.2)
     send("answered", b"")
+
+
+def kill_supervisor_and_zygote(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Kill the parent and, before it, the parent's parent, which leads the process group."""
+    supervisor = os.getppid()
+    os.kill(os.getpgid(supervisor), signal.SIGKILL)
+    os.kill(supervisor, signal.SIGKILL)
+    _sleep_for_ever()
 
 
 def write_raw(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
@@ -254,6 +292,23 @@ def _works(act: Callable[[], Any]) -> bool:
 def _pipe() -> int:
     """Find the result pipe: the only file beside the standard streams."""
     return next(n for n in range(3, 64) if _works(partial(os.fstat, n)))
+
+
+def _fill_memory_soon() -> None:
+    time.sleep(0.2)  # until the first thread has ended
+    _kept = b"x" * (400 * MIB)
+    _sleep_for_ever()
+
+
+def _close_pipe_soon() -> None:
+    time.sleep(0.2)  # until the first thread has ended, or stopped
+    os.close(_pipe())
+    _sleep_for_ever()
+
+
+def _end_this_thread() -> None:
+    """End a thread without Python's knowledge; the call gave the interpreter's lock back, so that others go on."""
+    ctypes.CDLL(None).syscall(_EXIT, 0)
 
 
 def _sleep_for_ever() -> None:

@@ -4,6 +4,7 @@ All of it holds without the kernel's walls, which these tests leave out; test_sa
 """
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -175,9 +176,18 @@ def test_memory_of_mapped_images_is_free(tmp_path: Path) -> None:
     assert finished == Finished((Frame(40 * 2**20, b""),))
 
 
-@pytest.mark.parametrize("entry", ["reserve_two_gib", "fill_shared_memory", "fill_memory_in_family"])
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "reserve_two_gib",
+        "fill_shared_memory",
+        "fill_memory_in_family",
+        "fill_memory_without_leader",
+        "fill_memory_in_fork_without_leader",
+    ],
+)
 def test_greedy_candidate_is_out_of_memory(sandbox: Sandbox, entry: str) -> None:
-    """Memory counts in one piece, when shared, and over all processes of the tree."""
+    """Memory counts in one piece, when shared, over all processes of the tree, and whichever threads have ended."""
     assert death(sandbox, entry).reason is Reason.out_of_memory
 
 
@@ -191,11 +201,73 @@ def test_greedy_candidate_is_out_of_memory(sandbox: Sandbox, entry: str) -> None
         ("kill_supervisor", "its supervisor was killed"),
         ("kill_itself", "killed by signal 9"),
         ("close_pipe", "it closed its result pipe"),
+        ("close_pipe_while_traced", "it closed its result pipe"),
     ],
 )
 def test_death_without_an_answer_is_a_crash(sandbox: Sandbox, entry: str, detail: str) -> None:
     """Every way to end without a full answer is a verdict, not a hang and not an exception."""
     assert death(sandbox, entry) == Died(Reason.crashed, detail)
+
+
+def test_silence_of_a_process_that_lives_is_told_at_once(sandbox: Sandbox) -> None:
+    """A closed pipe ends the job long before its limit, although the first thread looks dead."""
+    patient = Limits(seconds=600, memory_mib=300)
+    assert death(sandbox, "close_pipe_without_leader", patient) == Died(Reason.crashed, "it closed its result pipe")
+
+
+EARLY = {"early": "killed_early:echo"}
+
+
+def test_job_that_was_killed_before_its_confinement_is_run_again() -> None:
+    """Before any of its code ran, a candidate's death is none of its doing."""
+    with Sandbox(entries=EARLY, environment={"OMP_NUM_THREADS": "1", "KILLED_EARLY": "1"}, arrays={}) as fresh:
+        assert fresh.run("early", 1, b"", LIMITS) == Finished((Frame(1, b""),))
+
+
+def test_job_that_is_killed_twice_before_its_confinement_is_no_verdict() -> None:
+    """Where it happens again the sandbox is at fault, says so, and can be used again."""
+    with Sandbox(entries=EARLY, environment={"OMP_NUM_THREADS": "1", "KILLED_EARLY": "2"}, arrays={}) as fresh:
+        with pytest.raises(SandboxError, match="a child was killed by signal 9 before it was confined"):
+            fresh.run("early", 1, b"", LIMITS)
+        assert fresh.run("early", 1, b"", LIMITS) == Finished((Frame(1, b""),))
+
+
+CROWDED_SEARCH = """
+import os, resource, socket
+from tacevo.choices import Confinement
+from tacevo.errors import SandboxError
+from tacevo.records import Limits
+from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.kernel import drop_capabilities
+from tacevo.sandbox.processes import children
+limits = Limits(seconds=60, memory_mib=300)
+entries = {"echo": "attacks:echo"}
+with Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as sandbox:
+    sandbox.run("echo", None, b"", limits)
+    zygotes = children(os.getpid())
+    drop_capabilities()  # root may have any number of files on their way
+    resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+    ours, theirs = socket.socketpair()
+    try:
+        while True:
+            socket.send_fds(ours, [b"x"], [0] * 50)
+    except OSError:
+        pass
+    try:
+        sandbox.run("echo", None, b"", limits)
+    except SandboxError as error:
+        print(error)
+    ours.close(), theirs.close()
+    sandbox.run("echo", None, b"", limits)
+    print(children(os.getpid()) == zygotes)
+"""
+
+
+def test_socket_that_the_kernel_does_not_pass_on_costs_no_zygote() -> None:
+    """Too many files on their way stop one job, not the zygote, and so none of those that run."""
+    command = [sys.executable, "-c", CROWDED_SEARCH]
+    done = subprocess.run(command, env=_search_environment(), check=True, capture_output=True, text=True)
+    assert re.fullmatch(r"a job could not be passed on \(.*Too many references.*\); .*\nTrue\n", done.stdout)
 
 
 def is_of_a_sandbox(pid: int) -> bool:
@@ -290,6 +362,14 @@ def test_killed_zygote_costs_no_running_job(tmp_path: Path) -> None:
         answer(fresh, "echo")
         (zygote,) = set(children(os.getpid())) - before
         assert answer(fresh, "kill_zygote", zygote) == "answered"
+        assert answer(fresh, "echo", 2) == 2
+
+
+def test_candidate_that_kills_supervisor_and_zygote_is_a_crash(tmp_path: Path) -> None:
+    """A second time it is the candidate's doing, not the sandbox's fault, and the next job starts another zygote."""
+    with open_sandbox(tmp_path) as fresh:
+        killed = fresh.run("kill_supervisor_and_zygote", None, b"", LIMITS)
+        assert killed == Died(Reason.crashed, "its supervisor was killed")
         assert answer(fresh, "echo", 2) == 2
 
 

@@ -64,14 +64,14 @@ class _Killed:
 
 
 class _LostError(SandboxError):
-    """A job was lost before any code of the candidate ran, or with the zygote; nothing is known of it."""
+    """A job was lost before any code of the candidate ran; nothing is known of it."""
 
 
 class Sandbox:
     """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
 
     The prepared process (the zygote) starts with the first job. If it dies, running jobs are finished by their
-    supervisors, and the others start another zygote, once each.
+    supervisors, and the next one starts another zygote.
 
     Args:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
@@ -148,7 +148,7 @@ class Sandbox:
                 zygote = self._submit(theirs)
             channel = Channel(ours)
             supervisor = _hand_over(channel, job, zygote)
-            return _await_answer(channel, limits, supervisor, zygote)
+            return _await_answer(channel, limits, supervisor)
 
     def close(self) -> None:
         """End the zygote and every job; calls to `run` that wait in other threads raise `SandboxError`."""
@@ -180,7 +180,6 @@ class _Zygote:
     def __init__(self, setup: Json, environment: Mapping[str, str]) -> None:
         ours, theirs = socket.socketpair()
         self._stream = ours
-        self._ended = False
         with tempfile.TemporaryFile() as errors:  # until the start is over; nothing can fill it up or wait for it
             with theirs:
                 self._process = subprocess.Popen(
@@ -211,23 +210,25 @@ class _Zygote:
             raise SandboxError(f"the zygote could not be prepared: {problem}")
 
     def is_alive(self) -> bool:
-        """Tell whether the process runs, and nobody has told it to end."""
-        return not self._ended and self._process.poll() is None
+        """Tell whether the process runs."""
+        return self._process.poll() is None
 
     def submit(self, job: socket.socket) -> None:
         """Pass on the socket of a job.
 
         Raises:
             _LostError: the zygote is gone.
+            SandboxError: the kernel passes no socket on at the moment; the zygote and its jobs go on.
         """
         try:
             socket.send_fds(self._stream, [b"j"], [job.fileno()])
-        except OSError as error:
+        except (BrokenPipeError, ConnectionResetError) as error:
             raise _LostError(f"the zygote takes no job ({error}); run the same command again") from error
+        except OSError as error:
+            raise SandboxError(f"a job could not be passed on ({error}); run the same command again") from error
 
     def close(self) -> None:
         """End the process and everything below it; harmless when it has ended already."""
-        self._ended = True  # before the jobs notice: their end is no verdict
         self._stream.close()  # its end of file is the order to end everything
         try:
             self._process.wait(_GRACE_SECONDS)
@@ -258,7 +259,7 @@ def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
     return supervisor
 
 
-def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zygote) -> Finished | Died | _Killed:
+def _await_answer(channel: Channel, limits: Limits, supervisor: int) -> Finished | Died | _Killed:
     """Collect the frames and the verdict of one job."""
     channel.stream.settimeout(limits.seconds + _GRACE_SECONDS)
     frames = []
@@ -268,10 +269,8 @@ def _await_answer(channel: Channel, limits: Limits, supervisor: int, zygote: _Zy
     except TimeoutError:
         end_tree(supervisor)
         return Died(Reason.out_of_time, f"over {limits.seconds:g} s, and its supervisor was stopped")
-    except (OSError, EOFError) as error:
-        if zygote.is_alive():
-            return _Killed("its supervisor was killed")
-        raise _LostError("the sandbox ended while a candidate ran; run the same command again") from error
+    except (OSError, EOFError):
+        return _Killed("its supervisor was killed")
     return _judge(message.read_header(), frames)
 
 

@@ -20,10 +20,9 @@ _LAST_DESCRIPTOR = 2**31 - 1
 def children(pid: int) -> list[int]:
     """List the children of a process, those of all its threads; none where it is gone."""
     found: list[int] = []
-    with contextlib.suppress(OSError):
-        for thread in os.listdir(f"/proc/{pid}/task"):
-            with contextlib.suppress(OSError):
-                found += map(int, Path(f"/proc/{pid}/task/{thread}/children").read_text().split())
+    for thread in _threads(pid):
+        with contextlib.suppress(OSError):
+            found += map(int, (thread / "children").read_text().split())
     return found
 
 
@@ -60,12 +59,8 @@ def address_space_mib() -> float:
 
 
 def is_ending(pid: int) -> bool:
-    """Tell whether the kernel is taking a process down, or has done so; its files may be closed already."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
-    except OSError:
-        return True
-    return bool(int(fields[_FLAGS]) & _PF_EXITING)
+    """Tell whether the kernel is taking all of a process down, or has done so; its files may be closed already."""
+    return all(map(_is_thread_ending, _threads(pid)))
 
 
 def end_own_descendants(spare: Collection[int] = ()) -> None:
@@ -103,19 +98,42 @@ def _kill(pid: int) -> None:
 
 
 def _is_alive(pid: int) -> bool:
-    """Tell a running process from one that is gone or waits to be reaped."""
-    return _status(pid).get("State", "Z")[0] not in "ZX"
+    """Tell a process that runs, in whichever thread, from one that is gone or has ended and waits to be reaped."""
+    return bool(_status(pid))
 
 
 def _mib(fields: Mapping[str, str], name: str) -> float:
-    """Read one field of /proc/<pid>/status, which is in kB; a process that ends has none."""
+    """Read one field of a status, which is in kB."""
     return int(fields.get(name, "0").split()[0]) / 1024
 
 
 def _status(pid: int) -> dict[str, str]:
-    """Read /proc/<pid>/status; empty where the process is gone."""
+    """Read the status of a process from a thread that lives; empty where none does.
+
+    /proc/<pid>/status is that of the first thread. Where that one ended alone it tells of no memory, although the
+    others hold it all.
+    """
+    for thread in _threads(pid):
+        with contextlib.suppress(OSError):
+            lines = (thread / "status").read_text(errors="replace").splitlines()
+            fields = {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
+            if "VmRSS" in fields:
+                return fields
+    return {}
+
+
+def _is_thread_ending(thread: Path) -> bool:
     try:
-        lines = Path(f"/proc/{pid}/status").read_text(errors="replace").splitlines()
+        fields = (thread / "stat").read_text(errors="replace").rpartition(")")[2].split()
     except OSError:
-        return {}
-    return {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        return True
+    return bool(int(fields[_FLAGS]) & _PF_EXITING)
+
+
+def _threads(pid: int) -> list[Path]:
+    """List the folders of a process's threads in /proc; none where it is gone."""
+    folder = Path(f"/proc/{pid}/task")
+    try:
+        return [folder / thread for thread in os.listdir(folder)]
+    except OSError:
+        return []

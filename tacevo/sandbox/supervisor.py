@@ -3,6 +3,7 @@
 It never runs a line of the candidate's and never parses a header that came from it.
 """
 
+import contextlib
 import os
 import select
 import signal
@@ -139,24 +140,23 @@ class _Watch:
                 return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
         return None
 
-    def _lost(self) -> Json:
-        """Give the verdict on a child that stopped talking before it was done."""
-        if is_ending(self._pid):  # a dying process closes its files before it can be waited for: long before, at times
-            end = select.poll()
-            end.register(self._end, select.POLLIN)
-            end.poll(max(_TICK, self._deadline - time.monotonic()) * 1000)
-        pid, status = os.waitpid(self._pid, os.WNOHANG)
-        if not pid:
+    def _lost(self) -> Json | None:
+        """Give the verdict on a child that stopped talking before it was done, once there is one."""
+        end = os.waitid(os.P_PID, self._pid, os.WEXITED | os.WNOHANG)
+        if end is None and is_ending(
+            self._pid
+        ):  # it closes its files before it can be waited for: long before, at times
+            with contextlib.suppress(KeyError):  # it was taken out at an earlier look
+                self._poll.unregister(self._pipe)  # whose end would be told without a pause
+            return None
+        if end is None or end.si_code == os.CLD_TRAPPED:  # it lives, and made this process its tracer
             how = "it closed its result pipe"
-        elif os.WIFSIGNALED(status):
-            if os.WTERMSIG(status) == signal.SIGKILL:  # not sent from here
-                return {
-                    "ended": "killed" if self._confined else "lost",
-                    "detail": f"killed by signal {signal.SIGKILL:d}",
-                }
-            how = f"killed by signal {os.WTERMSIG(status)}"
+        elif end.si_code == os.CLD_EXITED:
+            how = f"it exited with status {end.si_status} before it had answered"
         else:
-            how = f"it exited with status {os.waitstatus_to_exitcode(status)} before it had answered"
+            how = f"killed by signal {end.si_status}"
+            if end.si_status == signal.SIGKILL:  # not sent from here
+                return {"ended": "killed" if self._confined else "lost", "detail": how}
         return _died(Reason.crashed, how) if self._confined else {"ended": "broken", "detail": how}
 
     def _has_too_much_memory(self) -> bool:
