@@ -103,23 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     search.add_argument("--estimate", action="store_true", help="print requests, tokens and cost, and ask nobody")
     search.set_defaults(command=_search)
 
-    replay = commands.add_parser(
-        "replay",
-        help="run a recorded search again from its stores and compare",
-        description="Run a recorded search again, without model, training or data set, and compare every line; with "
-        "--retrain, train its candidates again, too.",
-    )
-    replay.add_argument("run", metavar="RUN", help="the folder of a run")
-    replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
-    replay.add_argument(
-        "--retrain",
-        nargs="?",
-        type=_count,
-        const=_ALL,
-        metavar="N",
-        help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
-    )
-    replay.set_defaults(command=_replay)
+    _add_replay(commands)
 
     show = commands.add_parser("show", help="what a run found, or one candidate of it")
     show.add_argument("run", metavar="RUN", help="the folder of a run")
@@ -143,6 +127,27 @@ def _parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
     return parser
+
+
+def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe `tacevo replay`."""
+    replay = commands.add_parser(
+        "replay",
+        help="run a recorded search again from its stores and compare",
+        description="Run a recorded search again, without model, training or data set, and compare every line; with "
+        "--retrain, train its candidates again, too.",
+    )
+    replay.add_argument("run", metavar="RUN", help="the folder of a run")
+    replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    replay.add_argument(
+        "--retrain",
+        nargs="?",
+        type=_count,
+        const=_ALL,
+        metavar="N",
+        help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
+    )
+    replay.set_defaults(command=_replay)
 
 
 def _add_check(commands: "argparse._SubParsersAction[Parser]") -> None:

@@ -374,15 +374,9 @@ class DataFacts:
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
         """Read what `to_json` wrote."""
-        return cls(
-            fingerprint=value["fingerprint"],
-            kind=Kind(value["kind"]),
-            counts=(value["counts"][0], value["counts"][1], value["counts"][2]),
-            in_channels=value["in_channels"],
-            image_size=value["image_size"],
-            outputs=value["outputs"],
-            names=tuple(value["names"]),
-        )
+        training, validation, test = value["counts"]
+        named = {"kind": Kind(value["kind"]), "names": tuple(value["names"])}
+        return cls(**{**value, **named, "counts": (training, validation, test)})
 
 
 def to_json(record: Any) -> Json:

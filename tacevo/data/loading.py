@@ -89,6 +89,15 @@ def load(
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:
         sweep(cache)
+    return _read(folder)
+
+
+def _read(folder: Path) -> Dataset:
+    """Read an entry of the cache, and hold it against its fingerprint.
+
+    Raises:
+        DataError: it was changed or damaged.
+    """
     dataset = datasets.read(folder)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
         raise DataError(f"the cached data set {folder} was changed or damaged; delete that folder and run again")
