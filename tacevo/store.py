@@ -3,10 +3,12 @@
 What it promises: an entry, once `write` returns, survives a crash; a reader never sees half of one; two
 processes may share a store; nothing expires; what a killed writer left is swept up. What it does not: no lock spans
 a computation, so two processes that miss at the same moment both compute, and the answer that lands last (for a pure
-function: an equal one) stays.
+function: an equal one) stays. On a file system without `flock` nothing is swept up, because nobody can tell there
+whose writer lives.
 """
 
 import contextlib
+import errno
 import fcntl
 import hashlib
 import itertools
@@ -35,6 +37,9 @@ KINDS = ("answers", "centroids", "completions", "evaluations", "probes")
 
 #: A file in the making: hidden beside what it will be, and locked by its writer.
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
+
+#: What `flock` answers where a file system has no locks.
+_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
 #: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
 _COMPARED = 20_000
@@ -204,7 +209,8 @@ def write_durably(path: Path, content: str | bytes) -> None:
 def sweep(folder: Path) -> None:
     """Remove the files in the making, anywhere in a folder, whose writers are dead; those of the living stay.
 
-    What cannot be removed stays too: it is another user's, who will sweep it up, or the disk is read-only.
+    What cannot be removed stays too: it is another user's, who will sweep it up, or the disk is read-only, or the file
+    system has no `flock`.
     """
     for part in folder.rglob(".*.part"):
         if _PART.fullmatch(part.name):
@@ -221,18 +227,27 @@ def sweep_stores(root: Path) -> None:
 
 @contextlib.contextmanager
 def _part_of(path: Path) -> Iterator[BinaryIO]:
-    """Open a new file beside `path`, locked as long as it is open; it is removed unless it was renamed."""
+    """Open a new file beside `path`, locked as long as it is open where that can be; removed unless it was renamed."""
     while True:
         part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")  # nobody else's, on whatever machine
         with part.open("xb") as file:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX)
+                _lock(file)
                 if os.fstat(file.fileno()).st_nlink:  # else it was swept up before it was locked
                     yield file
                     return
             finally:
                 with contextlib.suppress(OSError):
                     part.unlink(missing_ok=True)
+
+
+def _lock(file: BinaryIO) -> None:
+    """Lock a new file; where the file system cannot, it needs no lock, since `sweep` fails there too."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
 
 
 def _sync_folder(folder: Path) -> None:

@@ -4,9 +4,12 @@ Each damage that a file can take has its own test, because a store that answers 
 """
 
 import dataclasses
+import errno
 import itertools
 import json
+import os
 import random
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -384,6 +387,56 @@ def answer_or_refusal(store: Store) -> tuple[Json, str]:
         return store.read({"x": 1}), ""
     except StoreError as error:
         return None, str(error)
+
+
+#: Makes `flock` fail as where a file system has no locks, with the error that the environment names.
+LOCKLESS = """
+#include <errno.h>
+#include <stdlib.h>
+int flock(int file, int operation) {
+    errno = atoi(getenv("LOCKLESS_ERROR"));
+    return -1;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def lockless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a library that takes the locks from a process, where there is a compiler."""
+    if shutil.which("cc") is None:
+        pytest.skip("a file system without locks needs a C compiler")
+    folder = tmp_path_factory.mktemp("lockless")
+    (folder / "lockless.c").write_text(LOCKLESS)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "lockless.so", "lockless.c"], cwd=folder, check=True)
+    return folder / "lockless.so"
+
+
+def without_locks(code: str, error: int, library: Path, folder: Path) -> str:
+    """Run code with a folder as its argument, where `flock` fails; give the last line of its errors."""
+    environment = {**os.environ, "LD_PRELOAD": str(library), "LOCKLESS_ERROR": str(error)}
+    command = [sys.executable, "-c", code, str(folder)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    return "" if done.returncode == 0 else done.stderr.splitlines()[-1]
+
+
+WRITE = "import sys, pathlib, tacevo.store as s; s.write_durably(pathlib.Path(sys.argv[1]) / 'file', 'new')"
+SWEEP = "import sys, pathlib, tacevo.store as s; s.sweep(pathlib.Path(sys.argv[1]))"
+
+
+@pytest.mark.parametrize("error", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK])
+def test_file_system_without_locks_is_written_to_and_never_swept(error: int, lockless: Path, tmp_path: Path) -> None:
+    """Nobody knows there whether a file's writer lives, so it stays; what is written is whole all the same."""
+    part = tmp_path / ".file.0123456789abcdef.part"
+    part.write_text("{")
+    assert without_locks(WRITE, error, lockless, tmp_path) == ""
+    assert without_locks(SWEEP, error, lockless, tmp_path) == ""
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {part.name: "{", "file": "new"}
+
+
+def test_lock_that_fails_otherwise_stops_a_write(lockless: Path, tmp_path: Path) -> None:
+    """A disk that cannot be read is no file system without locks: the write is refused, and nothing is left of it."""
+    assert "cannot be written: Input/output error" in without_locks(WRITE, errno.EIO, lockless, tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_failed_write_leaves_the_old_content_and_no_rest(tmp_path: Path) -> None:
