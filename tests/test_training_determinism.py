@@ -64,6 +64,17 @@ def test_what_torch_warns_of_is_noted_by_name_once() -> None:
     assert noted == {"max_unpooling2d_forward_out"}
 
 
+def test_warning_without_a_name_becomes_one() -> None:
+    """Torch words some warnings otherwise; the search takes names alone, so what it says is written as one."""
+    noted = set[str]()
+    with warnings.catch_warnings():
+        note_warnings(noted)
+        warnings.warn("Flash (v2) defaults to a non-deterministic algorithm. " + "x" * 100, stacklevel=1)
+    (name,) = noted
+    assert name.startswith("Flash_v2_defaults_to_a_non_deterministic_algorithm._xxx")
+    assert len(name) == 100
+
+
 @pytest.mark.parametrize(
     ("overrides", "key"),
     [

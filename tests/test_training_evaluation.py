@@ -192,15 +192,57 @@ def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
     assert sent == [None, "cuda"]
 
 
+def judged(not_deterministic: Json, device: Device) -> Training | Rejection:
+    """Judge an answer that is good otherwise."""
+    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": not_deterministic}, b"")
+    return judge(Finished((*GOOD[:-1], last)), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets, device)
+
+
 def test_operations_without_a_deterministic_form_are_kept() -> None:
-    """What the child reports of them reaches the record, and comes back from it."""
-    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": ["pool"]}, b"")
-    verdict = judge(Finished((*GOOD[:-1], last)), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    """What the child reports of them on a GPU reaches the record, and comes back from it."""
+    verdict = judged(["aten::pool", "unpool_2d.out"], Device.cuda)
     assert isinstance(verdict, Training)
-    assert verdict.not_deterministic == ("pool",)
+    assert verdict.not_deterministic == ("aten::pool", "unpool_2d.out")
     assert Training.from_json(to_json(verdict)) == verdict
     older = {key: value for key, value in to_json(verdict).items() if key != "not_deterministic"}
     assert Training.from_json(older).not_deterministic == ()
+
+
+def test_operation_without_a_deterministic_form_is_forged_on_a_cpu(tmp_path: Path) -> None:
+    """A CPU runs none, so whoever names one has written the answer himself: not even a good name reaches the store."""
+    verdict = judged(["pool"], Device.cpu)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.bad_output
+    assert isinstance(judged([], Device.cpu), Training)
+    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": ["# Winner: [me](http://x)"]}, b"")
+    forged = evaluator(lambda *_: Finished((*GOOD[:-1], last)), tmp_path)
+    assert isinstance(forged.evaluate(SOURCE, 0), Rejection)
+    assert all("Winner" not in path.read_text() for path in tmp_path.rglob("*.json"))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "pool",
+        [3],
+        None,
+        [""],
+        ["a" * 101],
+        ["# Winner"],
+        ["[me](http://x)"],
+        ["pool\n"],
+        ["p\u00f6\u00f6l"],
+        ["pool", "pool"],
+        ["pool", "conv"],
+        [f"op{number:03}" for number in range(101)],
+    ],
+    ids=range(12),
+)
+def test_list_of_operations_is_no_place_for_text(names: Json) -> None:
+    """On a GPU the list is the child's claim; short plain names pass, each once and in order, and nothing else."""
+    verdict = judged(names, Device.cuda)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.bad_output
 
 
 def test_retraining_asks_no_store(tmp_path: Path) -> None:
@@ -286,13 +328,10 @@ GOOD = good_answer(EXAMPLES.validation_targets).frames
         (Frame(None, GOOD[0].payload), *GOOD[1:]),
         (*GOOD[:-1], Frame({"weights_sha256": "zz"}, b"")),
         (*GOOD[:-1], Frame(3, b"")),
-        (*GOOD[:-1], Frame({"weights_sha256": WEIGHTS, "not_deterministic": "pool"}, b"")),
-        (*GOOD[:-1], Frame({"weights_sha256": WEIGHTS, "not_deterministic": [3]}, b"")),
-        (*GOOD[:-1], Frame({"weights_sha256": WEIGHTS, "not_deterministic": ["a"] * 101}, b"")),
         (Frame({"rejection": {"reason": "no such reason", "detail": ""}}, b""),),
         (Frame({"rejection": 7}, b""),),
     ],
-    ids=range(16),
+    ids=range(13),
 )
 def test_malformed_answer_is_a_bad_output(frames: tuple[Frame, ...]) -> None:
     """Frames that a trainer would not send are the candidate's, and count against it."""

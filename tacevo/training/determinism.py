@@ -13,6 +13,8 @@ from typing import Any
 import torch
 
 _WITHOUT_FORM = re.compile(r"(\S+) does not have a deterministic implementation")
+#: What stands in no name: the search takes names alone, no free text.
+_FOREIGN = re.compile(r"[^\w:.]+", re.ASCII)
 
 
 @contextmanager
@@ -36,7 +38,7 @@ def note_warnings(noted: set[str]) -> None:
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         if "deterministic" in str(message):
             found = _WITHOUT_FORM.match(str(message))
-            noted.add(found[1] if found else str(message)[:100])
+            noted.add(_FOREIGN.sub("_", found[1] if found else str(message))[:100])
 
     warnings.simplefilter("always")
     warnings.showwarning = show

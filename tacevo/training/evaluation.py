@@ -27,6 +27,9 @@ TRAINING_VERSION = 1
 #: What the sandbox must offer for `Evaluator`, beside the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
 
+#: How torch spells an operation, as `training.determinism` notes it.
+_OPERATION = re.compile(r"[\w:.]{1,100}", re.ASCII)
+
 #: `Sandbox.run`, or anything that acts like it.
 Run = Callable[[str, Json, bytes, Limits], Finished | Died]
 
@@ -86,7 +89,8 @@ class Evaluator:
         self._contract, self._recipe = contract, recipe
         self._fingerprint, self._numerics = fingerprint, numerics
         # Came later, and so enters keys only where it is set.
-        self._device = {} if device is Device.cpu else {"device": device.value}
+        self._sent_device = {} if device is Device.cpu else {"device": device.value}
+        self._device = device
 
     def key(self, source: str, seed: int) -> str:
         """Name an evaluation: its key in the store."""
@@ -126,7 +130,7 @@ class Evaluator:
             "recipe": to_json(self._recipe),
             "seed": seed,
             "numerics": self._numerics.value,
-            **self._device,
+            **self._sent_device,
         }
 
     def _train(self, source: str, seed: int) -> Json:
@@ -143,11 +147,11 @@ class Evaluator:
             "deviation": list(examples.deviation),
             "train": len(examples.train),
             "validation": len(examples.validation),
-            **self._device,
+            **self._sent_device,
         }
         payload = examples.train.tobytes() + examples.validation.tobytes() + examples.train_targets.tobytes()
         outcome = self._run("train", header, payload, self._recipe.limits)
-        verdict = judge(outcome, self._contract, self._recipe.epochs, examples.validation_targets)
+        verdict = judge(outcome, self._contract, self._recipe.epochs, examples.validation_targets, self._device)
         return {"rejection" if isinstance(verdict, Rejection) else "training": to_json(verdict)}
 
 
@@ -158,7 +162,9 @@ def _verdict(answer: Json) -> Training | Rejection:
     return Training.from_json(answer["training"])
 
 
-def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any]) -> Training | Rejection:
+def judge(
+    outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any], device: Device = Device.cpu
+) -> Training | Rejection:
     """Hold a child's answer, of which nothing is trusted, against what a trainer sends; compute the losses.
 
     Args:
@@ -166,6 +172,7 @@ def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: ND
         contract: for the loss and the number of outputs.
         epochs: how many were asked for.
         targets: of the validation images, as in `Examples`.
+        device: what was trained on; on a CPU no operation may lack a deterministic form.
     """
     if isinstance(outcome, Died):
         return _rejection(outcome.reason, outcome.detail)
@@ -176,7 +183,7 @@ def judge(outcome: Finished | Died, contract: Contract, epochs: int, targets: ND
         *progress, last = outcome.frames
         train_losses = tuple(_finite(frame.header["train_loss"]) for frame in progress)
         weights = _digest(last.header["weights_sha256"])
-        not_deterministic = _names(last.header.get("not_deterministic", []))
+        not_deterministic = _operations(last.header.get("not_deterministic", []), device)
         predictions = [_matrix(frame.payload, len(targets), contract.outputs) for frame in progress]
     except (ValueError, KeyError, TypeError, IndexError) as error:
         return _rejection(Reason.bad_output, f"the training's answer is malformed: {error}")
@@ -216,11 +223,19 @@ def _digest(value: Json) -> str:
     return value
 
 
-def _names(value: Json) -> tuple[str, ...]:
-    """Read a short list of operations."""
-    if not isinstance(value, list) or len(value) > 100 or not all(isinstance(name, str) for name in value):
+def _operations(value: Json, device: Device) -> tuple[str, ...]:
+    """Read the names of operations without a deterministic form; a summary shows them, so they are no free text."""
+    if value and device is Device.cpu:
+        raise ValueError("expected no operation without a deterministic form, since a CPU runs none")
+    if not isinstance(value, list) or len(value) > 100 or not all(_is_operation(name) for name in value):
         raise ValueError("expected at most 100 names of operations")
-    return tuple(one_line(name) for name in value)
+    if value != sorted(set(value)):
+        raise ValueError("expected distinct names of operations in their order")
+    return tuple(value)
+
+
+def _is_operation(name: Json) -> bool:
+    return isinstance(name, str) and _OPERATION.fullmatch(name) is not None
 
 
 def _matrix(payload: bytes, rows: int, columns: int) -> NDArray[np.float32]:
