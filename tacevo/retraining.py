@@ -35,8 +35,11 @@ _COMPUTING = ("torch", "numpy")
 class Retrained:
     """Evaluations that were found to be as recorded."""
 
-    #: How many were computed again, and how many the run has.
-    compared: int
+    #: How many of those computed again are trainings, whose bits were compared.
+    trained: int
+    #: How many are rejections, whose reasons were compared.
+    rejected: int
+    #: How many evaluations the run has.
     of: int
     #: Fields that the run does not record.
     not_recorded: tuple[str, ...]
@@ -57,7 +60,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         DivergenceError: the first difference.
         DataError: the run's data set is not there, or is another one.
         ConfigError: this machine cannot compute what the run's numerics ask for.
-        RunError: a candidate's source is missing.
+        RunError: a candidate's source is missing, or run.json is damaged.
     """
     directory = RunDirectory(path)
     config, task, facts = read_run(directory)
@@ -65,7 +68,8 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         config.store.root = store
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
-    doubts = doubts_of(directory.read_run(), config.numerics.kind, versions(), machine())
+    with directory.believed():
+        doubts = doubts_of(directory.read_run(), config.numerics.kind, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
     lines = evaluated(directory.read_ledger())
@@ -76,16 +80,24 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         for number, (line, result) in enumerate(zip(chosen, executor.map(train, sources), strict=True), start=1):
             _insist_on_equal(line, result, doubts)
             view.say(f"{line['id']}: as recorded ({number} of {len(chosen)})")
-    missing = [name for name in _FIELDS if any("stage" not in line and name not in line for line in chosen)]
-    return Retrained(compared=len(chosen), of=len(lines), not_recorded=tuple(missing), doubts=doubts)
+    trained = [line for line in chosen if "stage" not in line]
+    return Retrained(
+        trained=len(trained),
+        rejected=len(chosen) - len(trained),
+        of=len(lines),
+        not_recorded=tuple(name for name in _FIELDS if any(name not in line for line in trained)),
+        doubts=doubts,
+    )
 
 
 def describe(found: Retrained) -> str:
     """Say what was compared, for a person."""
     recorded = [name for name in _FIELDS if name not in found.not_recorded]
-    lines = [
-        f"retrained: {found.compared} of {found.of} evaluations; {', '.join(recorded)} are bit for bit as recorded"
-    ]
+    lines = [f"retrained: {found.trained + found.rejected} of {found.of} evaluations"]
+    if found.trained and recorded:
+        lines.append(f"trained: {found.trained}; {', '.join(recorded)} are bit for bit as recorded")
+    if found.rejected:
+        lines.append(f"rejected: {found.rejected}, for the recorded reasons")
     if found.not_recorded:
         lines.append(f"not recorded, hence not compared: {', '.join(found.not_recorded)}")
     return "\n".join(lines)

@@ -81,7 +81,8 @@ def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.C
     entries = {path: path.read_bytes() for path in (folder / "cache" / "evaluations").rglob("*.json")}
     assert main(["replay", "run", "--retrain"]) == 0
     output = capsys.readouterr()
-    assert "train_losses, validation_losses, predictions, weights are bit for bit as recorded" in output.out
+    assert "retrained: 3 of 3 evaluations" in output.out
+    assert "trained: 3; train_losses, validation_losses, predictions, weights are bit for bit as recorded" in output.out
     assert "as recorded (1 of " in output.err
     assert output.out.splitlines()[-1].startswith("digest: ")
     assert {path: path.read_bytes() for path in (folder / "cache" / "evaluations").rglob("*.json")} == entries
@@ -116,6 +117,36 @@ def test_another_data_set_is_refused_before_anything_is_trained(folder: Path) ->
     path.write_text(json.dumps(run))
     with pytest.raises(DataError, match=r"has the fingerprint [0-9a-f]{12}; the run had [0-9a-f]{12}.*Restore"):
         again()
+
+
+def test_run_without_its_versions_is_damaged(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where run.json does not say what the run was computed with, that is one line, and nothing is trained."""
+    path = folder / "run" / "run.json"
+    run = json.loads(path.read_text())
+    del run["versions"]["torch"]
+    path.write_text(json.dumps(run))
+    assert main(["replay", "run", "--retrain"]) == 2
+    output = capsys.readouterr()
+    assert "run is damaged: KeyError: 'torch'" in output.err
+    assert "as recorded (1 of" not in output.err
+
+
+@pytest.mark.parametrize(
+    ("trained", "rejected", "said"),
+    [
+        (2, 1, ["retrained: 3 of 9 evaluations", "trained: 2; predictions, weights are bit for bit as recorded"]),
+        (0, 0, ["retrained: 0 of 9 evaluations"]),
+        (0, 4, ["retrained: 4 of 9 evaluations", "rejected: 4, for the recorded reasons"]),
+    ],
+)
+def test_nothing_is_called_equal_that_was_not_compared(trained: int, rejected: int, said: list[str]) -> None:
+    """Losses and digests are spoken of where something trained, reasons where something was rejected."""
+    older = ("train_losses", "validation_losses")
+    found = Retrained(trained=trained, rejected=rejected, of=9, not_recorded=older if trained else (), doubts=())
+    lines = describe(found).splitlines()
+    assert [line for line in lines if line in said] == said
+    assert any("bit for bit" in line for line in lines) == (trained > 0)
+    assert any(line.startswith("rejected: ") for line in lines) == (rejected > 0)
 
 
 @pytest.mark.parametrize("number", ["0", "-1", "two"])
