@@ -14,6 +14,8 @@ from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 
+import pytest
+
 from tacevo.sandbox.processes import descendants
 
 #: A real search, as small as one can be that mutates, crosses over, rejects and trains.
@@ -36,6 +38,8 @@ _LINES = 1 + CANDIDATES + 3
 
 #: Seconds after which something is taken for stuck; machines are busy, and the mirror steps back.
 PATIENCE = 1200
+#: For tests of several searches, the first of which (a fixture's) counts too; more than any one wait.
+unhurried = pytest.mark.timeout(3 * PATIENCE)
 _TICK = 0.002
 
 
@@ -156,9 +160,22 @@ def kill(search: subprocess.Popen[str], folder: Path, planned: Kill) -> bool:
 def begins(phase: Phase, search: subprocess.Popen[str], folder: Path) -> bool:
     """Wait for the sign of a phase; False where the search ended without it."""
     before = _seen(folder, phase)
-    while phase is not Phase.whenever and not _has_begun(folder, phase, before):
+    return phase is Phase.whenever or comes(search, lambda: _has_begun(folder, phase, before))
+
+
+def comes(search: subprocess.Popen[str], happens: Callable[[], bool]) -> bool:
+    """Wait until something happens to a search; False where the search ended without it.
+
+    Raises:
+        TimeoutError: neither came about; the search was killed.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while not happens():
         if search.poll() is not None:
             return False
+        if time.monotonic() > deadline:
+            search.kill()
+            raise TimeoutError(f"expected a sign of the search, or its end, within {PATIENCE} s; it was killed")
         time.sleep(_TICK)
     return True
 

@@ -5,6 +5,7 @@ MLflow that is not there or goes away, and clocks that run backwards. What singl
 tests of their modules.
 """
 
+import contextlib
 import os
 import shutil
 import signal
@@ -20,19 +21,23 @@ from interruptions import (
     SEARCH,
     Phase,
     begins,
+    comes,
     finish,
     leftovers,
     mirrored,
     processes_of,
     results,
     start,
+    unhurried,
     wait_until,
 )
 from mounts import enlarge, read_only, small_disk
 
 from tacevo.app import main
-from tacevo.sandbox.processes import children
+from tacevo.sandbox.processes import children, descendants
 from tacevo.store import KINDS
+
+pytestmark = unhurried
 
 UNTRACKED = "tracking=none"
 Whole = tuple[Path, str]
@@ -181,21 +186,41 @@ def test_process_killed_from_outside_changes_nothing(depth: int, whole_search: W
     """Somebody kills a process of the sandbox: the search starts it again and goes on."""
     search = start(tmp_path, UNTRACKED)
     assert begins(Phase.evaluating, search, tmp_path)
-    assert wait_until(partial(kill_one_below, search.pid, depth))
+    older = set[int]()
+    assert comes(search, partial(kill_one_below, search.pid, depth, older))
+    assert comes(search, lambda: bool(set(at_work_below(search.pid, depth)) - older))
     assert finish(search) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
     assert wait_until(lambda: not processes_of(tmp_path))
 
 
-def kill_one_below(pid: int, depth: int) -> bool:
-    """Kill one process of the sandbox: the zygote (0), a supervisor (1) or a candidate (2); False if there is none."""
-    found = children(pid)
-    for _ in range(depth):
-        found = [below for process in found for below in children(process)]
-    if not found:
+def kill_one_below(pid: int, depth: int, older: set[int]) -> bool:
+    """Kill a process of the sandbox that is at work, and note all that were there; False if there is none to kill."""
+    before = set(descendants(pid))
+    for process in at_work_below(pid, depth)[:1]:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+            older |= {*before, process}
+            return True
+    return False
+
+
+def at_work_below(pid: int, depth: int) -> list[int]:
+    """List the processes of a search's sandbox that are at work: zygotes (0), supervisors (1) or candidates (2)."""
+    found = [pid]
+    for _ in range(depth + 1):
+        found = [below for process in found for below in children(process) if is_at_work(below)]
+    return found
+
+
+def is_at_work(pid: int) -> bool:
+    """Tell a process of the sandbox from other children, from one that is gone, and from one done, which stops."""
+    try:
+        command = Path(f"/proc/{pid}/cmdline").read_bytes()
+        state = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+    except OSError:
         return False
-    os.kill(found[0], signal.SIGKILL)
-    return True
+    return b"tacevo.sandbox.zygote" in command and state not in "TZX"
 
 
 def warning_of(search: subprocess.Popen[str], digest: str) -> str:

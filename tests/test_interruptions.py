@@ -20,8 +20,11 @@ from interruptions import (
     processes_of,
     results,
     start,
+    unhurried,
     wait_until,
 )
+
+pytestmark = unhurried
 
 UNTRACKED = "tracking=none"
 

@@ -4,7 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from interruptions import finish, results, start
+from interruptions import finish, results, start, unhurried
+
+pytestmark = unhurried
 
 #: Python as it was before it took every locale for UTF-8: whoever forgets to name an encoding gets ASCII.
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

@@ -49,6 +49,9 @@ LESSER = {
     "MKL_ENABLE_INSTRUCTIONS": "SSE4_2",
 }
 
+#: Expressions that qemu does not survive, and that are therefore compared nowhere (docs/determinism.md).
+CRASHING = ["F.grid_sample(i, g)"]
+
 DOCUMENT = Path(__file__).parents[1] / "docs" / "determinism.md"
 
 portable = pytest.mark.portable
@@ -127,10 +130,12 @@ def test_lesser_host_gives_the_same_bits(native: dict[str, str]) -> None:
 @deprecated
 @pytest.mark.usefixtures("_refusing")
 def test_operations_that_differ_are_flagged_and_documented() -> None:
-    """Each expression that gives other bits runs a flagged kernel, no flag is without one, the table has each."""
+    """Each expression that gives other bits runs a flagged kernel, and the table names each flagged kernel."""
     here, there = printed("operations"), emulated("operations", "Haswell")
     assert list(there) == list(here) == list(expressions())
-    differing = [expression for expression in here if there[expression] not in (here[expression], "crashed")]
+    assert [expression for expression in there if there[expression] == "crashed"] == CRASHING
+    assert "crashed" not in here.values()
+    differing = [name for name in here if name not in CRASHING and there[name] != here[name]]
     found = table(differing)
     assert "not known" not in found
     documented = DOCUMENT.read_text(encoding="utf-8")
