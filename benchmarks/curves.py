@@ -48,12 +48,11 @@ def _ranking(axes: Axes, results: list[Result]) -> None:
     for task, size in studies:
         study = [result for result in results if (result["task"], result["size"], result["seed"]) == (task, size, 0)]
         fitness = [result["losses"][SHORT - 1] for result in study]
-        axes.scatter(
-            fitness, [headline(result) for result in study], s=12, color=COLOURS[task], label=f"{task}, {size} px"
-        )
-        axes.scatter(fitness[:1], [headline(study[0])], s=40, facecolors="none", edgecolors="black", linewidths=0.8)
-    axes.set(xlabel=f"validation loss at epoch {SHORT}", ylabel="test score, fully trained")
-    axes.legend(fontsize=7, frameon=False, title="circle: the baseline", title_fontsize=7)
+        scores = [max(headline(result), 0) for result in study]  # a network that never learnt would hide the others
+        axes.scatter(fitness, scores, s=12, color=COLOURS[task], label=f"{task}, {size} px")
+        axes.scatter(fitness[:1], scores[:1], s=40, facecolors="none", edgecolors="black", linewidths=0.8)
+    axes.set(xlabel=f"validation loss at epoch {SHORT}", ylabel="test score, fully trained (at least 0)", xscale="log")
+    axes.legend(fontsize=7, frameon=False, title="circles: the baseline", title_fontsize=7, loc="lower left")
 
 
 def main() -> None:
