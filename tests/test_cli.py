@@ -286,7 +286,7 @@ def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: py
     ("arguments", "message"),
     [
         (["search", "archive.nichs=3"], "no setting 'archive.nichs'; did you mean 'archive.niches'?"),
-        (["search", "seed=abc"], "seed=abc"),
+        (["search", "seed=abc"], "seed needs a whole number; got abc"),
         (["search", "archive.niches=0"], "archive.niches needs"),
         (["search", "task=forse"], "choose one of force, grating, hardness"),
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
