@@ -125,7 +125,7 @@ def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
     """A confined process cannot read what the CPU can do, so it has been read before."""
     command = [sys.executable, "-c", "import torch; print(torch.backends.cpu.get_cpu_capability())"]
     plain = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    entries = {"look": "training_jobs:look_at_torch"}
+    entries = {**ENTRIES, "look": "training_jobs:look_at_torch"}
     with Sandbox(entries=entries, environment=environment(Numerics.fast), arrays={}) as fast:
         assert look(fast)["capability"] == plain
 
