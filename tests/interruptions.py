@@ -15,20 +15,16 @@ from pathlib import Path
 from types import MappingProxyType
 
 import pytest
+from smallest import SMALLEST
 
 from tacevo.sandbox.processes import descendants
 
 #: A real search, as small as one can be that mutates, crosses over, rejects and trains.
 SEARCH = [
-    "experiment=demo",
+    *SMALLEST,
     "search.generations=2",
     "search.candidates=4",
     "search.initial=2",
-    "data.images=40",
-    "training.epochs=1",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
     "llm.slip_rate=0.3",
     "proposals.mutation_probability=0.5",
     "run.dir=run",

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from smallest import ARCHIVES, UNTRACKED
 
 from tacevo.app import main
 
@@ -13,14 +14,12 @@ needs_recordings = pytest.mark.skipif(not DATA.is_dir(), reason="the real record
 
 SMALL = [
     "experiment=demo",
-    "tracking=none",
+    *ARCHIVES,
+    UNTRACKED,
     "training.epochs=1",
     "search.generations=1",
     "search.candidates=2",
     "search.initial=1",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
 ]
 
 

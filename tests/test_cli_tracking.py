@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
+from smallest import ARCHIVES
 
 from tacevo.app import main
 
@@ -18,14 +19,12 @@ pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy i
 #: The smallest real search that trains, and one that the gate lets through.
 TINY = [
     "experiment=demo",
+    *ARCHIVES,
     "search.generations=1",
     "search.candidates=2",
     "search.initial=1",
     "data.images=60",
     "training.epochs=1",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
 ]
 CANDIDATES = 1 + 1 + 2
 

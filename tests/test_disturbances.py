@@ -32,6 +32,7 @@ from interruptions import (
     wait_until,
 )
 from mounts import enlarge, read_only, small_disk
+from smallest import UNTRACKED
 
 from tacevo.app import main
 from tacevo.sandbox.processes import children, descendants
@@ -39,7 +40,6 @@ from tacevo.store import KINDS
 
 pytestmark = unhurried
 
-UNTRACKED = "tracking=none"
 Whole = tuple[Path, str]
 
 

@@ -23,10 +23,9 @@ from interruptions import (
     unhurried,
     wait_until,
 )
+from smallest import UNTRACKED
 
 pytestmark = unhurried
-
-UNTRACKED = "tracking=none"
 
 
 def kill_until_finished(folder: Path, kills: list[Kill]) -> Counter[Phase]:

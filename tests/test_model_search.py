@@ -16,6 +16,7 @@ import pytest
 import yaml
 from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
+from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
 from tacevo.costs import dollars
@@ -23,17 +24,12 @@ from tacevo.costs import dollars
 KEY = "sk-ant-a-secret-key"
 
 TINY = [
-    "experiment=demo",
+    *SMALLEST,
+    UNTRACKED,
     "llm=anthropic",
-    "tracking=none",
     "search.generations=1",
     "search.candidates=3",
     "search.initial=2",
-    "data.images=40",
-    "training.epochs=1",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
     "executor.workers=2",
 ]
 

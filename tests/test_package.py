@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from smallest import SMALLEST, UNTRACKED
 
 ROOT = Path(__file__).parent.parent
 
@@ -34,10 +35,9 @@ def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> Non
     """Unpacked elsewhere, the command composes its own configs and runs a search, sandbox and all."""
     library = tmp_path / "library"
     zipfile.ZipFile(wheel).extractall(library)
-    overrides = ["experiment=demo", "search.generations=1", "search.candidates=2", "search.initial=1"]
-    overrides += ["data.images=40", "training.epochs=1", "archive.niches=5", "archive.prompt_niches=5"]
+    overrides = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
     done = subprocess.run(
-        [sys.executable, "-m", "tacevo.app", "search", *overrides, "archive.samples=100", "tracking=none"],
+        [sys.executable, "-m", "tacevo.app", "search", *overrides],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(library)},
         capture_output=True,

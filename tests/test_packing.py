@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
 from tacevo.errors import StoreError
@@ -17,16 +18,11 @@ from tacevo.store import KINDS, Store, content_hash
 
 #: A real search, as small as one can be.
 TINY = [
-    "experiment=demo",
-    "tracking=none",
+    *SMALLEST,
+    UNTRACKED,
     "search.generations=1",
     "search.candidates=2",
     "search.initial=1",
-    "data.images=40",
-    "training.epochs=1",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
     "run.dir=run",
 ]
 

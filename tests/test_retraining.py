@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from smallest import ARCHIVES, UNTRACKED
 
 from tacevo.app import main
 from tacevo.choices import Numerics
@@ -19,14 +20,12 @@ from tacevo.retraining import Retrained, describe, difference, doubts_of, evalua
 #: A real search, as small as one can be.
 TINY = [
     "experiment=demo",
-    "tracking=none",
+    *ARCHIVES,
+    UNTRACKED,
     "search.generations=0",
     "search.initial=2",
     "data.images=40",
     "training.epochs=2",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
     "run.dir=run",
 ]
 

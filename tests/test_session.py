@@ -3,22 +3,18 @@
 from pathlib import Path
 
 import pytest
+from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
 from tacevo.ledger import Ledger
 
 #: A real search, as small as one can be; with slips, so that answers are rejected, too.
 TINY = [
-    "experiment=demo",
-    "tracking=none",
+    *SMALLEST,
+    UNTRACKED,
     "search.generations=1",
     "search.candidates=4",
     "search.initial=2",
-    "data.images=40",
-    "training.epochs=1",
-    "archive.niches=5",
-    "archive.prompt_niches=5",
-    "archive.samples=100",
     "llm.slip_rate=0.7",
     "run.dir=run",
 ]

@@ -21,10 +21,11 @@ class Row:
     #: As an editor counts, the header being line 1.
     line: int
     name: str
-    #: The image, links followed; it need not exist.
+    #: The image, links followed; `is_there` says whether it exists.
     path: Path
     #: The folder that the image was found in, as it is written: not where a link leads.
     folder: Path
+    is_there: bool
     #: The text of each target column, in their order.
     texts: tuple[str, ...]
 
@@ -87,7 +88,7 @@ def read_rows(
     rows = list(_rows(table, asked, advice, folders))
     if not rows:
         raise DataError(f"{table.name} has no rows below its header; give the table that holds the labels")
-    present = [row for row in rows if os.path.isfile(row.path)]
+    present = [row for row in rows if row.is_there]
     if not (present and skip_missing):
         _refuse_missing(table, rows, folders[0], skippable=bool(present))
     # An image listed twice could stand in two parts of the split.
@@ -109,7 +110,7 @@ def read_rows(
 
 def _refuse_missing(table: Path, rows: Sequence[Row], folder: Path, *, skippable: bool) -> None:
     """Refuse rows whose image is missing, with the advice that fits."""
-    missing = [row for row in rows if not os.path.isfile(row.path)]
+    missing = [row for row in rows if not row.is_there]
     choice = ", or leave them out with data.skip_missing=true" if skippable else ""
     advice = f"Restore them or remove these lines{choice}."
     if all("\\" in row.name for row in missing):
@@ -128,8 +129,8 @@ def _rows(table: Path, asked: Sequence[tuple[str, str]], advice: str, folders: S
             long.append(f"line {line}")
             continue
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
-        path, folder = _find(name.strip(), folders)
-        yield Row(line=line, name=name.strip(), path=path, folder=folder, texts=tuple(texts))
+        path, folder, is_there = _find(name.strip(), folders)
+        yield Row(line=line, name=name.strip(), path=path, folder=folder, is_there=is_there, texts=tuple(texts))
     refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "Quote or correct them.")
 
 
@@ -195,12 +196,12 @@ def _open_quote(table: Path, line: int) -> DataError:
     )
 
 
-def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path]:
+def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path, bool]:
     """Find an image in the first folder that has it; where none has, name the place where it should be.
 
     Returns:
-        Where the image is, links followed, and the folder that it was found in, as it is written.
+        Where the image is, links followed; the folder that it was found in, as it is written; and whether it is there.
     """
     found = (folder / name for folder in folders if os.path.isfile(folder / name))
     path = next(found, None)
-    return (folders[0] / name, folders[0]) if path is None else (path.resolve(), path.parent)
+    return (folders[0] / name, folders[0], False) if path is None else (path.resolve(), path.parent, True)

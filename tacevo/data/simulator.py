@@ -160,9 +160,7 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     reach = contact_radius(depth, radius)
     modulus = SOFT_SKIN * rim_softness(x, y)
     pressed = normal_force(depth, radius, contact_modulus(modulus, SKIN_POISSON))
-    limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
-    sheared = contact_displacement(stroke, limit, pressed, FRICTION, DOME_STIFFNESS)
-    dragged = tangential_force(sheared, limit, pressed, FRICTION)
+    limit, stick, dragged = _sheared(stroke, pressed, reach, modulus)
     along_x, along_y = _direction(rng.uniform())
     press = Press(
         x=x,
@@ -171,7 +169,7 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
         radius=radius,
         share=1.0,
         slip_limit=(limit * along_x, limit * along_y),
-        stick_radius=stick_radius(sheared, limit, reach),
+        stick_radius=stick,
         lean=(dragged * along_x / DOME_STIFFNESS, dragged * along_y / DOME_STIFFNESS),
         brightness=normal_number(rng, 55, 4) * (0.2 + 0.55 * depth),  # deeper, more of the rough surface touches
         fading=0.35,
@@ -263,11 +261,16 @@ def _slid(
     along_x, along_y = (float(part) for part in sideways)
     stroke = math.sqrt(along_x * along_x + along_y * along_y)
     along_x, along_y = along_x / max(stroke, 1e-9), along_y / max(stroke, 1e-9)
+    limit, stick, dragged = _sheared(stroke, pressed, reach, modulus)
+    leant = dragged / DOME_STIFFNESS
+    return (along_x * limit, along_y * limit), stick, (along_x * leant, along_y * leant)
+
+
+def _sheared(stroke: float, pressed: float, reach: float, modulus: float) -> tuple[float, float, float]:
+    """Push a contact sideways by a stroke in mm; give its slip limit and stick radius in mm, and the force in N."""
     limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
     sheared = contact_displacement(stroke, limit, pressed, FRICTION, DOME_STIFFNESS)
-    leant = tangential_force(sheared, limit, pressed, FRICTION) / DOME_STIFFNESS
-    stick = stick_radius(sheared, limit, reach)
-    return (along_x * limit, along_y * limit), stick, (along_x * leant, along_y * leant)
+    return limit, stick_radius(sheared, limit, reach), tangential_force(sheared, limit, pressed, FRICTION)
 
 
 def _position(rng: np.random.Generator, reach: float) -> tuple[float, float]:

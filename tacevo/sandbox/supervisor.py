@@ -143,9 +143,8 @@ class _Watch:
     def _lost(self) -> Json | None:
         """Give the verdict on a child that stopped talking before it was done, once there is one."""
         end = os.waitid(os.P_PID, self._pid, os.WEXITED | os.WNOHANG)
-        if end is None and is_ending(
-            self._pid
-        ):  # it closes its files before it can be waited for: long before, at times
+        # It closes its files before it can be waited for: long before, at times.
+        if end is None and is_ending(self._pid):
             with contextlib.suppress(KeyError):  # it was taken out at an earlier look
                 self._poll.unregister(self._pipe)  # whose end would be told without a pause
             return None

@@ -1,0 +1,9 @@
+"""What makes a real search small: the settings that the tests of whole searches share."""
+
+UNTRACKED = "tracking=none"
+
+#: Few niches, found quickly.
+ARCHIVES = ["archive.niches=5", "archive.prompt_niches=5", "archive.samples=100"]
+
+#: A search that trains, on few images and for one epoch.
+SMALLEST = ["experiment=demo", "data.images=40", "training.epochs=1", *ARCHIVES]
