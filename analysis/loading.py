@@ -1,0 +1,250 @@
+"""A finished run as records: what tables, figures and studies are made from.
+
+The ledger's chain and the run's digest are checked before anything is believed; a run that is not finished is
+refused. Nothing is computed here beyond what the files hold.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.costs import Spending
+from tacevo.errors import RunError
+from tacevo.records import DataFacts, Json, Operator, Reason, Stage
+from tacevo.rundir import RunDirectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """What the probe measured of an admitted candidate."""
+
+    parameters: int
+    #: Of one image, forwards.
+    flops: int
+    arch_div: float
+    eff_ratio: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trained:
+    """How a candidate's short training went, and where the archives put it."""
+
+    #: Final validation loss; lower is better.
+    fitness: float
+    #: After every epoch.
+    validation_losses: tuple[float, ...]
+    niche: int
+    #: `new`, `improved` or `rejected`, as in `tacevo.archive.AddStatus`.
+    status: str
+    curiosity: float
+    #: In the prompt archive; None where the candidate does not compete in it.
+    prompt_niche: int | None
+
+    @property
+    def inserted(self) -> bool:
+        """Whether the network archive took it when it came."""
+        return self.status != "rejected"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """One slot of a search, as its ledger has it."""
+
+    id: str
+    generation: int
+    slot: int
+    operator: Operator
+    parents: tuple[str, ...]
+    #: Index of the instruction; None for a crossover and the baseline.
+    prompt: int | None
+    #: Of the request; None for the baseline.
+    temperature: float | None
+    #: SHA-256 of the source; None where the gate found no class.
+    source: str | None
+    #: Key of its evaluation; equal sources share one.
+    evaluation: str | None
+    #: Where and why it was turned away; None for a trained one.
+    stage: Stage | None
+    reason: Reason | None
+    #: None where the gate turned it away.
+    measured: Measured | None
+    #: None where it was turned away.
+    trained: Trained | None
+    #: What its answers cost; None where timings.jsonl does not tell.
+    spent: Spending | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Generation:
+    """One generation, as its ledger line has it."""
+
+    generation: int
+    #: T_g, the centre of its requests' temperatures.
+    temperature: float
+    candidates: int
+    #: First answers that were trained.
+    trained: int
+    #: The archive's best fitness after it; None before anything was trained.
+    best: float | None
+    #: Best and median fitness of its own candidates; None where none was trained.
+    generation_best: float | None
+    generation_median: float | None
+    #: Occupied part of the niches, in [0, 1].
+    coverage: float
+    qd_score: float
+    prompt_coverage: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elite:
+    """An elite of the network archive."""
+
+    id: str
+    niche: int
+    fitness: float
+    #: (ArchDiv, EffRatio), the latter as the archive's axis has it.
+    descriptors: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromptTrial:
+    """The trial that holds a niche of the prompt archive."""
+
+    niche: int
+    prompt: int
+    temperature: float
+    inserted: bool
+    curiosity: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """A finished run."""
+
+    path: Path
+    name: str
+    digest: str
+    #: The resolved configuration, as run.json has it.
+    config: Mapping[str, Json]
+    facts: DataFacts
+    #: Package versions, as run.json has them.
+    versions: Mapping[str, str]
+    #: Ids of the instructions, in the order of the prompt indices.
+    instructions: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+    generations: tuple[Generation, ...]
+    elites: tuple[Elite, ...]
+    #: The (low, high) of both descriptors that the archive ended with; None where nothing was trained.
+    bounds: tuple[tuple[float, float], tuple[float, float]] | None
+    prompt_trials: tuple[PromptTrial, ...]
+
+    @property
+    def task(self) -> str:
+        """The task's name."""
+        return str(self.config["task"]["name"])
+
+    @property
+    def baseline(self) -> Candidate:
+        """The network that the search began with."""
+        return self.candidates[0]
+
+    def ranked(self) -> tuple[Elite, ...]:
+        """Give the elites, best fitness first; the earlier candidate where two are equal."""
+        return tuple(sorted(self.elites, key=lambda elite: (elite.fitness, elite.id)))
+
+
+def load_run(path: Path) -> Run:
+    """Read the folder of a finished run.
+
+    Raises:
+        RunError: it is no run, is not finished, or was damaged or edited; the message names the file.
+    """
+    directory = RunDirectory(path)
+    lines = directory.read_ledger()
+    run = directory.read_run()
+    if not lines or run.get("digest") != lines[-1]["hash"]:
+        raise RunError(f"{path} is not finished, or its digest was edited; the command that began it continues it")
+    spent = directory.read_spending()
+    with directory.believed():
+        archive, prompts = (_read_json(path / name) for name in ("archive.json", "prompts.json"))
+        return Run(
+            path=path,
+            name=path.resolve().name,
+            digest=run["digest"],
+            config=run["config"],
+            facts=DataFacts.from_json(lines[0]["data"]),
+            versions=run["versions"],
+            instructions=tuple(entry["id"] for entry in run["task"]["instructions"]),
+            candidates=tuple(_candidate(line, spent) for line in lines if line["kind"] == "candidate"),
+            generations=tuple(_generation(line) for line in lines if line["kind"] == "generation"),
+            elites=tuple(_elite(entry) for entry in archive["elites"]),
+            bounds=None if archive["bounds"] is None else _bounds(archive["bounds"]),
+            prompt_trials=tuple(_trial(entry) for entry in prompts["trials"]),
+        )
+
+
+def _read_json(path: Path) -> dict[str, Json]:
+    try:
+        value: dict[str, Json] = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise RunError(f"{path} is missing; the command that began the run writes it anew") from error
+    except ValueError as error:
+        raise RunError(f"{path} is damaged: {error}; the command that began the run writes it anew") from error
+    return value
+
+
+def _candidate(line: Mapping[str, Json], spent: Mapping[str, Spending]) -> Candidate:
+    return Candidate(
+        id=line["id"],
+        generation=line["generation"],
+        slot=line["slot"],
+        operator=Operator(line["operator"]),
+        parents=tuple(line["parents"]),
+        prompt=line["prompt"],
+        temperature=line["temperature"],
+        source=line.get("source"),
+        evaluation=line.get("evaluation"),
+        stage=Stage(line["stage"]) if "stage" in line else None,
+        reason=Reason(line["reason"]) if "reason" in line else None,
+        measured=_measured(line) if "parameters" in line else None,
+        trained=_trained(line) if "fitness" in line else None,
+        spent=spent.get(line["id"]),
+    )
+
+
+def _measured(line: Mapping[str, Json]) -> Measured:
+    return Measured(
+        parameters=line["parameters"], flops=line["flops"], arch_div=line["arch_div"], eff_ratio=line["eff_ratio"]
+    )
+
+
+def _trained(line: Mapping[str, Json]) -> Trained:
+    return Trained(
+        fitness=line["fitness"],
+        validation_losses=tuple(line["validation_losses"]),
+        niche=line["niche"],
+        status=line["status"],
+        curiosity=line["curiosity"],
+        prompt_niche=line.get("prompt_niche"),
+    )
+
+
+def _generation(line: Mapping[str, Json]) -> Generation:
+    names = ("generation", "temperature", "candidates", "trained", "best", "generation_best", "generation_median")
+    return Generation(**{name: line[name] for name in (*names, "coverage", "qd_score", "prompt_coverage")})
+
+
+def _elite(entry: Mapping[str, Json]) -> Elite:
+    arch_div, eff_ratio = entry["descriptors"]
+    return Elite(id=entry["id"], niche=entry["niche"], fitness=entry["fitness"], descriptors=(arch_div, eff_ratio))
+
+
+def _bounds(value: Mapping[str, Json]) -> tuple[tuple[float, float], tuple[float, float]]:
+    (low_0, low_1), (high_0, high_1) = value["low"], value["high"]
+    return (low_0, high_0), (low_1, high_1)
+
+
+def _trial(entry: Mapping[str, Json]) -> PromptTrial:
+    names = ("niche", "prompt", "temperature", "inserted", "curiosity")
+    return PromptTrial(**{name: entry[name] for name in names})
