@@ -59,7 +59,7 @@ def training() -> str:
                 "plain torch": partial(_ask, peer.stdin, peer.stdout),
             }
             medians(rivals, rounds=1)  # both have compiled their kernels and touched their memory
-            found = medians(rivals, rounds=7)
+            found = medians(rivals, rounds=5)
             peer.stdin.close()
     steps = plain.EPOCHS * plain.IMAGES
     return report("training", found, unit="images", per_second=steps)

@@ -13,7 +13,7 @@ from torch.nn.functional import mse_loss
 
 #: Images, of which the first `TRAINED` are trained on and the rest predicted; 3 channels of SIZE x SIZE pixels.
 IMAGES, TRAINED, SIZE = 640, 512, 32
-EPOCHS, BATCH, LEARNING_RATE = 4, 32, 1e-3
+EPOCHS, BATCH, LEARNING_RATE = 10, 32, 1e-3
 MEAN, DEVIATION = 127.5, 74.0
 
 
