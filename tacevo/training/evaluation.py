@@ -4,9 +4,7 @@ An evaluation is a pure function of source, data, contract, recipe, seed and num
 under exactly these. The validation labels stay here: the child predicts, the parent computes the loss.
 """
 
-import hashlib
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,20 +13,16 @@ from numpy.typing import NDArray
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError
-from tacevo.records import Contract, Json, Limits, Reason, Recipe, Rejection, Stage, Training, to_json
-from tacevo.sandbox.client import Died, Finished, Frame
-from tacevo.sandbox.text import one_line
+from tacevo.records import Contract, Json, Limits, Recipe, Rejection, Training, to_json
+from tacevo.sandbox.client import Died, Finished
 from tacevo.store import Store
-from tacevo.training.losses import validation_loss
+from tacevo.training.answers import read_answer, training_of
 
 #: Enters every key; raise it with a change of the trainer or of `judge` that may change an answer.
 TRAINING_VERSION = 1
 
 #: What the sandbox must offer for `Evaluator`, beside the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
-
-#: How torch spells an operation, as `training.determinism` notes it.
-_OPERATION = re.compile(r"[\w:.]{1,100}", re.ASCII)
 
 #: `Sandbox.run`, or anything that acts like it.
 Run = Callable[[str, Json, bytes, Limits], Finished | Died]
@@ -52,6 +46,61 @@ class Examples:
     deviation: tuple[float, ...]
     #: The data set's, as in `tacevo.records.DataFacts`.
     fingerprint: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What all trainings of one kind share: with source and seed, this is all that their results follow from."""
+
+    contract: Contract
+    #: Of the data set.
+    fingerprint: str
+    recipe: Recipe
+    numerics: Numerics
+    device: Device = Device.cpu
+
+    def request(self, source: str, seed: int, *, version: int) -> Json:
+        """Write the question that a store keeps an evaluation under."""
+        return {
+            "version": version,
+            "source": source,
+            "data": self.fingerprint,
+            "contract": to_json(self.contract),
+            "recipe": to_json(self.recipe),
+            "seed": seed,
+            "numerics": self.numerics.value,
+            **self._sent_device(),
+        }
+
+    def train(
+        self, run: Run, source: str, seed: int, *, examples: Examples, predicted: NDArray[np.int64]
+    ) -> Finished | Died:
+        """Have a candidate trained in a sandbox.
+
+        Args:
+            run: `Sandbox.run`.
+            source: text that defines the contract's class.
+            seed: of the initial weights, the order of batches and dropout.
+            examples: to train on.
+            predicted: rows of the images to predict after each epoch, without their labels.
+        """
+        header = {
+            "source": source,
+            "contract": to_json(self.contract),
+            "recipe": to_json(self.recipe),
+            "seed": seed,
+            "mean": list(examples.mean),
+            "deviation": list(examples.deviation),
+            "train": len(examples.train),
+            "validation": len(predicted),
+            **self._sent_device(),
+        }
+        payload = examples.train.tobytes() + predicted.tobytes() + examples.train_targets.tobytes()
+        return run("train", header, payload, self.recipe.limits)
+
+    def _sent_device(self) -> dict[str, str]:
+        # Came later, and so enters keys and messages only where it is set.
+        return {} if self.device is Device.cpu else {"device": self.device.value}
 
 
 class Evaluator:
@@ -86,11 +135,9 @@ class Evaluator:
         if examples is not None and examples.fingerprint != fingerprint:
             raise ValueError(f"fingerprint must be that of the examples, {examples.fingerprint}; got {fingerprint}")
         self._run, self._store, self._examples = run, store, examples
-        self._contract, self._recipe = contract, recipe
-        self._fingerprint, self._numerics = fingerprint, numerics
-        # Came later, and so enters keys only where it is set.
-        self._sent_device = {} if device is Device.cpu else {"device": device.value}
-        self._device = device
+        self._setting = Setting(
+            contract=contract, fingerprint=fingerprint, recipe=recipe, numerics=numerics, device=device
+        )
 
     def key(self, source: str, seed: int) -> str:
         """Name an evaluation: its key in the store."""
@@ -122,36 +169,16 @@ class Evaluator:
         return _verdict(self._train(source, seed))
 
     def _request(self, source: str, seed: int) -> Json:
-        return {
-            "version": TRAINING_VERSION,
-            "source": source,
-            "data": self._fingerprint,
-            "contract": to_json(self._contract),
-            "recipe": to_json(self._recipe),
-            "seed": seed,
-            "numerics": self._numerics.value,
-            **self._sent_device,
-        }
+        return self._setting.request(source, seed, version=TRAINING_VERSION)
 
     def _train(self, source: str, seed: int) -> Json:
         """Have a candidate trained; give the store's answer."""
-        examples = self._examples
+        examples, setting = self._examples, self._setting
         if examples is None:
             raise DataError(f"evaluation {self.key(source, seed)[:12]} is not recorded; load the data set to train it")
-        header = {
-            "source": source,
-            "contract": to_json(self._contract),
-            "recipe": to_json(self._recipe),
-            "seed": seed,
-            "mean": list(examples.mean),
-            "deviation": list(examples.deviation),
-            "train": len(examples.train),
-            "validation": len(examples.validation),
-            **self._sent_device,
-        }
-        payload = examples.train.tobytes() + examples.validation.tobytes() + examples.train_targets.tobytes()
-        outcome = self._run("train", header, payload, self._recipe.limits)
-        verdict = judge(outcome, self._contract, self._recipe.epochs, examples.validation_targets, self._device)
+        outcome = setting.train(self._run, source, seed, examples=examples, predicted=examples.validation)
+        targets = examples.validation_targets
+        verdict = judge(outcome, setting.contract, setting.recipe.epochs, targets, setting.device)
         return {"rejection" if isinstance(verdict, Rejection) else "training": to_json(verdict)}
 
 
@@ -174,70 +201,5 @@ def judge(
         targets: of the validation images, as in `Examples`.
         device: what was trained on; on a CPU no operation may lack a deterministic form.
     """
-    if isinstance(outcome, Died):
-        return _rejection(outcome.reason, outcome.detail)
-    try:
-        refused = _refusal(outcome.frames)
-        if refused is not None:
-            return refused
-        *progress, last = outcome.frames
-        train_losses = tuple(_finite(frame.header["train_loss"]) for frame in progress)
-        weights = _digest(last.header["weights_sha256"])
-        not_deterministic = _operations(last.header.get("not_deterministic", []), device)
-        predictions = [_matrix(frame.payload, len(targets), contract.outputs) for frame in progress]
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        return _rejection(Reason.bad_output, f"the training's answer is malformed: {error}")
-    if len(predictions) != epochs:
-        return _rejection(Reason.bad_output, f"expected the predictions of {epochs} epochs; got {len(predictions)}")
-    for epoch, values in enumerate(predictions, start=1):
-        if not np.isfinite(values).all():
-            return _rejection(Reason.not_finite, f"the predictions after epoch {epoch} are not all finite")
-    return Training(
-        train_losses=train_losses,
-        validation_losses=tuple(validation_loss(contract.loss, values, targets) for values in predictions),
-        predictions_sha256=hashlib.sha256(b"".join(values.tobytes() for values in predictions)).hexdigest(),
-        weights_sha256=weights,
-        not_deterministic=not_deterministic,
-    )
-
-
-def _refusal(frames: Sequence[Frame]) -> Rejection | None:
-    """Read the rejection that a trainer sends as its last frame, if it did."""
-    problem = frames[-1].header.get("rejection") if frames and isinstance(frames[-1].header, dict) else None
-    return None if problem is None else _rejection(Reason(problem["reason"]), str(problem["detail"]))
-
-
-def _rejection(reason: Reason, detail: str) -> Rejection:
-    return Rejection(stage=Stage.train, reason=reason, detail=one_line(detail))
-
-
-def _finite(value: Json) -> float:
-    if not isinstance(value, float):
-        raise TypeError(f"expected a number; got {type(value).__name__}")
-    return value  # finite: no message may hold anything else
-
-
-def _digest(value: Json) -> str:
-    if not isinstance(value, str) or not re.fullmatch(r"[0-9a-f]{64}", value):
-        raise ValueError("expected a SHA-256 in hex")
-    return value
-
-
-def _operations(value: Json, device: Device) -> tuple[str, ...]:
-    """Read the names of operations without a deterministic form; a summary shows them, so they are no free text."""
-    if value and device is Device.cpu:
-        raise ValueError("expected no operation without a deterministic form, since a CPU runs none")
-    if not isinstance(value, list) or len(value) > 100 or not all(_is_operation(name) for name in value):
-        raise ValueError("expected at most 100 names of operations")
-    if value != sorted(set(value)):
-        raise ValueError("expected distinct names of operations in their order")
-    return tuple(value)
-
-
-def _is_operation(name: Json) -> bool:
-    return isinstance(name, str) and _OPERATION.fullmatch(name) is not None
-
-
-def _matrix(payload: bytes, rows: int, columns: int) -> NDArray[np.float32]:
-    """Read float32 values of shape (rows, columns)."""
-    return np.frombuffer(payload, np.float32).reshape(rows, columns)
+    answer = read_answer(outcome, contract, epochs=epochs, rows=len(targets), device=device)
+    return answer if isinstance(answer, Rejection) else training_of(answer, contract.loss, targets)

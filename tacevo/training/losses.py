@@ -25,7 +25,12 @@ def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArr
         targets: float32 of shape (n, K) for `mse`; int64 of shape (n,), each in [0, K), for `cross_entropy`.
     """
     exact = mean_squared_error if loss is Loss.mse else cross_entropy
-    return float(f"{exact(predictions, targets):.{_DIGITS}g}")
+    return rounded(exact(predictions, targets))
+
+
+def rounded(value: float) -> float:
+    """Round to 9 significant digits."""
+    return float(f"{value:.{_DIGITS}g}")
 
 
 def mean_squared_error(predictions: NDArray[np.float32], targets: NDArray[np.float32]) -> float:

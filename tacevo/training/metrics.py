@@ -1,0 +1,109 @@
+"""The test metrics of a network, from its predictions: pure, and equal on every machine.
+
+Sums are exact (`math.fsum`) and results are rounded to 9 significant digits, as in `training.losses`. Definitions are
+those of scikit-learn, where it has the metric.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacevo.training.losses import cross_entropy, rounded
+
+#: Rows are true classes, columns are predicted ones; entries count images.
+Confusion = tuple[tuple[int, ...], ...]
+
+
+def regression_metrics(
+    predictions: NDArray[np.float32], targets: NDArray[np.float32], *, names: Sequence[str], scale: Sequence[float]
+) -> dict[str, float]:
+    """Compute the metrics of a regression.
+
+    Args:
+        predictions: shape (n, K), finite, in the scaled units of training.
+        targets: shape (n, K), the same.
+        names: of the K outputs.
+        scale: shape (K,), positive; units of the recording for one unit of training.
+
+    Returns:
+        In the units of training: `mse`, `mae`, `rmse`, `r2` over all outputs, and of each output as `mse_<name>` and so
+        on. In the units of the recording: `recorded_mae_<name>` and `recorded_rmse_<name>`. Over all outputs, `mse` and
+        `mae` are means over all values, `rmse` is the root of `mse`, and `r2` the plain mean of the outputs' R².
+    """
+    errors = predictions.astype(np.float64) - targets.astype(np.float64)
+    found = {"mse": _mean(errors * errors), "mae": _mean(np.abs(errors)), "rmse": math.sqrt(_mean(errors * errors))}
+    apart = [r_squared(column, truth) for column, truth in zip(errors.T, targets.T.astype(np.float64), strict=True)]
+    found["r2"] = math.fsum(apart) / len(apart)
+    for name, column, r2, unit in zip(names, errors.T, apart, scale, strict=True):
+        mse, mae = _mean(column * column), _mean(np.abs(column))
+        found |= {f"mse_{name}": mse, f"mae_{name}": mae, f"rmse_{name}": math.sqrt(mse), f"r2_{name}": r2}
+        found |= {f"recorded_mae_{name}": unit * mae, f"recorded_rmse_{name}": unit * math.sqrt(mse)}
+    return _rounded(found)
+
+
+def r_squared(errors: NDArray[np.float64], targets: NDArray[np.float64]) -> float:
+    """Compute the coefficient of determination of one output.
+
+    Targets without variance have none; as in scikit-learn, it is then 1 for perfect predictions and 0 for others.
+
+    Args:
+        errors: shape (n,).
+        targets: shape (n,).
+    """
+    values = targets.tolist()
+    centre = math.fsum(values) / len(values)
+    total = math.fsum((value - centre) ** 2 for value in values)
+    left = math.fsum((errors * errors).tolist())
+    if min(values) == max(values):
+        return 1.0 if left == 0 else 0.0
+    return 1 - left / total
+
+
+def classification_metrics(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> dict[str, float]:
+    """Compute `accuracy`, `macro_f1` and `cross_entropy` (in nats).
+
+    Args:
+        logits: shape (n, K), finite; the first of equal ones wins.
+        classes: shape (n,), each in [0, K).
+    """
+    counts = confusion(logits, classes)
+    right = sum(row[number] for number, row in enumerate(counts))
+    found = {"accuracy": right / len(classes), "macro_f1": macro_f1(counts)}
+    return _rounded({**found, "cross_entropy": cross_entropy(logits, classes)})
+
+
+def confusion(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> Confusion:
+    """Count images by true and predicted class, shape (K, K).
+
+    Args:
+        logits: shape (n, K), finite; the first of equal ones wins.
+        classes: shape (n,), each in [0, K).
+    """
+    counts = np.zeros((logits.shape[1],) * 2, np.int64)
+    np.add.at(counts, (classes, logits.argmax(axis=1)), 1)
+    return tuple(tuple(row) for row in counts.tolist())
+
+
+def macro_f1(counts: Confusion) -> float:
+    """Average the F1 of the classes; one that is neither true nor predicted anywhere is left out.
+
+    Args:
+        counts: shape (K, K), at least one image.
+    """
+    scores = []
+    for number, row in enumerate(counts):
+        true, predicted = sum(row), sum(other[number] for other in counts)
+        if true + predicted:
+            scores.append(2 * row[number] / (true + predicted))
+    return math.fsum(scores) / len(scores)
+
+
+def _mean(values: NDArray[Any]) -> float:
+    return math.fsum(values.ravel().tolist()) / values.size
+
+
+def _rounded(found: Mapping[str, float]) -> dict[str, float]:
+    return {name: rounded(value) for name, value in found.items()}

@@ -1,0 +1,163 @@
+"""Promise: the test metrics are those of the epoch with the lowest validation loss, and the child knows no label."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
+
+from tacevo.choices import Device, Numerics
+from tacevo.errors import CacheMissError, DataError
+from tacevo.records import Json, Limits, Mode, Reason, Rejection, to_json
+from tacevo.sandbox.client import Died, Finished, Frame
+from tacevo.store import Store
+from tacevo.training.evaluation import Examples, Run, Setting
+from tacevo.training.full import FullEvaluator, HeldOut, FullTraining, assess
+
+DATA = examples()
+#: Of the eight images that are not trained on, five to validate and three to test on.
+EXAMPLES = replace(labelled(DATA), validation=DATA.validation[:5], validation_targets=DATA.targets[DATA.validation[:5]])
+HELD_OUT = HeldOut(
+    rows=DATA.validation[5:], targets=DATA.targets[DATA.validation[5:]], names=("a", "b"), scale=(1.0, 2.0)
+)
+SETTING = Setting(contract=CONTRACT, fingerprint="abc", recipe=RECIPE, numerics=Numerics.portable)
+
+
+def answer(offsets: list[float], *, test_offset: float = 0.0) -> Finished:
+    """Write what a trainer sends whose predictions are off by so much after each epoch."""
+    truth = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
+    frames = []
+    for epoch, offset in enumerate(offsets):
+        predictions = truth + np.float32(offset)
+        predictions[5:] += np.float32(test_offset)
+        frames.append(Frame({"epoch": epoch, "train_loss": 0.5}, predictions.astype(np.float32).tobytes()))
+    return Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
+
+
+class Recorder:
+    """A sandbox that notes what it is sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[Json, bytes]] = []
+
+    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished:
+        """Answer as a trainer would."""
+        self.sent.append((header, payload))
+        return answer([0.5, 0.25, 0.25, 1.0])
+
+
+def evaluator(
+    run: Run,
+    root: Path,
+    *,
+    setting: Setting = SETTING,
+    mode: Mode = Mode.record,
+    data: tuple[Examples, HeldOut] | None = (EXAMPLES, HELD_OUT),
+) -> FullEvaluator:
+    """Make an evaluator of the tiny task."""
+    return FullEvaluator(run=run, store=Store(root, "studies", mode), setting=setting, examples=data)
+
+
+def judged(outcome: Finished) -> FullTraining:
+    """Judge an answer that must be good."""
+    verdict = assess(outcome, SETTING, EXAMPLES.validation_targets, HELD_OUT)
+    assert isinstance(verdict, FullTraining)
+    return verdict
+
+
+def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
+    """The second of four epochs is best, and is as good as the third, which comes later."""
+    verdict = judged(answer([0.5, 0.25, 0.25, 1.0]))
+    assert verdict.epoch == 2
+    assert verdict.validation_loss == min(verdict.training.validation_losses) == pytest.approx(0.0625)
+    assert verdict.metrics["mse"] == pytest.approx(0.0625)
+
+
+def test_test_images_do_not_choose_the_epoch() -> None:
+    """However bad the test predictions are, the validation images alone decide."""
+    good, bad = judged(answer([0.5, 0.25, 0.3, 1.0])), judged(answer([0.5, 0.25, 0.3, 1.0], test_offset=9.0))
+    assert (good.epoch, good.training.validation_losses) == (bad.epoch, bad.training.validation_losses)
+    assert bad.metrics["mse"] > good.metrics["mse"]
+
+
+def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> None:
+    """What is sent does not change with the labels of validation and test images, nor tells which images are which."""
+    first, second = Recorder(), Recorder()
+    evaluator(first.run, tmp_path / "a").evaluate(SOURCE, 0)
+    others = (
+        replace(EXAMPLES, validation_targets=1 - EXAMPLES.validation_targets),
+        replace(HELD_OUT, targets=1 - HELD_OUT.targets),
+    )
+    evaluator(second.run, tmp_path / "b", data=others).evaluate(SOURCE, 0)
+    ((header, payload),) = first.sent
+    assert first.sent == second.sent
+    assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
+    assert header["validation"] == 8
+    labels: NDArray[np.float32] = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
+    assert all(row.tobytes() not in payload for row in labels)
+
+
+def test_second_evaluation_is_recalled(tmp_path: Path) -> None:
+    """Neither data nor sandbox is needed for what is recorded, and a replay trains nothing."""
+    recorder = Recorder()
+    first = evaluator(recorder.run, tmp_path).evaluate(SOURCE, 0)
+    assert evaluator(recorder.run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
+    assert len(recorder.sent) == 1
+    with pytest.raises(CacheMissError, match="no recorded answer for studies request"):
+        evaluator(recorder.run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 1)
+
+
+def test_record_comes_back_as_it_was() -> None:
+    """For a regression and with a confusion matrix."""
+    verdict = judged(answer([0.5, 0.25, 0.3, 1.0]))
+    for record in (verdict, replace(verdict, confusion=((1, 2), (0, 3)))):
+        assert FullTraining.from_json(to_json(record)) == record
+
+
+def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
+    """Source, seed, data, contract, recipe, numerics and device; and no search has a key of a study."""
+
+    def key(setting: Setting, source: str = SOURCE, seed: int = 0) -> str:
+        return evaluator(Recorder().run, tmp_path, setting=setting, data=None).key(source, seed)
+
+    keys = {
+        key(SETTING),
+        key(SETTING, SOURCE + "\n"),
+        key(SETTING, seed=1),
+        key(replace(SETTING, fingerprint="other")),
+        key(replace(SETTING, contract=replace(CONTRACT, outputs=1))),
+        key(replace(SETTING, recipe=replace(RECIPE, epochs=9))),
+        key(replace(SETTING, numerics=Numerics.fast)),
+        key(replace(SETTING, device=Device.cuda)),
+        Store(tmp_path, "evaluations").key(SETTING.request(SOURCE, 0, version=1)),
+    }
+    assert len(keys) == 9
+
+
+def test_failed_training_is_recorded_as_such(tmp_path: Path) -> None:
+    """A training that ends early is a value, and is not tried again."""
+    verdict = evaluator(lambda *_: Died(Reason.out_of_time, "over 2 s"), tmp_path).evaluate(SOURCE, 0)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.out_of_time
+    assert evaluator(Recorder().run, tmp_path).evaluate(SOURCE, 0) == verdict
+
+
+def test_predictions_that_are_not_finite_are_refused() -> None:
+    """NaN for a single test image, in an epoch that is not even chosen, turns the network away."""
+    outcome = answer([0.5, 0.25, 0.3, 1.0])
+    spoilt = np.frombuffer(outcome.frames[3].payload, np.float32).copy()
+    spoilt[-1] = np.nan
+    frames = (*outcome.frames[:3], Frame(outcome.frames[3].header, spoilt.tobytes()), outcome.frames[4])
+    verdict = assess(Finished(frames), SETTING, EXAMPLES.validation_targets, HELD_OUT)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.not_finite
+
+
+def test_training_without_data_is_an_error(tmp_path: Path) -> None:
+    """Recording needs the data set, and the right one."""
+    with pytest.raises(DataError, match="load the data set to train it"):
+        evaluator(Recorder().run, tmp_path, data=None).evaluate(SOURCE, 0)
+    with pytest.raises(ValueError, match="fingerprint must be that of the examples, abc; got other"):
+        evaluator(Recorder().run, tmp_path, setting=replace(SETTING, fingerprint="other"))
