@@ -16,6 +16,7 @@ from tacevo.cache_commands import add_cache
 from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
 from tacevo.data_commands import add_data
 from tacevo.errors import DivergenceError, TacevoError
+from tacevo.study_commands import add_study
 
 if TYPE_CHECKING:
     from tacevo.progress import View
@@ -26,6 +27,7 @@ examples:
   tacevo search experiment=demo seed=1        another one
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
+  tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
 """
@@ -104,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     search.set_defaults(command=_search)
 
     _add_replay(commands)
+    add_study(commands)
 
     show = commands.add_parser("show", help="what a run found, or one candidate of it")
     show.add_argument("run", metavar="RUN", help="the folder of a run")
@@ -134,8 +137,8 @@ def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
     replay = commands.add_parser(
         "replay",
         help="run a recorded search again from its stores and compare",
-        description="Run a recorded search again, without model, training or data set, and compare every line; with "
-        "--retrain, train its candidates again, too.",
+        description="Run a recorded search and its finished studies again, without model, training or data set, and "
+        "compare every line; with --retrain, train the candidates of the search again, too.",
     )
     replay.add_argument("run", metavar="RUN", help="the folder of a run")
     replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
@@ -213,12 +216,16 @@ def _replay(options: argparse.Namespace) -> int:
     from tacevo.costs import in_words
     from tacevo.progress import PlainView
     from tacevo.replaying import replay
+    from tacevo.studying import replay_studies
 
     with PlainView(Console(stderr=True)) as view:
         replayed = replay(Path(options.run), options.store, view)
+        studies = replay_studies(Path(options.run), options.store, view)
         trained = None if options.retrain is None else _retrain(options, view)
     print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
+    for name, digest in studies.items():
+        print(f"study {name}: every score is as recorded, digest {digest}")
     if trained is not None:
         print(trained)
     print(f"digest: {replayed.digest}")

@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import cast
 
 import yaml
@@ -11,7 +12,7 @@ from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException, OverrideParseException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from tacevo.confdir import conf_root, groups
@@ -22,6 +23,7 @@ from tacevo.llm.prices import PriceTable, parse_prices
 from tacevo.proposals import Instruction, Task, system_prompt
 from tacevo.records import Contract, DataFacts, Json
 from tacevo.settings import expected, keys
+from tacevo.study_config import StudyConfig
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
@@ -31,6 +33,41 @@ def compose(overrides: Sequence[str]) -> RunConfig:
         ConfigError: an unknown key, a value of the wrong type or range, or an unknown choice; the message names
             the key as the user wrote it.
     """
+    return cast(RunConfig, _compose(overrides, _RUN))
+
+
+def compose_study(overrides: Sequence[str]) -> StudyConfig:
+    """Compose the configuration of a study from overrides such as `run=runs/NAME` and `seeds=5`.
+
+    Raises:
+        ConfigError: as `compose`.
+    """
+    return cast(StudyConfig, _compose(overrides, _STUDY))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Root:
+    """A file of conf/ that a command composes."""
+
+    #: Of the file.
+    name: str
+    #: What its `defaults` call the schema.
+    schema: str
+    type: type
+    #: Where a user finds what may be set.
+    told: str
+
+    def names(self) -> list[str]:
+        """List what a user may set."""
+        return [*(groups() if self.type is RunConfig else ()), *keys(self.type)]
+
+
+_RUN = _Root(name="config", schema="schema", type=RunConfig, told="`tacevo search --help` lists the groups")
+_STUDY = _Root(name="study", schema="study_schema", type=StudyConfig, told="`tacevo study --help` lists the settings")
+
+
+def _compose(overrides: Sequence[str], root: _Root) -> object:
+    """Compose a file of conf/ with overrides, into its schema."""
     added = [override for override in overrides if override.startswith(("+", "~"))]
     if added:
         raise ConfigError(f"every setting has its place already, so none can be added or removed; got {added[0]!r}")
@@ -40,21 +77,16 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     strange = [override for override in overrides if "=" not in override]
     if strange:
         raise ConfigError(f"a setting is written KEY=VALUE or GROUP=CHOICE; got {strange[0]!r}")
-    ConfigStore.instance().store(name="schema", node=RunConfig)
+    ConfigStore.instance().store(name=root.schema, node=root.type)
     GlobalHydra.instance().clear()
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
-            return to_run_config(hydra_compose("config", overrides=list(overrides)))
+            return OmegaConf.to_object(hydra_compose(root.name, overrides=list(overrides)))
     except ConfigError:
         raise
     except (HydraException, OmegaConfBaseException, yaml.YAMLError, OSError, ValueError, TypeError) as error:
         given = dict(override.split("=", 1) for override in overrides)
-        raise ConfigError(_explained(error, given)) from error
-
-
-def to_run_config(composed: DictConfig) -> RunConfig:
-    """Turn a composed config into a checked `RunConfig`."""
-    return cast(RunConfig, OmegaConf.to_object(composed))
+        raise ConfigError(_explained(error, given, root)) from error
 
 
 def to_plain(config: RunConfig) -> dict[str, Json]:
@@ -69,7 +101,7 @@ def from_plain(value: Mapping[str, Json]) -> RunConfig:
         ConfigError: the values are no configuration of this version.
     """
     try:
-        return to_run_config(cast(DictConfig, OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
+        return cast(RunConfig, OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
     except OmegaConfBaseException as error:
         raise ConfigError(_explained(error, dict(_flat(value)))) from error
 
@@ -162,24 +194,25 @@ def _read_library(name: str) -> dict[str, Json]:
     return library
 
 
-def _explained(error: Exception, given: Mapping[str, object]) -> str:
+def _explained(error: Exception, given: Mapping[str, object], root: _Root = _RUN) -> str:
     """Say in one line what Hydra or OmegaConf found wrong, and what the user may have meant.
 
     Args:
         error: theirs.
         given: what the user set, by the key as it was written.
+        root: what was composed.
     """
-    lines = [line.strip().removeprefix("In 'config': ") for line in str(error).splitlines() if line.strip()]
+    lines = [line.strip().removeprefix(f"In '{root.name}': ") for line in str(error).splitlines() if line.strip()]
     cause = [line.strip() for line in str(error.__cause__ or "").splitlines() if line.strip()]
     unknown = re.match(r"Could not override '([^']+)'", lines[0])
     if unknown:
         name = unknown.group(1)
-        if name in keys():  # a whole group was set, of which one key is unknown
+        if name in keys(root.type):  # a whole group was set, of which one key is unknown
             name = getattr(error.__cause__, "full_key", name)
-        close = difflib.get_close_matches(name, [*groups(), *keys()], n=1)
-        meant = f"; did you mean {close[0]!r}?" if close else "; `tacevo search --help` lists the groups"
+        close = difflib.get_close_matches(name, root.names(), n=1)
+        meant = f"; did you mean {close[0]!r}?" if close else f"; {root.told}"
         return f"there is no setting {name!r}{meant}"
-    misfit = _misfit(error, given)
+    misfit = _misfit(error, given, root.type)
     if misfit is not None:
         return misfit
     if "Available options in" in str(error):
@@ -194,11 +227,11 @@ def _explained(error: Exception, given: Mapping[str, object]) -> str:
     return ": ".join([*lines[:1], *cause[:1]])
 
 
-def _misfit(error: Exception, given: Mapping[str, object]) -> str | None:
+def _misfit(error: Exception, given: Mapping[str, object], schema: type) -> str | None:
     """Say what a key takes and what it got, where the fault is a value that its key cannot hold; else None."""
     fault = error if isinstance(error, OmegaConfBaseException) else error.__cause__
     key = re.sub(r"\[.*", "", getattr(fault, "full_key", None) or "")  # of a list's item, the list
-    takes = expected(key) if key else None
+    takes = expected(key, schema) if key else None
     if takes is None:
         return None
     holders = [name for name in given if key == name or key.startswith(f"{name}.")]

@@ -152,10 +152,21 @@ def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
         return
     was, now = _unsealed(recorded), _unsealed(line)
     field = differences(was, now)[0]
-    place = f"generation {recorded['generation']}" if "generation" in recorded else "the run's header"
-    place += f", slot {recorded['slot']}" if "slot" in recorded else ""
     before, after = (_brief(value_at(line, field)) for line in (was, now))
-    raise DivergenceError(f"{place}: field {shown(field)!r} was recorded as {before} and is now {after}")
+    raise DivergenceError(f"{_place(recorded)}: field {shown(field)!r} was recorded as {before} and is now {after}")
+
+
+def _place(line: dict[str, Json]) -> str:
+    """Say where a line stands, in the words of a run or of a study."""
+    match line:
+        case {"network": network, "seed": seed}:
+            return f"{network}, seed {seed}"
+        case {"generation": generation, "slot": slot}:
+            return f"generation {generation}, slot {slot}"
+        case {"generation": generation}:
+            return f"generation {generation}"
+        case _:
+            return f"the {line.get('kind', 'run')}'s header"
 
 
 def _unsealed(line: dict[str, Json]) -> dict[str, Json]:

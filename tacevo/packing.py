@@ -20,6 +20,7 @@ from tacevo.records import Json
 from tacevo.replaying import replay
 from tacevo.rundir import RunDirectory
 from tacevo.store import KINDS, check_entry, content_hash, write_durably
+from tacevo.studying import replay_studies
 
 #: Layout of the file.
 SCHEMA = 1
@@ -51,7 +52,7 @@ class _PlainFile(tarfile.TarInfo):
 
 
 def export(run: Path, target: Path, store: str | None, view: View) -> int:
-    """Write the entries that a run needs into one file: exactly those that its replay reads.
+    """Write the entries that a run and its finished studies need into one file: exactly those that a replay reads.
 
     Args:
         run: the run directory.
@@ -69,6 +70,7 @@ def export(run: Path, target: Path, store: str | None, view: View) -> int:
     """
     read: set[Path] = set()
     digest = replay(run, store, view, seen=read.add).digest
+    replay_studies(run, store, view, seen=read.add)
     root = Path(store or RunDirectory(run).read_run()["config"]["store"]["root"])
     entries = {path.relative_to(root).as_posix(): path.read_bytes() for path in sorted(read)}
     manifest = {"schema": SCHEMA, "digest": digest, "entries": sorted(entries)}

@@ -24,14 +24,25 @@ from tacevo.records import Json
 from tacevo.search import Plan, SearchState
 
 
-class View(Protocol):
-    """Who is told how far a run is."""
+class Listener(Protocol):
+    """Who is told how far the data are, and whatever fits in a line."""
 
     def say(self, text: str) -> None:
         """Show one line."""
 
     def data(self, done: int, total: int) -> None:
         """Show how many images of a data set are made."""
+
+
+class StudyView(Listener, Protocol):
+    """Who is told how far a study is."""
+
+    def trained(self, done: int, total: int) -> None:
+        """Show how many trainings are done."""
+
+
+class View(Listener, Protocol):
+    """Who is told how far a run is."""
 
     def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
         """Show a line of the ledger, and how far the archive is with it."""
@@ -79,6 +90,45 @@ class PlainView:
                 f"{best:.4g}, coverage {coverage:.0%} ({self._done}{self._of_total} candidates done)"
             )
 
+    def trained(self, done: int, total: int) -> None:
+        """Write a line at each tenth of a study."""
+        if 10 * done // total > 10 * (done - 1) // total:
+            self.say(f"{done} of {total} trainings are done")
+
+
+class LiveStudyView:
+    """Bars with rate and time left, on a terminal."""
+
+    def __init__(self, console: Console) -> None:
+        self._progress = _bars(console)
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def say(self, text: str) -> None:
+        """Write one line above the bars."""
+        self._progress.console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def data(self, done: int, total: int) -> None:
+        """Move the bar of the images."""
+        self._move("images", done, total)
+
+    def trained(self, done: int, total: int) -> None:
+        """Move the bar of the trainings."""
+        self._move("trainings", done, total)
+
+    def _move(self, name: str, done: int, total: int) -> None:
+        if name not in self._tasks:
+            self._tasks[name] = self._progress.add_task(name, total=total, note="")
+        self._progress.update(self._tasks[name], completed=done)
+
 
 class LiveView:
     """Bars with rate and time left, on a terminal.
@@ -91,16 +141,7 @@ class LiveView:
 
     def __init__(self, console: Console, total: int, generations: int) -> None:
         self._generations = generations
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[note]}"),
-            _RateColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-        )
+        self._progress = _bars(console)
         self._search = self._progress.add_task(f"generation 0/{generations}", total=total, note="")
         self._data: TaskID | None = None
 
@@ -141,6 +182,25 @@ class _RateColumn(ProgressColumn):
         """Write the rate, once there is one."""
         speed = task.finished_speed or task.speed
         return Text("" if speed is None else f"{speed:.2g}/s")
+
+
+def _bars(console: Console) -> Progress:
+    """Lay out bars with a note, rate and time left."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[note]}"),
+        _RateColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+    )
+
+
+def make_study_view(console: Console) -> PlainView | LiveStudyView:
+    """Choose the view of a study that suits a console."""
+    return LiveStudyView(console) if console.is_terminal else PlainView(console)
 
 
 def make_view(console: Console, *, total: int, generations: int) -> PlainView | LiveView:

@@ -11,8 +11,9 @@ from pathlib import Path
 from tacevo.choices import Numerics
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
+from tacevo.data.source import Catalogue
 from tacevo.errors import DataError, DivergenceError, RunError
-from tacevo.progress import View
+from tacevo.progress import Listener, View
 from tacevo.randomness import stream
 from tacevo.records import DataFacts, Json, Reason, Rejection, Training
 from tacevo.replaying import read_run
@@ -75,7 +76,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
     lines = evaluated(directory.read_ledger())
     chosen = sampled(lines, count, config.seed)
     sources = [_source(directory, line) for line in chosen]
-    data = _data(config, facts, view)
+    data = load_same(config, facts, view)
     with open_trainer(config, task, data) as (train, executor):
         for number, (line, result) in enumerate(zip(chosen, executor.map(train, sources), strict=True), start=1):
             _insist_on_equal(line, result, doubts)
@@ -190,13 +191,19 @@ def _source(directory: RunDirectory, line: Mapping[str, Json]) -> str:
     return source
 
 
-def _data(config: RunConfig, facts: DataFacts, view: View) -> Dataset:
-    """Load the run's data set.
+def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue: Catalogue | None = None) -> Dataset:
+    """Load the data set that a run had.
+
+    Args:
+        config: of the run.
+        facts: of the run's data set.
+        view: who is told.
+        catalogue: of the source, where it is there already.
 
     Raises:
         DataError: it is missing, or is not the one that the run had.
     """
-    data = load_data(config, view.data, view.say)
+    data = load_data(config, view.data, view.say, catalogue=catalogue)
     if data.facts.fingerprint != facts.fingerprint:
         raise DataError(
             f"data={config.data.source} has the fingerprint {data.facts.fingerprint[:12]}; the run had "

@@ -19,13 +19,14 @@ def keys(schema: type = RunConfig, prefix: str = "") -> list[str]:
     return found
 
 
-def expected(key: str) -> str | None:
+def expected(key: str, schema: type = RunConfig) -> str | None:
     """Say what a key takes, e.g. `a whole number`; None where there is no such key.
 
     Args:
         key: as a user writes it, e.g. `data.image_size`.
+        schema: whose key it is.
     """
-    kind: Any = RunConfig
+    kind: Any = schema
     for name in key.split("."):
         if not _is_group(kind) or name not in get_type_hints(kind):
             return None

@@ -32,8 +32,11 @@ Seen = Callable[[Path], object]
 #: The way to a value inside a request: names of fields, which may hold any character, and places in lists.
 Field = tuple[str | int, ...]
 
-#: The kinds of answers that a run keeps.
-KINDS = ("answers", "centroids", "completions", "evaluations", "probes")
+#: The kinds of answers that a search keeps.
+SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
+
+#: All kinds of answers: those of a search, and the full trainings of studies.
+KINDS = (*SEARCHED, "studies")
 
 #: A file in the making: hidden beside what it will be, and locked by its writer.
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")

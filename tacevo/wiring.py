@@ -30,7 +30,8 @@ from tacevo.sandbox.client import Sandbox
 from tacevo.search import Plan, scaled
 from tacevo.store import Seen, Store
 from tacevo.training import evaluation
-from tacevo.training.evaluation import Evaluator, Examples
+from tacevo.training.evaluation import Evaluator, Examples, Setting
+from tacevo.training.full import FullEvaluator, HeldOut
 from tacevo.training.numerics import environment
 
 #: What a sandbox runs: entry names to functions.
@@ -217,6 +218,33 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
 
 
 @contextlib.contextmanager
+def open_studies(
+    config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, mode: Mode, *, seen: Seen | None = None
+) -> Iterator[tuple[FullEvaluator, Executor]]:
+    """Open what trains networks fully and tests them.
+
+    Args:
+        config: the run's configuration, with the training of the study.
+        task: the task.
+        facts: of the data set.
+        data: the data set; None where every training is recorded.
+        mode: of the store.
+        seen: told of every store entry that is read.
+    """
+    with _workers(config, data) as (sandbox, executor):
+        setting = Setting(
+            contract=task.contract,
+            fingerprint=facts.fingerprint,
+            recipe=recipe_of(config),
+            numerics=config.numerics.kind,
+            device=config.training.device,
+        )
+        store = _store(config, "studies", mode, seen)
+        examples = None if data is None else (_examples(data), _held_out(data))
+        yield FullEvaluator(run=sandbox.run, store=store, setting=setting, examples=examples), executor
+
+
+@contextlib.contextmanager
 def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox, Executor]]:
     """Open the sandbox, and the threads that wait for it."""
     arrays = {} if data is None else {"images": data.images}
@@ -245,7 +273,7 @@ def _evaluator(
         contract=task.contract,
         examples=None if data is None else _examples(data),
         fingerprint=fingerprint,
-        recipe=_recipe(config),
+        recipe=recipe_of(config),
         numerics=config.numerics.kind,
         device=config.training.device,
     )
@@ -278,7 +306,8 @@ def build_gate(
     )
 
 
-def _recipe(config: RunConfig) -> Recipe:
+def recipe_of(config: RunConfig) -> Recipe:
+    """Turn the training of a configuration into a recipe."""
     training = config.training
     return Recipe(
         epochs=training.epochs,
@@ -299,6 +328,10 @@ def _examples(data: Dataset) -> Examples:
         deviation=data.deviation,
         fingerprint=data.facts.fingerprint,
     )
+
+
+def _held_out(data: Dataset) -> HeldOut:
+    return HeldOut(rows=data.test, targets=data.targets[data.test], names=data.facts.names, scale=data.scale)
 
 
 def _store(config: RunConfig, kind: str, mode: Mode, seen: Seen | None) -> Store:

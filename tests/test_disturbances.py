@@ -36,7 +36,7 @@ from smallest import UNTRACKED
 
 from tacevo.app import main
 from tacevo.sandbox.processes import children, descendants
-from tacevo.store import KINDS
+from tacevo.store import SEARCHED
 
 pytestmark = unhurried
 
@@ -82,7 +82,7 @@ def test_damaged_entry_of_any_store_is_named_and_can_be_computed_again(
 ) -> None:
     """A search reads no damaged entry; without them it computes what is missing, and ends with the same bytes."""
     ledger = (copied / "run" / "ledger.jsonl").read_bytes()
-    entries = [sorted((copied / "cache" / kind).glob("*/*.json"))[0] for kind in KINDS]
+    entries = [sorted((copied / "cache" / kind).glob("*/*.json"))[0] for kind in SEARCHED]
     for entry in entries:
         sound = entry.read_bytes()
         entry.write_bytes(damage(sound))

@@ -14,7 +14,7 @@ from tacevo.app import main
 from tacevo.errors import StoreError
 from tacevo.packing import import_file
 from tacevo.records import Json
-from tacevo.store import KINDS, Store, content_hash
+from tacevo.store import SEARCHED, Store, content_hash
 
 #: A real search, as small as one can be.
 TINY = [
@@ -73,13 +73,13 @@ def files(root: Path) -> list[Path]:
 
 def test_kinds_are_those_that_a_search_keeps(exported: Path) -> None:
     """A store that a search begins to use must be listed, or nobody verifies or exports it; images are made anew."""
-    assert {path.name for path in (exported / "cache").iterdir()} == {*KINDS, "data"}
+    assert {path.name for path in (exported / "cache").iterdir()} == {*SEARCHED, "data"}
 
 
 def test_export_holds_what_the_run_needs_and_nothing_else(exported: Path) -> None:
     """Every entry of this run's stores, and not the one of another run."""
     cache = exported / "cache"
-    names = {path.relative_to(cache).as_posix() for kind in KINDS for path in (cache / kind).glob("*/*.json")}
+    names = {path.relative_to(cache).as_posix() for kind in SEARCHED for path in (cache / kind).glob("*/*.json")}
     foreign = Store(cache, "completions").key({"of": "another run"})
     needed = names - {f"completions/{foreign[:2]}/{foreign}.json"}
     assert members(exported / "run.tar").keys() == needed | {"manifest.json"}

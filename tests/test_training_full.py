@@ -14,7 +14,7 @@ from tacevo.records import Json, Limits, Mode, Reason, Rejection, to_json
 from tacevo.sandbox.client import Died, Finished, Frame
 from tacevo.store import Store
 from tacevo.training.evaluation import Examples, Run, Setting
-from tacevo.training.full import FullEvaluator, HeldOut, FullTraining, assess
+from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess
 
 DATA = examples()
 #: Of the eight images that are not trained on, five to validate and three to test on.

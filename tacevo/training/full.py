@@ -91,6 +91,10 @@ class FullEvaluator:
         """Name a full training: its key in the store."""
         return self._store.key(self._request(source, seed))
 
+    def is_recorded(self, source: str, seed: int) -> bool:
+        """Tell whether the store has a full training, sound or not."""
+        return self._store.holds(self.key(source, seed))
+
     def evaluate(self, source: str, seed: int) -> FullTraining | Rejection:
         """Train and test a network, or recall how that went.
 

@@ -1,0 +1,45 @@
+"""What a user may set for a study; as in `tacevo.config`, checked as soon as it is built."""
+
+from dataclasses import dataclass
+
+from tacevo.config import ExecutorConfig
+from tacevo.ranges import is_positive, require
+
+
+@dataclass(kw_only=True)
+class StudyStoreConfig:
+    """Where trainings are recorded."""
+
+    #: None for where the run has its stores.
+    root: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an empty name."""
+        require(self.root != "", "store.root", "the name of a folder, or null", self.root)
+
+
+@dataclass(kw_only=True)
+class StudyConfig:
+    """The full training of a run's best networks and its baseline, each with several seeds."""
+
+    executor: ExecutorConfig
+    #: The folder of a finished run.
+    run: str | None
+    #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
+    elites: int
+    #: S, the training seeds of each network.
+    seeds: int
+    epochs: int
+    #: What one training may use.
+    seconds: float
+    memory_mib: int
+    store: StudyStoreConfig
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require(bool(self.run), "run", "the folder of a finished run, as in run=runs/NAME", self.run)
+        require(self.elites >= 1, "elites", "a value >= 1", self.elites)
+        require(self.seeds >= 1, "seeds", "a value >= 1", self.seeds)
+        require(self.epochs >= 1, "epochs", "a value >= 1", self.epochs)
+        require(is_positive(self.seconds), "seconds", "a finite value > 0", self.seconds)
+        require(self.memory_mib >= 64, "memory_mib", "a value >= 64", self.memory_mib)

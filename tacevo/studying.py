@@ -1,0 +1,234 @@
+"""`tacevo study`: the baseline and the best elites of a run, trained fully with several seeds and tested.
+
+Every training is in the store as soon as it ends, so a study that was stopped goes on where it was, and several
+processes with one store may work on the same one. The order of the work enters no file.
+"""
+
+import hashlib
+import random
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tacevo.config import RunConfig, StoreConfig
+from tacevo.data.labels import units_of
+from tacevo.errors import DivergenceError, RunError
+from tacevo.plurals import counted
+from tacevo.progress import Listener, StudyView
+from tacevo.proposals import Task
+from tacevo.randomness import derived_seed
+from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Rejection
+from tacevo.replaying import finished_ledger, read_run
+from tacevo.retraining import load_same
+from tacevo.rundir import RunDirectory, machine, versions
+from tacevo.sandbox.confinement import require
+from tacevo.scores import StudyDirectory, describes, studies_of
+from tacevo.store import Seen, content_hash, sweep_stores
+from tacevo.study_config import StudyConfig
+from tacevo.study_documents import networks_of, score_line, study_header
+from tacevo.training.full import FullEvaluator, FullTraining
+from tacevo.training.numerics import check_machine
+from tacevo.wiring import open_studies, recipe_of, source_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Studied:
+    """A finished study."""
+
+    directory: Path
+    digest: str
+    #: Trainings of all networks and seeds.
+    trainings: int
+    #: Those that came to no end, as `variant 2, seed 3: out_of_time`.
+    failed: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Job:
+    """One network to be trained with one seed."""
+
+    network: dict[str, Json]
+    #: 0 to S - 1.
+    index: int
+    source: str
+    #: Of the training; equal for all networks, so that they are paired by seed.
+    seed: int
+
+    @property
+    def row(self) -> str:
+        """Name the row of the scores."""
+        return f"{self.network['name']}, seed {self.index}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """All that a study follows from."""
+
+    #: Of the run, with the training of the study.
+    config: RunConfig
+    task: Task
+    facts: DataFacts
+    header: dict[str, Json]
+    #: In the order of the scores.
+    jobs: tuple[_Job, ...]
+
+
+def study(config: StudyConfig, view: StudyView) -> Studied:
+    """Study a finished run, or take up a study that was begun under the same configuration.
+
+    Raises:
+        TacevoError: see its subclasses; the trainings that ended are kept.
+        KeyboardInterrupt: the user stopped it; the same command continues.
+    """
+    path, limits = Path(config.run or ""), Limits(seconds=config.seconds, memory_mib=config.memory_mib)
+    plan = _plan(path, config.store.root, elites=config.elites, seeds=config.seeds, epochs=config.epochs, limits=limits)
+    run = replace(plan.config, executor=config.executor)
+    require(run.sandbox.require)
+    check_machine(run.numerics.kind, run.training.device)
+    catalogue = source_of(run).catalogue()
+    data = load_same(run, plan.facts, view, catalogue=catalogue)
+    sweep_stores(Path(run.store.root))
+    directory = _directory(path, plan)
+    units = list(units_of(catalogue)) if data.scale else []
+    circumstances = {"scale": list(data.scale), "units": units, "versions": versions(), "machine": machine()}
+    directory.begin(_described(plan), circumstances)
+    with open_studies(run, plan.task, plan.facts, data, Mode.record) as (evaluator, executor):
+        _introduce(directory, plan, config.elites, evaluator, view)
+        verdicts = _train(plan.jobs, evaluator, executor, view)
+        digest = directory.finish(_entries(plan, evaluator, verdicts))
+    rows = zip(plan.jobs, verdicts, strict=True)
+    failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
+    return Studied(directory=directory.path, digest=digest, trainings=len(plan.jobs), failed=failed)
+
+
+def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen | None = None) -> dict[str, str]:
+    """Compute the scores of a run's finished studies again from the store alone, and compare every line.
+
+    Args:
+        path: the run directory.
+        store: where the stores lie, if not where the run had them.
+        view: who is told of a study that is not finished.
+        seen: told of every store entry that is read.
+
+    Returns:
+        The digest of each study, by its name.
+
+    Raises:
+        DivergenceError: a score differs, or the study is not about the networks that the run found.
+        CacheMissError: the store lacks a training.
+        RunError: a file is damaged.
+    """
+    digests = {}
+    for directory in studies_of(path):
+        recorded = directory.read()
+        if recorded.get("digest") is None:
+            view.say(f"study {directory.path.name} is not finished and is passed over")
+            continue
+        digests[directory.path.name] = _replay(path, store, directory, recorded, seen)
+    return digests
+
+
+def _replay(
+    path: Path, store: str | None, directory: StudyDirectory, recorded: dict[str, Json], seen: Seen | None
+) -> str:
+    """Compute the scores of one study again and compare; return the digest."""
+    try:
+        recipe = Recipe.from_json(recorded["recipe"])
+        elites, seeds = len(recorded["networks"]) - 1, int(recorded["seeds"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunError(f"{directory.path}/study.json is damaged: {type(error).__name__}: {error}") from error
+    plan = _plan(path, store, elites=elites, seeds=seeds, epochs=recipe.epochs, limits=recipe.limits)
+    if not describes(recorded, _described(plan)):
+        raise DivergenceError(f"{directory.path}/study.json was edited, or tells of another run or other networks")
+    with open_studies(plan.config, plan.task, plan.facts, None, Mode.replay, seen=seen) as (evaluator, _):
+        verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
+        digest = directory.compare(_entries(plan, evaluator, verdicts))
+    if digest != recorded["digest"]:
+        raise DivergenceError(f"{directory.path}/study.json has the digest {recorded['digest']}; it is {digest}")
+    return digest
+
+
+def _plan(path: Path, store: str | None, *, elites: int, seeds: int, epochs: int, limits: Limits) -> _Plan:
+    """Work out which networks of a finished run are to be trained, and how."""
+    directory = RunDirectory(path)
+    config, task, facts = read_run(directory)
+    ledger = finished_ledger(directory)
+    training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
+    config = replace(config, training=training, store=config.store if store is None else StoreConfig(root=store))
+    with directory.believed():
+        networks = networks_of(ledger, directory.read_elites(), elites)
+        header = study_header(
+            run=ledger[-1]["hash"],
+            config=directory.read_run()["config"],
+            facts=facts,
+            recipe=recipe_of(config),
+            seeds=seeds,
+            networks=networks,
+        )
+    jobs = [
+        _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, "study", index))
+        for network in networks
+        for source in [_source(directory, network)]
+        for index in range(seeds)
+    ]
+    return _Plan(config=config, task=task, facts=facts, header=header, jobs=tuple(jobs))
+
+
+def _source(directory: RunDirectory, network: Mapping[str, Json]) -> str:
+    """Read the source of a network, and hold it against the ledger."""
+    source = directory.read_kept(network["id"])
+    if source is None or hashlib.sha256(source.encode()).hexdigest() != network["source"]:
+        raise RunError(f"{directory.path}/candidates/{network['id']}.py is missing or was edited; restore it")
+    return source
+
+
+def _directory(run: Path, plan: _Plan) -> StudyDirectory:
+    """Name the folder of a study after what it is, so that the same command finds it again."""
+    elites, seeds, epochs = len(plan.header["networks"]) - 1, plan.header["seeds"], plan.config.training.epochs
+    name = f"elites{elites}-seeds{seeds}-epochs{epochs}-{content_hash(plan.header)[:8]}"
+    return StudyDirectory(run / "studies" / name)
+
+
+def _described(plan: _Plan) -> dict[str, Json]:
+    """Give what study.json says of what decides the scores."""
+    return {key: value for key, value in plan.header.items() if key not in {"kind", "schema"}}
+
+
+def _introduce(directory: StudyDirectory, plan: _Plan, elites: int, evaluator: FullEvaluator, view: StudyView) -> None:
+    """Say what is studied, and how much of it is done."""
+    done = sum(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)
+    view.say(f"study: {directory.path} ({done} of {counted(len(plan.jobs), 'training')} recorded)")
+    networks = plan.header["networks"]
+    view.say(", ".join(f"{network['name']}: {network['id']}" for network in networks))
+    if len(networks) <= elites:
+        view.say(f"the archive has only {counted(len(networks) - 1, 'elite')} that differ from the baseline")
+
+
+def _train(
+    jobs: Sequence[_Job], evaluator: FullEvaluator, executor: Executor, view: StudyView
+) -> list[FullTraining | Rejection]:
+    """Train all that is not recorded, in parallel; give the verdicts in the order of the jobs."""
+    order = list(range(len(jobs)))
+    # Every process takes its own order, so that two on one study rarely train the same network with the same seed.
+    random.SystemRandom().shuffle(order)
+    futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
+    verdicts: dict[int, FullTraining | Rejection] = {}
+    for future in as_completed(futures):
+        place = futures[future]
+        verdict = verdicts[place] = future.result()
+        if isinstance(verdict, Rejection):
+            view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
+        view.trained(len(verdicts), len(jobs))
+    return [verdicts[place] for place in range(len(jobs))]
+
+
+def _entries(
+    plan: _Plan, evaluator: FullEvaluator, verdicts: Sequence[FullTraining | Rejection]
+) -> list[dict[str, Json]]:
+    """Write the lines of the scores."""
+    pairs = zip(plan.jobs, verdicts, strict=True)
+    return [
+        plan.header,
+        *(score_line(job.network, job.index, evaluator.key(job.source, job.seed), verdict) for job, verdict in pairs),
+    ]
