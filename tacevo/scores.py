@@ -96,11 +96,12 @@ class StudyDirectory:
         Raises:
             RunError: the study is not finished, or a line was damaged or edited; the message names network and seed.
         """
-        if not self.scores.exists():
+        texts = self.scores.read_bytes().splitlines() if self.scores.exists() else []
+        if not texts:
             raise RunError(f"{self.path} is not finished: it has no scores.jsonl; `tacevo study` continues it")
         lines: list[dict[str, Json]] = []
         previous = GENESIS
-        for number, text in enumerate(self.scores.read_bytes().splitlines()):
+        for number, text in enumerate(texts):
             line = _checked(text, previous)
             if line is None:
                 raise RunError(
@@ -139,7 +140,7 @@ def _checked(text: bytes, previous: str) -> dict[str, Json] | None:
         line: dict[str, Json] = json.loads(text)
         entry = {key: value for key, value in line.items() if key not in {"previous", "hash"}}
         return line if line == seal(entry, previous) else None
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, TypeError):
         return None
 
 
@@ -147,6 +148,6 @@ def _row(lines: Sequence[dict[str, Json]], number: int) -> str:
     """Name the row of a line by its place: networks one after the other, each with all seeds."""
     if number == 0:
         return "the header"
-    names, seeds = [network["name"] for network in lines[0]["networks"]], lines[0]["seeds"]
+    networks, seeds = lines[0].get("networks", ()), lines[0].get("seeds", 1)
     network, seed = divmod(number - 1, seeds)
-    return f"{names[network]}, seed {seed}" if network < len(names) else f"line {number + 1}"
+    return f"{networks[network]['name']}, seed {seed}" if network < len(networks) else f"line {number + 1}"

@@ -1,0 +1,163 @@
+"""Promise: a study is read whole or refused, with the rows named."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.results import Study
+from analysis.studies import load_study, refuse_mixed, study_of
+from tacevo.errors import RunError
+from tacevo.records import DataFacts, Json, Kind, Limits, Recipe
+from tacevo.scores import StudyDirectory
+from tacevo.study_documents import study_header
+
+FACTS = DataFacts(
+    fingerprint="f" * 64,
+    kind=Kind.regression,
+    counts=(8, 1, 1),
+    in_channels=3,
+    image_size=32,
+    outputs=1,
+    names=("depth",),
+)
+RECIPE = Recipe(epochs=2, batch_size=4, learning_rate=0.1, optimiser="adam", limits=Limits(seconds=1.0, memory_mib=100))
+NETWORKS: list[Json] = [
+    {"name": name, "id": f"g00s0{place}", "source": name, "fitness": 0.5, "parameters": 1, "flops": 2}
+    for place, name in enumerate(["baseline", "variant 1"])
+]
+HEADER = study_header(
+    run="r" * 64,
+    config={
+        "task": {"name": "force"},
+        "seed": 0,
+        "numerics": {"kind": "portable"},
+        "training": {"device": "cpu"},
+    },
+    facts=FACTS,
+    recipe=RECIPE,
+    seeds=3,
+    networks=NETWORKS,
+)
+SCORES: list[dict[str, Json]] = [
+    {
+        "kind": "score",
+        "network": network["name"],
+        "seed": seed,
+        "epoch": 1,
+        "validation_loss": 0.5,
+        "metrics": {"mse": place + seed / 10},
+        "confusion": None,
+    }
+    for place, network in enumerate(NETWORKS)
+    for seed in range(3)
+]
+
+
+def written(path: Path, scores: Sequence[dict[str, Json]] = SCORES, **header: Json) -> Path:
+    """Write a finished study with sound hashes."""
+    directory = StudyDirectory(path)
+    directory.begin({"run": "r" * 64}, {})
+    directory.finish([{**HEADER, **header}, *scores])
+    return path
+
+
+def test_study_comes_back_as_it_was(tmp_path: Path) -> None:
+    """Networks, recipe and the values of each in the order of the seeds."""
+    study = load_study(written(tmp_path / "study"))
+    assert (study.task, study.kind, study.names, study.seeds) == ("force", Kind.regression, ("depth",), 3)
+    assert (study.recipe, study.fingerprint, study.numerics) == (RECIPE, "f" * 64, "portable")
+    assert [network.name for network in study.networks] == ["baseline", "variant 1"]
+    assert np.array_equal(study.values("variant 1", "mse"), [1.0, 1.1, 1.2])
+
+
+def test_confusion_comes_back(tmp_path: Path) -> None:
+    """Rows of true classes, as tuples."""
+    scores = [{**score, "confusion": [[2, 1], [0, 3]]} for score in SCORES]
+    assert load_study(written(tmp_path / "study", scores)).scores[0].confusion == ((2, 1), (0, 3))
+
+
+def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
+    """Let two trainings come to no end."""
+    reason = {"stage": "train", "reason": "out_of_time"}
+    return [
+        {"kind": "score", "network": score["network"], "seed": score["seed"], **reason} if place in (1, 5) else score
+        for place, score in enumerate(scores)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda scores: scores[:4], "has no score of variant 1, seed 1; variant 1, seed 2;"),
+        (lambda scores: [*scores[:1], *scores[2:]], "has no score of baseline, seed 1;"),
+        (lambda scores: [*scores, {**scores[0], "seed": 3}], "out of order or too often: baseline, seed 3;"),
+        (lambda scores: [*scores, scores[2]], "out of order or too often: baseline, seed 2;"),
+        (failed, r"is incomplete: baseline, seed 1; variant 1, seed 2 came to no end \(out_of_time\)"),
+        (
+            lambda scores: [*scores[:5], {**scores[5], "metrics": {"mae": 1.0}}],
+            "has other metrics for variant 1, seed 2",
+        ),
+        (lambda scores: [{"kind": "score"}, *scores], "is damaged: KeyError"),
+    ],
+)
+def test_what_is_not_whole_is_refused_with_its_rows(
+    change: Callable[[list[dict[str, Json]]], list[dict[str, Json]]], named: str, tmp_path: Path
+) -> None:
+    """Unequal seeds, rows out of order, trainings without an end, unlike metrics: sealed, and still no study."""
+    with pytest.raises(RunError, match=named):
+        load_study(written(tmp_path / "study", change(SCORES)))
+
+
+def test_unfinished_study_is_refused(tmp_path: Path) -> None:
+    """Before its scores are there, and where they were cut off after the digest was written."""
+    directory = StudyDirectory(tmp_path / "begun")
+    directory.begin({}, {})
+    with pytest.raises(RunError, match=r"begun is not finished: it has no scores.jsonl"):
+        load_study(directory.path)
+    path = written(tmp_path / "cut")
+    scores = path / "scores.jsonl"
+    scores.write_text("\n".join(scores.read_text().splitlines()[:-1]) + "\n")
+    with pytest.raises(RunError, match="cut is not finished, or its digest was edited"):
+        load_study(path)
+
+
+def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
+    """NaN can be in no sealed line, so whoever writes it in is found, by the row."""
+    path = written(tmp_path / "study")
+    scores = path / "scores.jsonl"
+    scores.write_text(scores.read_text().replace('"mse":1.1', '"mse":NaN'))
+    with pytest.raises(RunError, match="variant 1, seed 1: the line does not match its hash"):
+        load_study(path)
+
+
+def test_only_finished_study_of_a_run_is_found(tmp_path: Path) -> None:
+    """One that is begun does not count; none and two are refused with what there is."""
+    StudyDirectory(tmp_path / "studies" / "begun").begin({}, {})
+    with pytest.raises(RunError, match=r"expected one finished study in .*; there is none"):
+        study_of(tmp_path)
+    first = written(tmp_path / "studies" / "first")
+    assert study_of(tmp_path) == load_study(first)
+    written(tmp_path / "studies" / "second")
+    with pytest.raises(RunError, match=r"there is .*first, .*second; give the folder of the one"):
+        study_of(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda study: replace(study, fingerprint="e" * 64), "differ in fingerprint: f{64} for baseline, variant 1 of"),
+        (lambda study: replace(study, recipe=replace(RECIPE, epochs=9)), "differ in recipe"),
+        (lambda study: replace(study, numerics="fast"), "differ in numerics: portable .* fast for baseline, variant 1"),
+        (lambda study: replace(study, seeds=2), "differ in seeds: 3 .* 2 for baseline, variant 1 of run r{12}"),
+    ],
+)
+def test_mixed_studies_are_refused(change: Callable[[Study], Study], named: str, tmp_path: Path) -> None:
+    """Two studies of one task must have been made alike; those of two tasks need not."""
+    study = load_study(written(tmp_path / "study"))
+    refuse_mixed([study, study])
+    refuse_mixed([study, replace(change(study), task="grating")])
+    with pytest.raises(RunError, match=named):
+        refuse_mixed([study, change(study)])

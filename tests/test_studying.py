@@ -1,0 +1,319 @@
+"""Promise: a study gives the same bytes however it is computed, from the networks that validation alone chose."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from smallest import ARCHIVES, UNTRACKED
+
+from analysis.loading import load_run
+from analysis.studies import study_of
+from tacevo.app import main
+from tacevo.composition import compose
+from tacevo.errors import RunError
+from tacevo.ledger import read_ledger
+from tacevo.records import Json
+from tacevo.scores import SCHEMA, StudyDirectory, studies_of
+from tacevo.store import Store, check_entry
+from tacevo.wiring import load_data
+
+pytestmark = pytest.mark.timeout(300)
+
+#: A real search, as small as one can be that finds a network beside the baseline.
+TINY = [
+    "experiment=demo",
+    *ARCHIVES,
+    UNTRACKED,
+    "search.generations=0",
+    "search.initial=2",
+    "data.images=40",
+    "training.epochs=1",
+    "run.dir=run",
+]
+STUDY = ["run=run", "elites=1", "seeds=2", "epochs=2"]
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a folder with a finished tiny search and its study."""
+    folder = tmp_path_factory.mktemp("studied")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["search", *TINY]) == 0
+        assert main(["study", *STUDY]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(studied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a copy of the finished search and study."""
+    shutil.copytree(studied, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Read the files of the only study."""
+    return {path.name: path.read_bytes() for path in folder.glob("run/studies/*/*")}
+
+
+def forget(folder: Path) -> None:
+    """Remove the study and its trainings."""
+    shutil.rmtree(folder / "run" / "studies")
+    shutil.rmtree(folder / "cache" / "studies")
+
+
+def trainings(folder: Path) -> int:
+    """Count the full trainings in the store."""
+    return len(list(folder.glob("cache/studies/*/*.json")))
+
+
+def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
+    """The analysis ranks the archive as the study chose; each network is tested with each seed."""
+    study, run = study_of(studied / "run"), load_run(studied / "run")
+    best = next(elite for elite in run.ranked() if elite.id != run.baseline.id)
+    assert [network.id for network in study.networks] == [run.baseline.id, best.id]
+    assert (study.run, study.fingerprint) == (run.digest, run.facts.fingerprint)
+    assert [(score.network, score.seed) for score in study.scores] == [
+        (name, seed) for name in ("baseline", "variant 1") for seed in (0, 1)
+    ]
+    assert study.recipe.epochs == 2
+    assert study.recipe.learning_rate == run.config["training"]["learning_rate"]
+    assert {"mse", "mae", "rmse", "r2", "mse_Fx", "recorded_mae_Fz"} <= study.scores[0].metrics.keys()
+    assert len(set(study.values("baseline", "mse"))) == 2
+
+
+def test_networks_are_paired_by_seed(studied: Path) -> None:
+    """Each seed of the study is one training seed, the same for both networks."""
+    entries = list(Store(studied / "cache", "studies").entries())
+    seeds = {(entry["request"]["source"], entry["request"]["seed"]) for entry in entries}
+    assert len(entries) == 4
+    assert len({seed for _, seed in seeds}) == len({source for source, _ in seeds}) == 2
+
+
+def test_description_can_be_read_with_cat(studied: Path) -> None:
+    """What was studied, by which versions, on which machine, in which units; no time stamp anywhere."""
+    texts = {name: data.decode() for name, data in files(studied).items()}
+    assert texts.keys() == {"study.json", "scores.jsonl"}
+    described = json.loads(texts["study.json"])
+    assert described["schema"] == SCHEMA
+    assert described["digest"] == json.loads(texts["scores.jsonl"].splitlines()[-1])["hash"]
+    assert described["units"] == ["N", "N", "N"]
+    assert len(described["scale"]) == 3
+    assert {"torch", "numpy"} <= described["versions"].keys()
+    assert not re.search(r"\d{4}-\d\d-\d\d|\d\d:\d\d", "".join(texts.values()))
+
+
+def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It reads the store, says so, and ends with the digest; not a byte changes."""
+    before, entries = files(folder), {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")}
+    assert main(["study", *STUDY]) == 0
+    output = capsys.readouterr()
+    assert "(4 of 4 trainings recorded)" in output.err
+    digest = json.loads(before["study.json"])["digest"]
+    assert output.out.splitlines()[-1] == f"digest: {digest}"
+    assert files(folder) == before
+    assert {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")} == entries
+
+
+def test_one_worker_gives_the_bytes_of_two(folder: Path) -> None:
+    """Trained anew, one after the other, in whatever order."""
+    before = files(folder)
+    forget(folder)
+    assert main(["study", *STUDY, "executor.workers=1"]) == 0
+    assert files(folder) == before
+
+
+def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) -> None:
+    """At the same time, on the same run and store."""
+    before = files(folder)
+    forget(folder)
+    command = [sys.executable, "-m", "tacevo.app", "study", *STUDY, "executor.workers=1"]
+    processes = [subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
+    for process in processes:
+        _, errors = process.communicate(timeout=240)
+        assert process.returncode == 0, errors
+    assert files(folder) == before
+    assert trainings(folder) == 4
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder: Path) -> None:
+    """Stopped after its first training: that one is kept, the study is told to be unfinished, and then it is finished."""
+    before = files(folder)
+    forget(folder)
+    command = [sys.executable, "-m", "tacevo.app", "study", *STUDY, "executor.workers=1"]
+    study = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not trainings(folder) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    study.send_signal(number)
+    _, errors = study.communicate(timeout=60)
+    assert "Traceback" not in errors
+    assert study.returncode == (130 if number == signal.SIGINT else -signal.SIGKILL)
+    assert ("the trainings that ended are kept, and the same command continues" in errors) == (number == signal.SIGINT)
+    assert 1 <= trainings(folder) < 4
+    assert json.loads(files(folder)["study.json"])["digest"] is None
+    assert main(["replay", "run"]) == 0
+    assert main(["study", *STUDY]) == 0
+    assert files(folder) == before
+
+
+def test_replay_compares_every_score_without_training(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From the store alone, without the data set; a study that is only begun is passed over."""
+    shutil.rmtree(folder / "cache" / "data")
+    (folder / "run" / "studies" / "begun").mkdir()
+    (folder / "run" / "studies" / "begun" / "study.json").write_text('{"schema": 1, "digest": null}')
+    assert main(["replay", "run"]) == 0
+    output = capsys.readouterr()
+    digest = json.loads(next(folder.glob("run/studies/elites*/study.json")).read_text())["digest"]
+    assert re.search(rf"study elites1-\S+: every score is as recorded, digest {digest}", output.out)
+    assert "study begun is not finished and is passed over" in output.err
+
+
+def reseal(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]) -> None:
+    """Change the only study's lines, with sound hashes and digest."""
+    (directory,) = studies_of(folder / "run")
+    lines = [{key: line[key] for key in line if key not in ("hash", "previous")} for line in directory.read_scores()]
+    directory.scores.unlink()
+    StudyDirectory(directory.path).finish([change(line) for line in lines])
+
+
+def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """However well it is sealed, the store knows better; replay and study both name the row."""
+    row = {"network": "variant 1", "seed": 1}
+    reseal(folder, lambda line: {**line, "epoch": 9} if line.items() >= row.items() else line)
+    for command in (["replay", "run"], ["study", *STUDY]):
+        assert main(command) == 1
+        assert "variant 1, seed 1: field 'epoch' was recorded as 9 and is now" in capsys.readouterr().err
+
+
+def test_corrupted_score_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A line that was edited in place is the user's to repair, and is named."""
+    path = next(folder.glob("run/studies/*/scores.jsonl"))
+    lines = path.read_text().splitlines()
+    lines[2] = lines[2].replace('"mse":0.', '"mse":0.0')
+    path.write_text("\n".join(lines) + "\n")
+    assert main(["replay", "run"]) == 2
+    assert "baseline, seed 1: the line does not match its hash" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "status", "said"),
+    [
+        ("task", "grating", 1, "study.json was edited, or tells of another run or other networks"),
+        ("digest", "0" * 64, 1, "study.json has the digest 0000"),
+        ("recipe", {}, 2, "study.json is damaged"),
+    ],
+)
+def test_edited_description_is_found(
+    field: str, value: Json, status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A replay holds it against the run and the scores."""
+    path = next(folder.glob("run/studies/*/study.json"))
+    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    assert main(["replay", "run"]) == status
+    assert said in capsys.readouterr().err
+
+
+def test_network_that_comes_to_no_end_is_told_and_the_rest_is_finished(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Out of time, it is a row without a score: the study ends with status 1, and no statistics take it."""
+    forget(folder)
+    assert main(["study", *STUDY, "seconds=0.01"]) == 1
+    output = capsys.readouterr().out
+    assert output.count("failed: ") == 4
+    assert "failed: variant 1, seed 1: out_of_time" in output
+    assert output.splitlines()[-1].startswith("digest: ")
+    with pytest.raises(RunError, match=r"is incomplete: baseline, seed 0; .* came to no end \(out_of_time\)"):
+        study_of(folder / "run")
+    assert main(["replay", "run"]) == 0
+
+
+def test_export_takes_the_study_along(folder: Path) -> None:
+    """What is imported elsewhere replays run and study."""
+    assert main(["cache", "export", "run", "-o", "run.tar"]) == 0
+    assert main(["cache", "import", "run.tar", "--store", "other"]) == 0
+    assert main(["replay", "run", "--store", "other"]) == 0
+    assert len(list(folder.glob("other/studies/*/*.json"))) == 4
+    for path in folder.glob("other/studies/*/*.json"):
+        check_entry(path, path.read_bytes(), "studies", path.stem)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ([], "run needs the folder of a finished run, as in run=runs/NAME"),
+        (["run=nowhere"], "nowhere is not the folder of a run"),
+        (["run=run", "seed=1"], "there is no setting 'seed'; did you mean 'seeds'?"),
+        (["run=run", "seeds=many"], "seeds needs a whole number; got many"),
+        (["run=run", "elites=0"], "elites needs a value >= 1; got 0"),
+    ],
+)
+def test_users_mistake_is_one_line(
+    settings: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No traceback, and no study is begun."""
+    shutil.rmtree(folder / "run" / "studies")
+    assert main(["study", *settings]) == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert "Traceback" not in errors
+    assert not (folder / "run" / "studies").exists()
+
+
+def test_unfinished_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One whose ledger ends early, and one whose candidate was edited."""
+    ledger = folder / "run" / "ledger.jsonl"
+    text = ledger.read_text()
+    ledger.write_text("\n".join(text.splitlines()[:-1]) + "\n")
+    assert main(["study", *STUDY]) == 2
+    assert "run is not finished" in capsys.readouterr().err
+    ledger.write_text(text)
+    with (folder / "run" / "candidates" / "g00s00.py").open("a") as file:
+        file.write("# better\n")
+    assert main(["study", *STUDY]) == 2
+    assert "g00s00.py is missing or was edited" in capsys.readouterr().err
+
+
+def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is trained on images that the run did not have."""
+    path = folder / "run" / "run.json"
+    run = json.loads(path.read_text())
+    run["config"]["data"]["seed"] += 1
+    path.write_text(json.dumps(run))
+    assert main(["study", *STUDY]) == 2
+    assert "Restore the data set of the run" in capsys.readouterr().err
+
+
+def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two data sets that differ in all test images and labels give one search, but for what names the data."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
+    np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
+    numpy = [*TINY[:-1], "data=numpy", "data.image_size=16", "archive.niches=5"]
+    rows = load_data(compose([*numpy, "data.root=a.npz"]), None).test
+    images[rows], labels[rows] = 255 - images[rows], labels[rows] + 1
+    np.savez("b.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
+    decisions = []
+    for name in ("a", "b"):
+        assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
+        header, *lines = read_ledger(tmp_path / name / "ledger.jsonl")
+        dataless = {key: value for key, value in header["data"].items() if key != "fingerprint"}
+        named = ("hash", "previous", "evaluation")  # the chain, and the key, which holds the fingerprint
+        decisions.append([dataless, *({key: line[key] for key in line if key not in named} for line in lines)])
+    first, second = (json.loads((tmp_path / name / "run.json").read_text())["data"] for name in ("a", "b"))
+    assert first["fingerprint"] != second["fingerprint"]
+    assert len(rows) == 4
+    assert decisions[0] == decisions[1]
+    assert (tmp_path / "a" / "archive.json").read_text() == (tmp_path / "b" / "archive.json").read_text()
