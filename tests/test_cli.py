@@ -320,7 +320,7 @@ def test_help_is_complete_without_any_library() -> None:
     )
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "slow: []" in out
-    for command in ("search", "replay", "show", "check", "cache", "doctor"):
+    for command in ("search", "replay", "study", "show", "check", "cache", "doctor"):
         assert f"    {command} " in out
 
 

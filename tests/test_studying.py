@@ -147,7 +147,7 @@ def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) ->
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder: Path) -> None:
-    """Stopped after its first training: that one is kept, the study is told to be unfinished, and then it is finished."""
+    """Stopped after its first training: that one is kept, and the same command does the rest."""
     before = files(folder)
     forget(folder)
     command = [sys.executable, "-m", "tacevo.app", "study", *STUDY, "executor.workers=1"]
@@ -207,19 +207,19 @@ def test_corrupted_score_is_refused(folder: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "status", "said"),
+    ("edit", "status", "said"),
     [
-        ("task", "grating", 1, "study.json was edited, or tells of another run or other networks"),
-        ("digest", "0" * 64, 1, "study.json has the digest 0000"),
-        ("recipe", {}, 2, "study.json is damaged"),
+        ({"task": "grating"}, 1, "study.json was edited, or tells of another run or other networks"),
+        ({"digest": "0" * 64}, 1, "study.json has the digest 0000"),
+        ({"recipe": {}}, 2, "study.json is damaged"),
     ],
 )
 def test_edited_description_is_found(
-    field: str, value: Json, status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
+    edit: dict[str, Json], status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A replay holds it against the run and the scores."""
     path = next(folder.glob("run/studies/*/study.json"))
-    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), **edit}))
     assert main(["replay", "run"]) == status
     assert said in capsys.readouterr().err
 

@@ -13,7 +13,7 @@ from tacevo.errors import CacheMissError, DataError
 from tacevo.records import Json, Limits, Mode, Reason, Rejection, to_json
 from tacevo.sandbox.client import Died, Finished, Frame
 from tacevo.store import Store
-from tacevo.training.evaluation import Examples, Run, Setting
+from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
 from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess
 
 DATA = examples()
@@ -97,6 +97,26 @@ def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> Non
     assert header["validation"] == 8
     labels: NDArray[np.float32] = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
     assert all(row.tobytes() not in payload for row in labels)
+
+
+def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
+    """What a search sends for the same data names the rows of training and validation images, and no other."""
+    recorder = Recorder()
+    search = Evaluator(
+        run=recorder.run,
+        store=Store(tmp_path, "evaluations"),
+        contract=CONTRACT,
+        examples=EXAMPLES,
+        fingerprint="abc",
+        recipe=RECIPE,
+        numerics=Numerics.portable,
+    )
+    search.evaluate(SOURCE, 0)
+    ((header, payload),) = recorder.sent
+    named = np.frombuffer(payload, np.int64, header["train"] + header["validation"])
+    assert set(named.tolist()) == {*EXAMPLES.train.tolist(), *EXAMPLES.validation.tolist()}
+    assert not set(named.tolist()) & set(HELD_OUT.rows.tolist())
+    assert len(payload) == named.nbytes + EXAMPLES.train_targets.nbytes
 
 
 def test_second_evaluation_is_recalled(tmp_path: Path) -> None:

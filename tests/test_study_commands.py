@@ -1,0 +1,95 @@
+"""Promise: `tacevo study --help` tells every setting with its default, and progress suits the console."""
+
+import io
+import re
+from dataclasses import asdict
+
+import pytest
+from rich.console import Console
+
+from tacevo.app import main
+from tacevo.composition import compose_study
+from tacevo.config import ExecutorConfig
+from tacevo.errors import ConfigError
+from tacevo.progress import LiveStudyView, PlainView, make_study_view
+from tacevo.settings import expected, keys
+from tacevo.study_commands import SETTINGS
+from tacevo.study_config import StudyConfig
+
+#: Chosen by nobody while there is one kind of executor.
+UNTOLD = {"executor", "executor.kind", "store"}
+
+
+def test_every_setting_is_told() -> None:
+    """What a study takes stands in its help, and nothing else; each can be described in a message."""
+    assert SETTINGS.keys() == set(keys(StudyConfig)) - UNTOLD
+    assert all(expected(key, StudyConfig) for key in keys(StudyConfig))
+
+
+def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    """The number in brackets is what conf/study.yaml has: the paper's four elites and twenty seeds, our 50 epochs."""
+    with pytest.raises(SystemExit, match="0"):
+        main(["study", "--help"])
+    told = dict(re.findall(r"^  (\S+) .*\(([\d.]+)\)$", capsys.readouterr().out, re.MULTILINE))
+    config = compose_study(["run=x"])
+    shipped = {**asdict(config), "executor.workers": config.executor.workers}
+    assert told.keys() == {"elites", "seeds", "epochs", "seconds", "memory_mib", "executor.workers"}
+    assert {key: float(value) for key, value in told.items()} == {key: float(shipped[key]) for key in told}
+    assert (config.elites, config.seeds, config.epochs, config.store.root) == (4, 20, 50, None)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("run=", "run needs the folder of a finished run"),
+        ("elites=0", "elites needs a value >= 1; got 0"),
+        ("seeds=0", "seeds needs a value >= 1; got 0"),
+        ("epochs=0", "epochs needs a value >= 1; got 0"),
+        ("seconds=0", "seconds needs a finite value > 0; got 0.0"),
+        ("memory_mib=63", "memory_mib needs a value >= 64; got 63"),
+        ("store.root=''", "store.root needs the name of a folder, or null; got ''"),
+        ("executor.workers=0", "executor.workers needs a value >= 1; got 0"),
+        ("executor.worker=2", "there is no setting 'executor.worker'; did you mean 'executor.workers'"),
+        ("epochs=ten", "epochs needs a whole number; got ten"),
+        ("executor=slurm", "choose one of local"),
+        ("task=force", "there is no setting 'task'; `tacevo study --help` lists the settings"),
+        ("+new=1", "none can be added or removed"),
+    ],
+)
+def test_wrong_setting_is_refused_by_its_name(override: str, message: str) -> None:
+    """In the words of a study, not of a search."""
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        compose_study(["run=x", override] if not override.startswith("run") else [override])
+
+
+def test_settings_reach_the_configuration() -> None:
+    """Each where it belongs."""
+    config = compose_study(["run=runs/a", "elites=2", "executor.workers=7", "store.root=elsewhere"])
+    assert (config.run, config.elites, config.store.root) == ("runs/a", 2, "elsewhere")
+    assert isinstance(config.executor, ExecutorConfig)
+    assert config.executor.workers == 7
+
+
+def test_log_has_a_line_at_each_tenth() -> None:
+    """A hundred trainings make ten lines, three make three."""
+    for total, lines in ((100, 10), (3, 3)):
+        text = io.StringIO()
+        with make_study_view(Console(file=text)) as view:
+            assert isinstance(view, PlainView)
+            for done in range(1, total + 1):
+                view.trained(done, total)
+        assert len(text.getvalue().splitlines()) == lines
+        assert text.getvalue().endswith(f"{total} of {total} trainings are done\n")
+
+
+def test_terminal_has_a_bar() -> None:
+    """With how many are done, beside what is said; the images have one of their own."""
+    text = io.StringIO()
+    with make_study_view(Console(file=text, force_terminal=True, width=120)) as view:
+        assert isinstance(view, LiveStudyView)
+        view.data(5, 10)
+        view.say("a [line]")
+        view.trained(3, 8)
+    assert "a [line]" in text.getvalue()
+    assert re.search(r"trainings.*3/8", text.getvalue())
+    assert re.search(r"images.*5/10", text.getvalue())
