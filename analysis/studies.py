@@ -6,6 +6,7 @@ from pathlib import Path
 from analysis.results import Network, Score, Study
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Recipe
+from tacevo.rundir import RunDirectory
 from tacevo.scores import StudyDirectory, studies_of
 
 #: A network and a seed.
@@ -34,12 +35,14 @@ def load_study(path: Path) -> Study:
 
 
 def study_of(run: Path) -> Study:
-    """Read the only finished study of a run.
+    """Read the only finished study of a run as it is now; one from before the run was extended does not count.
 
     Raises:
         RunError: there is none or more than one, or `load_study` refuses it.
     """
-    finished = [directory for directory in studies_of(run) if directory.read().get("digest") is not None]
+    digest = RunDirectory(run).read_run().get("digest")
+    found = [(directory, directory.read()) for directory in studies_of(run)]
+    finished = [directory for directory, said in found if said.get("digest") and said.get("run") == digest]
     if not finished:
         raise RunError(f"expected one finished study in {run}; there is none; `tacevo study run={run}` makes one")
     if len(finished) > 1:

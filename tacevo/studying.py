@@ -108,7 +108,7 @@ def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen 
     Args:
         path: the run directory.
         store: where the stores lie, if not where the run had them.
-        view: who is told of a study that is not finished.
+        view: who is told of a study that is passed over: it is not finished, or the run has been extended since.
         seen: told of every store entry that is read.
 
     Returns:
@@ -120,12 +120,15 @@ def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen 
         RunError: a file is damaged.
     """
     digests = {}
+    before = {line["hash"] for line in finished_ledger(RunDirectory(path))[:-1]}
     for directory in studies_of(path):
-        recorded = directory.read()
+        name, recorded = directory.path.name, directory.read()
         if recorded.get("digest") is None:
-            view.say(f"study {directory.path.name} is not finished and is passed over")
-            continue
-        digests[directory.path.name] = _replay(path, store, directory, recorded, seen)
+            view.say(f"study {name} is not finished and is passed over")
+        elif recorded.get("run") in before:
+            view.say(f"study {name} is about the run before it was extended, and is passed over")
+        else:
+            digests[name] = _replay(path, store, directory, recorded, seen)
     return digests
 
 

@@ -1,5 +1,6 @@
 """Promise: a study is read whole or refused, with the rows named."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -134,7 +135,10 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
 
 
 def test_only_finished_study_of_a_run_is_found(tmp_path: Path) -> None:
-    """One that is begun does not count; none and two are refused with what there is."""
+    """One that is begun, or is about a shorter run, does not count; none and two are refused with what there is."""
+    (tmp_path / "run.json").write_text(json.dumps({"schema": 1, "digest": "r" * 64}))
+    outdated = written(tmp_path / "studies" / "outdated") / "study.json"
+    outdated.write_text(outdated.read_text().replace("r" * 64, "q" * 64))
     StudyDirectory(tmp_path / "studies" / "begun").begin({}, {})
     with pytest.raises(RunError, match=r"expected one finished study in .*; there is none"):
         study_of(tmp_path)

@@ -249,6 +249,23 @@ def test_export_takes_the_study_along(folder: Path) -> None:
         check_entry(path, path.read_bytes(), "studies", path.stem)
 
 
+def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A longer search has other elites; its replay says so, and a new study has a folder of its own."""
+    longer = ["search.generations=1", "search.candidates=1"]
+    assert main(["search", *TINY[:-1], *longer[1:], "run.dir=longer"]) == 0
+    assert main(["study", "run=longer", *STUDY[1:]]) == 0
+    assert main(["search", *TINY[:-1], *longer, "run.dir=longer"]) == 0
+    capsys.readouterr()
+    assert main(["replay", "longer"]) == 0
+    output = capsys.readouterr()
+    assert "is about the run before it was extended, and is passed over" in output.err
+    assert "every score is as recorded" not in output.out
+    with pytest.raises(RunError, match="there is none"):
+        study_of(folder / "longer")
+    assert main(["study", "run=longer", *STUDY[1:]]) == 0
+    assert study_of(folder / "longer").run == load_run(folder / "longer").digest
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

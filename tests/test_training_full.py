@@ -10,7 +10,7 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import CacheMissError, DataError
-from tacevo.records import Json, Limits, Mode, Reason, Rejection, to_json
+from tacevo.records import Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
 from tacevo.sandbox.client import Died, Finished, Frame
 from tacevo.store import Store
 from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
@@ -73,6 +73,19 @@ def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
     assert verdict.epoch == 2
     assert verdict.validation_loss == min(verdict.training.validation_losses) == pytest.approx(0.0625)
     assert verdict.metrics["mse"] == pytest.approx(0.0625)
+
+
+def test_classification_is_tested_by_class() -> None:
+    """Equal logits cost log 2 in every epoch, and the first class wins: two of three test images are of it."""
+    contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)
+    held_out = replace(HELD_OUT, targets=np.array([0, 1, 0]), scale=())
+    frames = [Frame({"epoch": epoch, "train_loss": 0.5}, np.zeros((8, 2), np.float32).tobytes()) for epoch in range(4)]
+    outcome = Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
+    verdict = assess(outcome, replace(SETTING, contract=contract), np.array([1, 1, 0, 0, 1]), held_out)
+    assert isinstance(verdict, FullTraining)
+    assert (verdict.epoch, verdict.validation_loss) == (1, 0.693147181)
+    assert verdict.metrics == {"accuracy": 0.666666667, "macro_f1": 0.4, "cross_entropy": 0.693147181}
+    assert verdict.confusion == ((2, 0), (1, 0))
 
 
 def test_test_images_do_not_choose_the_epoch() -> None:
