@@ -205,7 +205,7 @@ def _introduce(directory: StudyDirectory, plan: _Plan, elites: int, evaluator: F
     networks = plan.header["networks"]
     view.say(", ".join(f"{network['name']}: {network['id']}" for network in networks))
     if len(networks) <= elites:
-        view.say(f"the archive has only {counted(len(networks) - 1, 'elite')} that differ from the baseline")
+        view.say(f"the archive has fewer elites with a source of their own than elites={elites}")
 
 
 def _train(

@@ -124,6 +124,14 @@ def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureF
     assert {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")} == entries
 
 
+def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the archive has no more, it is the study of those there are, and that is said."""
+    before = files(folder)
+    assert main(["study", "run=run", "elites=9", *STUDY[2:]]) == 0
+    assert "the archive has fewer elites with a source of their own than elites=9" in capsys.readouterr().err
+    assert files(folder) == before
+
+
 def test_one_worker_gives_the_bytes_of_two(folder: Path) -> None:
     """Trained anew, one after the other, in whatever order."""
     before = files(folder)

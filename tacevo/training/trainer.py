@@ -1,8 +1,9 @@
 """The training of one candidate, inside its sandbox: the entry `run`.
 
 It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
-validation labels never come here, so a candidate cannot know how well it does. Nothing that leaves here is
-trusted: the candidate shares this process.
+validation labels never come here, so a candidate cannot know how well it does. In the full training of a study the
+test images are among the validation images, as unlabelled as those. Nothing that leaves here is trusted: the candidate
+shares this process.
 """
 
 import math
