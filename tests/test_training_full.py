@@ -194,3 +194,9 @@ def test_training_without_data_is_an_error(tmp_path: Path) -> None:
         evaluator(Recorder().run, tmp_path, data=None).evaluate(SOURCE, 0)
     with pytest.raises(ValueError, match="fingerprint must be that of the examples, abc; got other"):
         evaluator(Recorder().run, tmp_path, setting=replace(SETTING, fingerprint="other"))
+
+
+def test_keys_stay_what_they_are(tmp_path: Path) -> None:
+    """A change of the question would train every recorded study again; make one on purpose only."""
+    key = evaluator(Recorder().run, tmp_path, data=None).key("class Net: pass\n", 7)
+    assert key == "238d5c16114b4b0375f01a51ce563da2229f0cc2cb636fc58f8fa20cb6a0b9d0"
