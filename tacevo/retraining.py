@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.choices import Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
@@ -70,7 +70,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
     with directory.believed():
-        doubts = doubts_of(directory.read_run(), config.numerics.kind, versions(), machine())
+        doubts = doubts_of(directory.read_run(), config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
     lines = evaluated(directory.read_ledger())
@@ -143,19 +143,26 @@ def difference(line: Mapping[str, Json], result: Training | Rejection) -> str | 
 
 
 def doubts_of(
-    run: Mapping[str, Json], numerics: Numerics, packages: Mapping[str, str], hardware: Mapping[str, Json]
+    run: Mapping[str, Json],
+    numerics: Numerics,
+    device: Device,
+    packages: Mapping[str, str],
+    hardware: Mapping[str, Json],
 ) -> tuple[str, ...]:
     """Say why a run's training bits are not promised to come again here.
 
     Args:
         run: what run.json holds.
         numerics: of the run; `fast` promises bits on the recorded hardware only.
+        device: of the run; `cuda` promises them on the recorded model of GPU only.
         packages: versions of this environment, as `versions` gives them.
         hardware: this machine, as `machine` describes it.
     """
     compared = [("versions", name, packages) for name in _COMPUTING]
     if numerics is Numerics.fast:
         compared += [("machine", name, hardware) for name in ("cpu", "architecture")]
+    if device is Device.cuda:
+        compared.append(("machine", "gpu", hardware))
     return tuple(
         f"{name} is {here[name]}; the run had {run[part][name]}"
         for part, name, here in compared

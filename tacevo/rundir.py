@@ -230,4 +230,14 @@ def machine() -> dict[str, Json]:
         "architecture": platform.machine(),
         "system": f"{platform.system()} {platform.release()}",
         "libc": " ".join(platform.libc_ver()),
+        "gpu": gpu(Path("/proc/driver/nvidia/gpus")),
     }
+
+
+def gpu(drivers: Path) -> str | None:
+    """Name the first NVIDIA GPU, as its driver lists it in that folder; None where there is none."""
+    for file in sorted(drivers.glob("*/information")):
+        for line in file.read_text(encoding="utf-8").splitlines():
+            if line.startswith("Model:"):
+                return line.partition(":")[2].strip()
+    return None

@@ -20,6 +20,7 @@ import torch
 from gate_cases import contract
 from numpy.typing import NDArray
 from operations import expressions
+from threadpoolctl import threadpool_info
 from torch import Tensor, nn
 from training_jobs import CONTRACT
 
@@ -57,18 +58,27 @@ RUN: Json = {
 _MANY = (20, 1000)
 
 
+def surroundings() -> None:
+    """Show what a host offers: the bits of functions that choose their code by the CPU, and the CPU that BLAS sees."""
+    many = np.linspace(-20, 20, 100_001)
+    _print("C library", _of_json([math.exp(value) for value in many.tolist()]))
+    _print("NumPy", _digest([np.exp(many.astype(np.float32)).tobytes()]))
+    _print("BLAS", str(sorted({str(pool["architecture"]) for pool in threadpool_info() if "architecture" in pool})))
+
+
 def operations() -> None:
     """Compute every operation of `tests/operations.py`, forward and backward.
 
-    A fork does it, and another one goes on where an emulator crashed; the expression at fault is `crashed`.
+    A fork does it, and another one goes on where an emulator crashed; an expression at which a fresh fork crashes, too,
+    is `crashed`.
     """
     torch.set_deterministic_debug_mode("error")
     waiting = list(expressions())
     while waiting:
         done = _printed_by_a_fork(waiting)
-        if done < len(waiting):
-            _print(waiting[done], "crashed")
-        waiting = waiting[done + 1 :]
+        if done == 0:
+            _print(waiting[0], "crashed")
+        waiting = waiting[max(done, 1) :]
 
 
 def _printed_by_a_fork(waiting: Sequence[str]) -> int:

@@ -10,7 +10,7 @@ from rich.console import Console
 from smallest import ARCHIVES, UNTRACKED
 
 from tacevo.app import main
-from tacevo.choices import Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError, DivergenceError
 from tacevo.ledger import Ledger, read_ledger
 from tacevo.progress import PlainView
@@ -198,12 +198,15 @@ def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:
 
 
 def test_only_what_was_promised_is_not_doubted() -> None:
-    """Another library leaves both promises; another CPU that of `fast` alone."""
-    versions, machine = {"torch": "2", "numpy": "2"}, {"cpu": "A", "architecture": "x86_64"}
+    """Another library leaves every promise; another CPU that of `fast`, another GPU that of `cuda`."""
+    versions, machine = {"torch": "2", "numpy": "2"}, {"cpu": "A", "architecture": "x86_64", "gpu": "H"}
     run = {"versions": versions, "machine": machine}
-    other = {**machine, "cpu": "B"}
-    assert doubts_of(run, Numerics.fast, versions, machine) == ()
-    assert doubts_of(run, Numerics.portable, versions, other) == ()
-    assert doubts_of(run, Numerics.fast, versions, other) == ("cpu is B; the run had A",)
+    other, moved = {**machine, "cpu": "B"}, {**machine, "gpu": None}
+    cpu, cuda = Device.cpu, Device.cuda
+    assert doubts_of(run, Numerics.fast, cpu, versions, machine) == ()
+    assert doubts_of(run, Numerics.portable, cpu, versions, other) == ()
+    assert doubts_of(run, Numerics.fast, cpu, versions, other) == ("cpu is B; the run had A",)
+    assert doubts_of(run, Numerics.fast, cpu, versions, moved) == ()
+    assert doubts_of(run, Numerics.fast, cuda, versions, moved) == ("gpu is None; the run had H",)
     for numerics in Numerics:
-        assert doubts_of(run, numerics, {**versions, "torch": "3"}, machine) == ("torch is 3; the run had 2",)
+        assert doubts_of(run, numerics, cpu, {**versions, "torch": "3"}, machine) == ("torch is 3; the run had 2",)

@@ -12,7 +12,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import Ledger
 from tacevo.records import Json, Reason, Rejection, Stage
-from tacevo.rundir import PACKAGES, RunDirectory, machine, versions
+from tacevo.rundir import PACKAGES, RunDirectory, gpu, machine, versions
 
 #: Locks a run directory, says so, and waits until it is killed.
 HOLDER = """
@@ -173,7 +173,16 @@ def test_versions_name_every_package() -> None:
 
 def test_machine_is_described_without_its_name() -> None:
     """Hardware and system are said, the host's name is not."""
-    assert set(machine()) == {"cpu", "cores", "architecture", "system", "libc"}
+    assert set(machine()) == {"cpu", "cores", "architecture", "system", "libc", "gpu"}
+
+
+def test_gpu_is_named_as_its_driver_does(tmp_path: Path) -> None:
+    """The first card's model, without its serial number; none where no driver lists any."""
+    assert gpu(tmp_path / "absent") is None
+    card = tmp_path / "0000:01:00.0" / "information"
+    card.parent.mkdir()
+    card.write_text("Model: \t\t NVIDIA H100 80GB HBM3\nIRQ:   \t\t 17\nGPU UUID: \t GPU-1234\n", encoding="utf-8")
+    assert gpu(tmp_path) == "NVIDIA H100 80GB HBM3"
 
 
 def test_spending_is_read_by_candidate_and_the_last_line_counts(directory: RunDirectory) -> None:
