@@ -11,7 +11,7 @@ RECIPE = Recipe(
 
 
 def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regression, seeds: int = 0) -> Study:
-    """Make a study from each network's primary metric, in the order of the seeds; 0 seeds are as many as the first's."""
+    """Make a study from each network's primary metric, in the order of the seeds; 0 seeds are the first's."""
     metric = "mse" if kind is Kind.regression else "accuracy"
     return Study(
         run="0" * 64,
