@@ -19,7 +19,9 @@ class Caution(StrEnum):
     identical = "all values of a sample are equal, so its seeds show no spread"
     ties = "values tie, so p is counted over midranks"
     approximate = "p is a normal approximation, since there are too many values to count"
-    spreads = "the spreads differ by more than 2, so the test is one of stochastic dominance and not of medians"
+    spreads = (
+        "the quartiles lie more than twice as far apart in one sample, so the test is one of dominance, not of medians"
+    )
     separated = "the samples do not overlap, so the intervals of A12 and Cliff's delta have no width"
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 

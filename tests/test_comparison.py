@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 from statsmodels.stats.multitest import multipletests
-from studies import study_of
+from studies import FOUR, around, study_of
 
 from analysis.cautions import Caution
 from analysis.comparison import MARGINS, Comparisons, Verdict, compare
@@ -15,21 +15,6 @@ from analysis.equivalence import Margin, MarginKind
 from analysis.results import LOWER_IS_BETTER
 from tacevo.errors import RunError
 from tacevo.records import Kind
-
-
-def around(median: float, *, step: float, seeds: int = 20) -> list[float]:
-    """Make seeds that lie evenly around a median, no two alike."""
-    return [round(median + step * (at - (seeds - 1) / 2), 9) for at in range(seeds)]
-
-
-#: A variant of each verdict: far below, far above, as good as equal, and too wide to tell.
-FOUR = {
-    "baseline": around(0.01, step=0.0001),
-    "variant 1": around(0.007, step=0.0001),
-    "variant 2": around(0.01301, step=0.0001),
-    "variant 3": around(0.010003, step=0.00009),
-    "variant 4": around(0.0101, step=0.00077),
-}
 
 
 def verdicts(found: Comparisons) -> list[Verdict]:
