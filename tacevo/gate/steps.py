@@ -1,7 +1,8 @@
 """The steps of a traced pass: the calls that the graph leaves out or simplifies, for motifs (child side).
 
-What it promises: every call that is a node of the graph is a step, and every simple activation is one, too; changes of
-shape are none, data flows through them. A pass of more than `MOST_STEPS` calls is recorded up to there.
+What it promises: every node of the graph that gets values of the image is a step, and so is every simple activation;
+changes of shape are none, data flows through them. Unlike the graph, steps know that `gate.expand_as(x)` holds no x. A
+pass of more than `MOST_STEPS` calls is recorded up to there.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,6 +20,10 @@ _STRIDE, _GROUPS = 3, 6
 
 #: What torch's dropout functions take where a call names no probability.
 _DROPOUT = 0.5
+
+
+#: Calls that take no values from their second tensor, only its shape or type.
+_LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +51,10 @@ class StepRecorder:
         self, op: str, inputs: Iterable[Tensor], results: Iterable[Tensor], *, weighted: bool, settings: Settings
     ) -> None:
         """Pass data flow from inputs to results, through a new step where the call is one."""
-        operands = [tensor for tensor in inputs if id(tensor) in self._behind]
+        given = list(inputs)[:1] if op in _LIKE else list(inputs)
+        operands = [tensor for tensor in given if id(tensor) in self._behind]
+        if not operands:
+            return
         reached = list(results)
         behind = frozenset(self.behind(operands))
         name = activation(op) or (None if is_transparent(op) else op)
