@@ -217,6 +217,13 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
 
 
 @contextlib.contextmanager
+def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tuple[Gate, Executor]]:
+    """Open the gate of a task alone, with the threads of its run; no process is started before something is probed."""
+    with _workers(config, None) as (sandbox, executor):
+        yield build_gate(config, contract, sandbox, mode), executor
+
+
+@contextlib.contextmanager
 def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox, Executor]]:
     """Open the sandbox, and the threads that wait for it."""
     arrays = {} if data is None else {"images": data.images}

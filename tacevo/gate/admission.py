@@ -97,7 +97,7 @@ class Gate:
             CacheMissError: a store only replays and does not know this answer or its source.
         """
         source = read(completion, self._contract, limit=self._limits.source_bytes, store=self._answers)
-        return source if isinstance(source, Rejection) else self._measured(source)
+        return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
@@ -105,10 +105,10 @@ class Gate:
         The policy is computed anew each time, even in a replay: the text is the task's own, and not one that a model
         may have written for another version of Python.
         """
-        return check(source, self._contract) or self._measured(source)
+        return check(source, self._contract) or self.measure(source)
 
-    def _measured(self, source: str) -> Admitted | Rejection:
-        """Probe a source that the policy let through, or recall its probe."""
+    def measure(self, source: str) -> Admitted | Rejection:
+        """Probe a source that the policy has let through, or recall its probe; raises as `admit` does."""
         answer = self._store.recall(self._request(source), lambda: self._probe(source))
         if "rejection" in answer:
             return Rejection.from_json(answer["rejection"])
