@@ -19,6 +19,7 @@ from tacevo.data.source import Catalogue, Source
 from tacevo.data.table import Table
 from tacevo.data.tacverse import TacVerse
 from tacevo.data.workers import Progress
+from tacevo.descriptors import scaled
 from tacevo.development import Evaluate, Tools
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate, GateLimits
@@ -27,7 +28,7 @@ from tacevo.providers import build_llm, provider_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.sandbox.client import Sandbox
-from tacevo.search import Plan, scaled
+from tacevo.search import Plan
 from tacevo.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples
