@@ -125,6 +125,7 @@ MOTIFS: tuple[Motif, ...] = tuple(
         ("no dropout", lambda ours, _: not ours.dropouts),
         ("more dropout layers", lambda ours, base: len(ours.dropouts) > len(base.dropouts)),
         ("higher dropout rate", lambda ours, base: _highest_rate(ours) > _highest_rate(base)),
+        ("lower dropout rate", lambda ours, base: 0 < _highest_rate(ours) < _highest_rate(base)),
         ("sigmoid output", _ends_in("sigmoid")),
         ("tanh output", _ends_in("tanh")),
         ("hardtanh output", _ends_in("hardtanh")),

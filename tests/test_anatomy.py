@@ -1,14 +1,20 @@
 """How a network is built is read off its steps: blocks, head, norms, dropouts and shortcuts, however it is written."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
-from motif_cases import CLASSES, anatomy_of, baseline
+from grammar_strategies import SIGNATURE, networks
+from hypothesis import given, settings
+from motif_cases import CLASSES, anatomy_of, baseline, built
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
 from analysis.anatomy import Anatomy, Convolution
+from tacevo.llm.grammar.bounds import fit
+from tacevo.llm.grammar.network import Attention, Down, Network, Norm
+from tacevo.llm.grammar.rendering import render
 
 Steps = Callable[["Layers", Tensor], Tensor]
 
@@ -175,3 +181,32 @@ def test_layers_of_tokens_are_no_head() -> None:
     """A linear layer on every position is no layer of the head, one on the vector is."""
     found = read(lambda net, x: net.hidden(net.hidden(x.flatten(2).transpose(1, 2)).mean(1)))
     assert (found.head, found.hidden, found.head_depth) == ((8, 3), (8,), 2)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(networks())
+def test_every_network_of_the_grammar_is_read_as_it_was_written(network: Network) -> None:
+    """The grammar knows what it wrote; the steps tell the same without it."""
+    network = fit(replace(network, signature=SIGNATURE))
+    found = anatomy_of(built(render(network), SIGNATURE.class_name))
+    spatial = [block for block in network.blocks if block.kernel > 1]
+    layers = [(it.channels, it.kernel, it.down is Down.stride, it.separable) for it in spatial]
+    assert [(it.channels, it.kernel, it.strided, it.depthwise) for it in found.convolutions] == layers
+    assert found.blocks == len(spatial)
+    assert (found.max_pools, found.average_pools) == tuple(
+        sum(block.down is down for block in network.blocks) for down in (Down.max, Down.average)
+    )
+    assert found.hidden == tuple(hidden.width for hidden in network.head.hidden)
+    assert ("layer_norm", "head") in found.norms or not any(hidden.layer_norm for hidden in network.head.hidden)
+    rates = [block.dropout for block in network.blocks] + [network.head.input_dropout]
+    rates += [hidden.dropout for hidden in network.head.hidden]
+    assert [rate for _, rate in found.dropouts] == [rate for rate in rates if rate]
+    assert {name for name, place in found.norms if place == "blocks"} == {
+        {Norm.batch: "batch_norm", Norm.group: "group_norm"}[block.norm] for block in network.blocks if block.norm
+    }
+    attention = {network.attention, *(block.attention for block in network.blocks)} - {Attention.none}
+    assert {kind.value for kind in found.attention} == {kind.name for kind in attention}
+    # A projection past a single 1x1 convolution is as long as what it goes past, and so no shortcut.
+    sure = [skip for skip in network.skips if any(it.kernel > 1 for it in network.blocks[skip[0] : skip[1]])]
+    assert len(sure) <= found.residuals <= len(network.skips)
+    assert bool(found.output) == bool(network.head.output)
