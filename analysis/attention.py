@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from analysis.flow import Flow
+from tacevo.records import Step
 
 #: What brings a weight into a range.
 _SQUASHING = {"sigmoid", "hardsigmoid", "softmax", "tanh"}
@@ -50,10 +51,17 @@ def _attending(flow: Flow, index: int) -> Attending | None:
     for gate in (1, 0):
         squash = _squash(flow, step.sources[gate])
         if squash is not None:
-            kind = _weighting(flow, index, gate, squash) if step.op == "mul" else _mixing(flow, squash)
+            applied = step.op == "mul" or _spreads(step, gate)
+            kind = _weighting(flow, index, gate, squash) if applied else _mixing(flow, squash)
             if kind is not None:
                 return Attending(kind=kind, step=index, gate=gate)
     return None
+
+
+def _spreads(step: Step, gate: int) -> bool:
+    """Say whether a product multiplies fewer weights into a map that keeps its shape, as `nchw,nc->nchw` does."""
+    data, weights = step.operands[1 - gate], step.operands[gate]
+    return step.op == "einsum" and step.shape == data and len(weights) < len(data)
 
 
 def _keys(flow: Flow, index: int) -> int:

@@ -88,6 +88,14 @@ class Excitation(Weighted):
         return x * torch.sigmoid(self.squeeze(x.mean((2, 3))))[:, :, None, None]
 
 
+class SummedExcitation(Weighted):
+    """Squeeze and excitation, applied by an Einstein sum."""
+
+    def attend(self, x: Tensor) -> Tensor:
+        """The weights stay a vector."""
+        return torch.einsum("nchw,nc->nchw", x, self.squeeze(x.mean((2, 3))).sigmoid())
+
+
 class ShiftedExcitation(Weighted):
     """A channel gate that is moved and scaled before it is used."""
 
@@ -140,6 +148,16 @@ class PositionsByHand(Weighted):
         query, key, value = self.qkv(F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)).chunk(3, dim=-1)
         weights = F.dropout(F.softmax(query @ key.transpose(1, 2) / C**0.5, dim=-1), 0.1, self.training)
         return (weights @ value).mean(1)  # type: ignore[no-any-return]
+
+
+class SummedPositions(Weighted):
+    """The same by Einstein sums, in heads."""
+
+    def attend(self, x: Tensor) -> Tensor:
+        """What comes out has the shape of the values."""
+        query, key, value = self.qkv(F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)).unflatten(2, (3, 2, -1)).unbind(2)
+        weights = torch.einsum("bqhd,bkhd->bhqk", query, key).softmax(-1)
+        return torch.einsum("bhqk,bkhd->bqhd", weights, value).flatten(2).mean(1)
 
 
 class SpatialAttention(Weighted):
@@ -215,11 +233,13 @@ class SoftArgmax(Weighted):
         (PooledByAttention, AttentionKind.spatial),
         (Rescaled, AttentionKind.spatial),
         (Excitation, AttentionKind.channel),
+        (SummedExcitation, AttentionKind.channel),
         (ShiftedExcitation, AttentionKind.channel),
         (ElementGate, AttentionKind.element),
         (Positions, AttentionKind.self),
         (FusedPositions, AttentionKind.self),
         (PositionsByHand, AttentionKind.self),
+        (SummedPositions, AttentionKind.self),
     ],
 )
 def test_attention_is_found_however_it_is_written(model: type[Weighted], kind: AttentionKind) -> None:
