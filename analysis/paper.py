@@ -21,6 +21,7 @@ _HEAD = r"""\documentclass[10pt,twocolumn]{article}
 \usepackage[letterpaper,textwidth=7.16in,textheight=9.6in,columnsep=0.16in]{geometry}
 \usepackage[T1]{fontenc}
 \usepackage[utf8]{inputenc}
+\usepackage{array}
 \usepackage{booktabs}
 \usepackage{graphicx}
 \extrafloats{100}

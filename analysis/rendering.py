@@ -27,6 +27,9 @@ from tacevo.store import write_durably
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
 NARROW, WIDE = 52, 112
 
+#: Characters of a text that LaTeX sets in one line; an em is about two of them.
+LONG = 40
+
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 _SMALLEST = 1e-4
 #: The sign of a number, not of an exponent.
@@ -90,16 +93,19 @@ def as_markdown(table: Table) -> str:
 
 
 def as_latex(table: Table) -> str:
-    r"""Write a table for LaTeX, with `booktabs`; where it is wider than two columns of a paper, with `graphicx`, too.
+    r"""Write a table for LaTeX, which needs `booktabs`, `array` and `graphicx`.
 
-    It spans both columns (`table*`) where a row has more than `NARROW` characters, and is scaled down to them where
-    it has more than `WIDE`. Its label is `tab:` and its name.
+    Text of more than `LONG` characters is broken into lines. The table spans both columns of a paper (`table*`) where a
+    row has more than `NARROW` characters, and is scaled down to them where it has more than `WIDE`. Its label is `tab:`
+    and its name.
     """
-    width = _width(table)
+    numeric, widths = numeric_columns(table), _widths(table)
+    pairs = zip(numeric, widths, strict=True)
+    width = sum(wide if number else min(wide, LONG) for number, wide in pairs) + 2 * (len(widths) - 1)
     floating = "table" if width <= NARROW else "table*"
     lines = [_escaped(row, in_latex) for row in table.rows]
     tabular = [
-        rf"\begin{{tabular}}{{{''.join('r' if number else 'l' for number in numeric_columns(table))}}}",
+        rf"\begin{{tabular}}{{{''.join(map(_column, numeric, widths))}}}",
         r"\toprule",
         f"{' & '.join(_escaped(table.columns, in_latex))} \\\\",
         r"\midrule",
@@ -211,11 +217,17 @@ def _padded(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) 
     return [cell.rjust(width) if number else cell.ljust(width) for cell, width, number in columns]
 
 
-def _width(table: Table) -> int:
-    """Count the characters of a table's widest line, with two between columns."""
+def _widths(table: Table) -> list[int]:
+    """Count the characters of each column's widest cell."""
     lines = [table.columns, *([shown(cell) for cell in row] for row in table.rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return sum(widths) + 2 * (len(widths) - 1)
+    return [max(map(len, column)) for column in zip(*lines, strict=True)]
+
+
+def _column(number: bool, width: int) -> str:
+    """Choose how LaTeX sets a column: numbers flush right, long text in lines."""
+    if number:
+        return "r"
+    return rf">{{\raggedright\arraybackslash}}p{{{LONG // 2}em}}" if width > LONG else "l"
 
 
 def _begun(line: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.rendering import NARROW, WIDE, as_csv, as_latex, as_markdown, shown, write_table
+from analysis.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, shown, write_table
 from analysis.tables import Between, Cell, Percent, PValue, Table
 from tacevo.errors import StoreError
 
@@ -26,8 +26,8 @@ TABLE = Table(
 
 
 def of_width(characters: int) -> Table:
-    """Make a table of one column whose rows have so many characters."""
-    return Table(name="t", caption="c", columns=("x" * characters,), rows=(("y",),))
+    """Make a table of two columns of numbers whose rows have so many characters."""
+    return Table(name="t", caption="c", columns=("x" * (characters - 12), "y" * 10), rows=((1, 2),))
 
 
 @pytest.mark.parametrize(
@@ -118,6 +118,14 @@ def test_latex_makes_room_for_a_wide_table(characters: int, floating: str, scale
     assert text.endswith(f"\\end{{{floating}}}\n")
     assert (r"\resizebox{\linewidth}" in text) is scaled
     assert text.count("{") == text.count("}")
+
+
+def test_long_text_is_broken_into_lines_in_latex() -> None:
+    """A sentence makes no table too wide; numbers never break."""
+    words = ("a" * LONG, "b" * (LONG + 1), 1)
+    text = as_latex(Table(name="t", caption="c", columns=("x", "y", "z" * 60), rows=(words,)))
+    assert r"\begin{tabular}{l>{\raggedright\arraybackslash}p{20em}r}" in text
+    assert r"\resizebox" in text
 
 
 def test_latex_row_may_begin_with_a_bracket() -> None:
