@@ -15,8 +15,8 @@ from analysis.figures.prompts import prompt_productivity
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.lineage import ancestors
 from analysis.loading import Run
-from analysis.rendering import shown
 from analysis.results import Study
+from analysis.rounding import shown
 from analysis.tables import PValue
 from analysis.tessellation import Niches
 from tacevo.records import Kind

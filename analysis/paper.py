@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.rendering import in_latex
-from tacevo.data.sheet import WIDTHS
 from tacevo.errors import RunError
 from tacevo.store import write_durably
 
@@ -17,9 +16,8 @@ ENGINES: tuple[tuple[tuple[str, ...], int], ...] = (
     (("pdflatex", "-interaction=nonstopmode", "-halt-on-error"), 2),
 )
 
-_HEAD = r"""\documentclass[10pt,twocolumn]{article}
-\usepackage[letterpaper,textwidth=7.16in,textheight=9.6in,columnsep=0.16in]{geometry}
-\usepackage[T1]{fontenc}
+_HEAD = r"""\documentclass[10pt]{article}
+\usepackage[letterpaper,textwidth=7.16in,textheight=9.6in]{geometry}
 \usepackage[utf8]{inputenc}
 \usepackage{array}
 \usepackage{booktabs}
@@ -39,8 +37,6 @@ class Illustration:
     #: Beside the document, e.g. `force/lineage.pdf`.
     file: str
     caption: str
-    #: In inches.
-    width: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +97,5 @@ def _chapter(chapter: Chapter) -> str:
 
 
 def _figure(figure: Illustration) -> str:
-    floating = "figure" if figure.width <= WIDTHS["single"] else "figure*"
     inside = rf"\centering\includegraphics{{{figure.file}}}\caption{{{in_latex(figure.caption)}}}"
-    return rf"\begin{{{floating}}}[tbp]{inside}\end{{{floating}}}"
+    return rf"\begin{{figure}}[htbp]{inside}\end{{figure}}"

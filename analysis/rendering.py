@@ -1,26 +1,16 @@
 """Tables as Markdown, LaTeX and CSV, from the same record.
 
-Markdown and LaTeX round by one rule; CSV never rounds:
-
-    text                  as it is, escaped
-    whole number          in full, thousands apart: 1,145,411
-    number                three significant digits, all digits before the point: 0.00612, 12.3, 1,235;
-                          below 0.0001 as 1.23e-05
-    p-value               two significant digits, `<0.001` below that
-    percentage            one decimal: 96.0 %
-    estimate [low, high]  all three with the decimals that give the largest of them three significant digits
-    nothing               an en dash
-
-Halves go the way of the binary number, as Python's `format` rounds. What is no finite number is refused.
+Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. What is no finite number is refused.
 """
 
 import csv
 import io
-import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.rounding import finite, shown
 from analysis.tables import Between, Cell, Percent, PValue, Table
 from tacevo.store import write_durably
 
@@ -30,10 +20,8 @@ NARROW, WIDE = 52, 112
 #: Characters of a text that LaTeX sets in one line; an em is about two of them.
 LONG = 40
 
-_MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
-_SMALLEST = 1e-4
-#: The sign of a number, not of an exponent.
-_NEGATIVE = re.compile(r"(?<!e)-")
+#: What the space between two columns takes, in characters.
+GAP = 2
 
 _MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "*": "\\*", "`": "\\`", "\n": " "})
 _LATEX = str.maketrans(
@@ -46,8 +34,8 @@ _LATEX = str.maketrans(
         "|": "$|$",
         '"': "''",
         "\n": " ",
-        _MINUS: "$-$",
-        _DASH: "--",
+        "\N{MINUS SIGN}": "$-$",
+        "\N{EN DASH}": "--",
         "±": r"$\pm$",
         "\N{MULTIPLICATION SIGN}": r"$\times$",
         "·": r"$\cdot$",
@@ -57,28 +45,6 @@ _LATEX = str.maketrans(
     }
     | {special: f"\\{special}" for special in "{}$&#%_"}
 )
-
-
-def shown(cell: Cell) -> str:
-    """Round a cell by the rule of this module, as plain text.
-
-    Raises:
-        ValueError: it is NaN or infinite.
-    """
-    match cell:
-        case None | str():
-            return _DASH if cell is None else cell
-        case int():
-            text = f"{cell:,}"
-        case PValue(value):
-            text = "<0.001" if _finite(value) < 0.001 else _significant(value, 2)
-        case Percent(value):
-            text = f"{_finite(value) * 100:.1f} %"
-        case Between(estimate, low, high):
-            text = _interval(estimate, low, high)
-        case _:
-            text = _significant(_finite(cell), 3)
-    return _NEGATIVE.sub(_MINUS, text)
 
 
 def as_markdown(table: Table) -> str:
@@ -93,32 +59,21 @@ def as_markdown(table: Table) -> str:
 
 
 def as_latex(table: Table) -> str:
-    r"""Write a table for LaTeX, which needs `booktabs`, `array` and `graphicx`.
+    r"""Write a table for LaTeX, which needs `booktabs` and `array`.
 
     Text of more than `LONG` characters is broken into lines. The table spans both columns of a paper (`table*`) where a
-    row has more than `NARROW` characters, and is scaled down to them where it has more than `WIDE`. Its label is `tab:`
-    and its name.
+    row has more than `NARROW` characters; where it has more than `WIDE`, its columns stand in several parts below each
+    other, each of which begins with the first column. Its label is `tab:` and its name.
     """
-    numeric, widths = numeric_columns(table), _widths(table)
-    pairs = zip(numeric, widths, strict=True)
-    width = sum(wide if number else min(wide, LONG) for number, wide in pairs) + 2 * (len(widths) - 1)
+    columns = _columns(table)
+    parts = _parts([column.width for column in columns])
+    width = sum(column.width for column in columns) + GAP * (len(columns) - 1)
     floating = "table" if width <= NARROW else "table*"
-    lines = [_escaped(row, in_latex) for row in table.rows]
-    tabular = [
-        rf"\begin{{tabular}}{{{''.join(map(_column, numeric, widths))}}}",
-        r"\toprule",
-        f"{' & '.join(_escaped(table.columns, in_latex))} \\\\",
-        r"\midrule",
-        *(f"{_begun(' & '.join(line))} \\\\" for line in lines),
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-    if width > WIDE:
-        tabular = [r"\resizebox{\linewidth}{!}{%", *tabular[:-1], tabular[-1] + "}"]
+    tabulars = "\n\\par\\medskip\n".join(_tabular([columns[place] for place in part]) for part in parts)
     notes = [rf"\par\smallskip\parbox{{\linewidth}}{{\raggedright {in_latex(note)}}}" for note in table.notes]
-    head = [rf"\begin{{{floating}}}[tbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
+    head = [rf"\begin{{{floating}}}[htbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
     label = rf"\label{{tab:{table.name}}}"
-    return "\n".join([*head, label, r"\footnotesize", *tabular, *notes, rf"\end{{{floating}}}"]) + "\n"
+    return "\n".join([*head, label, r"\footnotesize", tabulars, *notes, rf"\end{{{floating}}}"]) + "\n"
 
 
 def as_csv(table: Table) -> str:
@@ -177,35 +132,8 @@ def _exact(cell: Cell, places: int) -> list[str | int | float]:
             values = [cell]
     for number in values:
         if not isinstance(number, str):
-            _finite(number)
+            finite(number)
     return values + [""] * (places - len(values))
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError(f"a table's numbers must be finite; got {value}; where there is no value, give None")
-    return value
-
-
-def _significant(value: float, digits: int) -> str:
-    """Write a number with so many significant digits, and all digits before its point."""
-    if 0 < abs(value) < _SMALLEST:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:,.{_decimals(value, digits)}f}"
-
-
-def _decimals(value: float, digits: int) -> int:
-    """Count the decimals that give a number so many significant digits, once it is rounded to them."""
-    if value == 0:
-        return digits - 1
-    exponent = int(f"{abs(value):.{digits - 1}e}".partition("e")[2])  # of 9.996 as of 10.0
-    return max(digits - 1 - exponent, 0)
-
-
-def _interval(estimate: float, low: float, high: float) -> str:
-    decimals = min(_decimals(max(abs(_finite(value)) for value in (estimate, low, high)), 3), 7)
-    texts = [f"{value:,.{decimals}f}" for value in (estimate, low, high)]
-    return f"{texts[0]} [{texts[1]}, {texts[2]}]"
 
 
 def _escaped(cells: Sequence[Cell], escape: Callable[[str], str]) -> list[str]:
@@ -217,17 +145,54 @@ def _padded(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) 
     return [cell.rjust(width) if number else cell.ljust(width) for cell, width, number in columns]
 
 
-def _widths(table: Table) -> list[int]:
-    """Count the characters of each column's widest cell."""
-    lines = [table.columns, *([shown(cell) for cell in row] for row in table.rows)]
-    return [max(map(len, column)) for column in zip(*lines, strict=True)]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Column:
+    """A column as LaTeX sets it."""
+
+    #: Its name and its cells, escaped.
+    cells: tuple[str, ...]
+    #: In characters, at most.
+    width: int
+    #: For `tabular`: numbers flush right, long text in lines.
+    how: str
 
 
-def _column(number: bool, width: int) -> str:
-    """Choose how LaTeX sets a column: numbers flush right, long text in lines."""
-    if number:
-        return "r"
-    return rf">{{\raggedright\arraybackslash}}p{{{LONG // 2}em}}" if width > LONG else "l"
+def _columns(table: Table) -> list[_Column]:
+    found = []
+    for place, number in enumerate(numeric_columns(table)):
+        texts = [table.columns[place], *(shown(row[place]) for row in table.rows)]
+        width, how = max(map(len, texts)), "r" if number else "l"
+        if width > LONG and not number:
+            width, how = LONG, rf">{{\raggedright\arraybackslash}}p{{{LONG // 2}em}}"
+        found.append(_Column(cells=tuple(map(in_latex, texts)), width=width, how=how))
+    return found
+
+
+def _parts(widths: Sequence[int]) -> list[list[int]]:
+    """Share columns out to parts of at most `WIDE` characters; each part begins with the first column."""
+    parts, used = [[0]], widths[0]
+    for place, width in enumerate(widths[1:], start=1):
+        if used + GAP + width > WIDE and parts[-1] != [0]:
+            parts.append([0])
+            used = widths[0]
+        parts[-1].append(place)
+        used += GAP + width
+    return parts
+
+
+def _tabular(columns: Sequence[_Column]) -> str:
+    names, *rows = zip(*(column.cells for column in columns), strict=True)
+    return "\n".join(
+        [
+            rf"\begin{{tabular}}{{{''.join(column.how for column in columns)}}}",
+            r"\toprule",
+            f"{' & '.join(names)} \\\\",
+            r"\midrule",
+            *(f"{_begun(' & '.join(row))} \\\\" for row in rows),
+            r"\bottomrule",
+            r"\end{tabular}",
+        ]
+    )
 
 
 def _begun(line: str) -> str:

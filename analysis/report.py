@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from analysis.gallery import Picture
 from analysis.loading import Run
-from analysis.rendering import numeric_columns, shown
+from analysis.rendering import numeric_columns
+from analysis.rounding import shown
 from analysis.style import render
 from analysis.tables import Table
 
@@ -64,7 +65,7 @@ def as_html(run: Run, tables: Sequence[Table], images: Sequence[Image], remarks:
 
     Args:
         run: the run.
-        tables: rounded by the rule of `analysis.rendering`.
+        tables: rounded by the rule of `analysis.rounding`.
         images: its figures.
         remarks: sentences above all, e.g. what is missing.
     """

@@ -24,7 +24,7 @@ def write_tables(tables: Iterable[Table], folder: Path) -> None:
         write_table(table, folder)
 
 
-def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], told: Told) -> dict[str, float]:
+def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], told: Told) -> None:
     """Draw pictures into files; older ones of the same names are replaced.
 
     Args:
@@ -33,20 +33,14 @@ def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[
         endings: `.pdf`, `.svg`, `.png`: the formats.
         told: told after each picture.
 
-    Returns:
-        The width of each in inches, by name.
-
     Raises:
         StoreError: a file cannot be written.
     """
-    widths = {}
     for picture in pictures:
         figure = picture.draw()
         for ending in endings:
             write_durably(folder / f"{picture.name}{ending}", render(figure, ending))
-        widths[picture.name] = float(figure.get_figwidth())
         told(picture.name)
-    return widths
 
 
 def write_chapter(
@@ -58,12 +52,11 @@ def write_chapter(
         StoreError: a file cannot be written.
     """
     write_tables(tables, folder)
-    widths = write_pictures(pictures, folder, (".pdf",), told)
+    write_pictures(pictures, folder, (".pdf",), told)
     return Chapter(
         title=title,
         tables=tuple(f"{folder.name}/{table.name}.tex" for table in tables),
         figures=tuple(
-            Illustration(file=f"{folder.name}/{picture.name}.pdf", caption=picture.caption, width=widths[picture.name])
-            for picture in pictures
+            Illustration(file=f"{folder.name}/{picture.name}.pdf", caption=picture.caption) for picture in pictures
         ),
     )

@@ -18,8 +18,8 @@ CHAPTER = Chapter(
     title="force_1 & more",
     tables=("run1/gate_force.tex",),
     figures=(
-        Illustration(file="run1/lineage.pdf", caption="100 % of g01", width=3.5),
-        Illustration(file="run1/samples.pdf", caption="Samples.", width=7.16),
+        Illustration(file="run1/lineage.pdf", caption="100 % of g01"),
+        Illustration(file="run1/samples.pdf", caption="Samples."),
     ),
 )
 
@@ -38,14 +38,14 @@ def search_in(folder: Path, name: str) -> str | None:
 
 
 def test_document_holds_everything() -> None:
-    """Titles and captions are escaped, wide figures span both columns, environments are closed."""
+    """Titles and captions are escaped, environments are closed."""
     text = document([CHAPTER])
     assert r"\section*{force\_1 \& more}" in text
-    assert r"\begin{figure}[tbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
-    assert r"\begin{figure*}[tbp]\centering\includegraphics{run1/samples.pdf}" in text
+    assert r"\begin{figure}[htbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
+    assert r"\begin{figure}[htbp]\centering\includegraphics{run1/samples.pdf}" in text
     assert r"\input{run1/gate_force.tex}" in text
-    assert re.findall(r"\\begin\{(.*?)\}", text) == ["document", "figure", "figure*"]
-    assert sorted(re.findall(r"\\end\{(.*?)\}", text)) == ["document", "figure", "figure*"]
+    assert re.findall(r"\\begin\{(.*?)\}", text) == ["document", "figure", "figure"]
+    assert sorted(re.findall(r"\\end\{(.*?)\}", text)) == ["document", "figure", "figure"]
 
 
 def test_chapter_names_the_files_that_it_wrote(tmp_path: Path) -> None:
@@ -57,7 +57,6 @@ def test_chapter_names_the_files_that_it_wrote(tmp_path: Path) -> None:
     assert all(
         (tmp_path / file).is_file() for file in ("run1/gate.tex", "run1/gate.md", "run1/gate.csv", "run1/lineage.pdf")
     )
-    assert chapter.figures[0].width == 3.5
 
 
 def test_without_latex_there_is_no_pdf(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from analysis.loading import Candidate
-from analysis.rendering import shown
+from analysis.rounding import shown
 from analysis.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from tacevo.data.sheet import WIDTHS
 from tacevo.records import Operator
