@@ -282,6 +282,20 @@ def test_lineage_names_what_made_each_ancestor() -> None:
     assert sum(len(np.asarray(one.get_xdata())) == 2 for one in drawn.axes[0].lines) == 4
 
 
+def test_names_of_users_are_no_formulas() -> None:
+    """An instruction or a class whose name Matplotlib would read as broken mathematics is written as it is."""
+    name = r"50$ or $\nonsense$"
+    named = replace(RUN, instructions=(name, name))
+    study = replace(confused(), names=(name, "b", "c"))
+    for drawn in (
+        prompt_productivity(by_prompt(named)),
+        lineage(SLOTS[:4], named.instructions),
+        confusion_matrices(study, ["baseline"], seed=0),
+    ):
+        assert render(drawn, ".svg")
+        assert name in texts(drawn)
+
+
 def test_long_lineage_shows_its_end_and_says_so() -> None:
     """The latest ancestors stay, the number of the others is told."""
     many = [trained(number, 0, parents=(f"g{number - 1:02}s00",)) for number in range(ROWS + 5)]

@@ -99,7 +99,7 @@ def training_curves(networks: Sequence[Candidate]) -> Figure:
 def _write(axes: Axes, row: int, *texts: str) -> None:
     """Write a candidate's id, what it was made by and its fitness beside its row."""
     for place, side, text in zip(_PLACES, ("left", "left", "right"), texts, strict=True):
-        axes.text(place, row, text, transform=axes.get_yaxis_transform(), ha=side, va="center")
+        axes.text(place, row, text, transform=axes.get_yaxis_transform(), ha=side, va="center", parse_math=False)
 
 
 def _operators(shown: Sequence[Candidate]) -> list[Line2D]:

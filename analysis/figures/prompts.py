@@ -22,7 +22,8 @@ def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
             low, high = prompt.interval
             axes.plot([low, high], [place, place], color=GREY, solid_capstyle="butt")
             axes.plot(prompt.rate, place, "o", color=BLUE, clip_on=False)
-    axes.set_yticks(range(len(prompts)), [prompt.name.replace("_", " ") for prompt in prompts])
+    names = [prompt.name.replace("_", " ") for prompt in prompts]
+    axes.set_yticks(range(len(prompts)), names, parse_math=False)
     axes.set(xlim=(0, 1), ylim=(len(prompts) - 0.5, -0.5), xlabel="inserted / tried, with 95 % interval")
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="#DDDDDD")

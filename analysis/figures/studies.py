@@ -95,7 +95,7 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
             colour = "white" if shares[row, column] > 55 else BLACK
             text = f"{count}\n{shares[row, column]:.0f} %"
             axes.text(column, row, text, color=colour, ha="center", va="center", linespacing=1.05)
-    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(names)), names)
+    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
+    axes.set_yticks(range(len(names)), names, parse_math=False)
     axes.set_xlabel("predicted class")
     axes.spines[:].set_visible(True)
