@@ -73,6 +73,8 @@ class Candidate:
     trained: Trained | None
     #: What its answers cost; None where timings.jsonl does not tell.
     spent: Spending | None
+    #: Where and why answers before its last were turned away, in order; empty unless answers go back for repair.
+    sent_back: tuple[tuple[Stage, Reason], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,6 +212,7 @@ def _candidate(line: Mapping[str, Json], spent: Mapping[str, Spending]) -> Candi
         measured=_measured(line) if "parameters" in line else None,
         trained=_trained(line) if "fitness" in line else None,
         spent=spent.get(line["id"]),
+        sent_back=tuple((Stage(sent["stage"]), Reason(sent["reason"])) for sent in line.get("repairs", ())),
     )
 
 

@@ -7,10 +7,12 @@ docs/descriptors.md.
 """
 
 import math
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tacevo.choices import Scale
 from tacevo.records import Graph, Profile
 
 
@@ -99,6 +101,16 @@ def depth(graph: Graph) -> int:
 def width(graph: Graph) -> int:
     """Find the output channels or features of the widest weighted node; at least 1."""
     return max([1, *(node.width for node in graph.nodes if node.weighted)])
+
+
+def scaled(eff_ratio: float, scale: Scale) -> float:
+    """Give an Efficiency Ratio as the archive's axis has it: as it is, or its decimal logarithm.
+
+    A network without counted FLOPs has ratio 0; on a logarithmic axis it stands at the smallest positive number.
+    """
+    if scale is Scale.linear:
+        return eff_ratio
+    return round(math.log10(max(eff_ratio, sys.float_info.min)), 12)
 
 
 def _coefficient_of_variation(values: Sequence[float]) -> float:

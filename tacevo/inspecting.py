@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
@@ -22,6 +23,9 @@ from tacevo.data.workers import Progress
 from tacevo.errors import ConfigError
 from tacevo.findings import Inspection
 from tacevo.progress import PlainView
+from tacevo.replaying import read_run
+from tacevo.retraining import load_same
+from tacevo.rundir import RunDirectory
 from tacevo.wiring import load_data, source_of
 
 
@@ -67,6 +71,27 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
     units = units_of(catalogue)
     save(sample_figure(dataset, units=units, width=width), path)
     return path
+
+
+def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
+    """Draw the sample pictures of the data set that a run searched with.
+
+    Args:
+        path: the run directory.
+        store: where its stores lie, if not where the run had them; what is simulated anew is kept there.
+        console: where progress is shown.
+
+    Raises:
+        DataError: the data set is missing, or is not the one that the run had.
+        TacevoError: this is no run directory.
+    """
+    config, _, facts = read_run(RunDirectory(path))
+    if store is not None:
+        config.store.root = store
+    catalogue = source_of(config).catalogue()
+    with PlainView(console) as view:
+        dataset = load_same(config, facts, view, catalogue=catalogue)
+    return sample_figure(dataset, units=units_of(catalogue), width="double")
 
 
 def simulate(settings: Sequence[str], console: Console) -> str:

@@ -264,6 +264,37 @@ class Graph:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One call of a traced network in more detail than a node has: what motifs are found in (see docs/motifs.md)."""
+
+    #: Operation type as in `Node`, or the name of an activation, e.g. `leaky_relu`.
+    op: str
+    #: As in `Node`.
+    weighted: bool
+    #: For each operand that depends on the image, in order, the indices of the steps that it comes from: rising, below
+    #: this step's own, and none for the image itself.
+    sources: tuple[tuple[int, ...], ...]
+    #: Shapes of these operands for a batch of one image, that dimension included.
+    operands: tuple[tuple[int, ...], ...]
+    #: Shape of the result.
+    shape: tuple[int, ...]
+    #: Sides of a convolution's kernel and its strides, in pixels; else empty.
+    kernel: tuple[int, ...] = ()
+    stride: tuple[int, ...] = ()
+    #: Groups of a convolution; else 0.
+    groups: int = 0
+    #: Probability of a dropout, in [0, 1]; else 0.
+    rate: float = 0.0
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Json]) -> Self:
+        """Read what `to_json` wrote."""
+        nested = {name: tuple(tuple(entry) for entry in value[name]) for name in ("sources", "operands")}
+        flat = {name: tuple(value[name]) for name in ("shape", "kernel", "stride")}
+        return cls(**{**value, **nested, **flat})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """What the probe measured of an admitted candidate."""
 
@@ -276,6 +307,10 @@ class Profile:
     #: Kernels that the probe ran and that give other bits on another CPU (docs/determinism.md), in order; the child's
     #: claim, for information.
     not_portable: tuple[str, ...] = ()
+    #: The calls of the traced pass, in order; the child's claim, for information, and no part of the descriptors.
+    steps: tuple[Step, ...] = ()
+    #: Indices of the steps that the network's output comes from, rising.
+    output: tuple[int, ...] = ()
 
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
@@ -286,6 +321,8 @@ class Profile:
             modules=value["modules"],
             graph=Graph.from_json(value["graph"]),
             not_portable=tuple(value["not_portable"]),
+            steps=tuple(Step.from_json(step) for step in value["steps"]),
+            output=tuple(value["output"]),
         )
 
 

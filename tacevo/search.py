@@ -12,14 +12,13 @@ resuming and extending a run are this same loop.
 import hashlib
 import math
 import statistics
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Tessellation, coverage, qd_score
 from tacevo.choices import PromptPolicy, Scale, TemperatureRule
-from tacevo.descriptors import Descriptor, describe
+from tacevo.descriptors import Descriptor, describe, scaled
 from tacevo.development import Attempt, Outcome, Tools, develop
 from tacevo.errors import ConfigError
 from tacevo.ledger import Ledger
@@ -207,16 +206,6 @@ def close(
     if any("repairs" in line for line in lines):
         entry["repaired"] = len(repaired)
     return replace(state, generation=state.generation + 1, temperature=temperature, best=best), entry
-
-
-def scaled(eff_ratio: float, scale: Scale) -> float:
-    """Give an Efficiency Ratio as the archive's axis has it: as it is, or its decimal logarithm.
-
-    A network without counted FLOPs has ratio 0; on a logarithmic axis it stands at the smallest positive number.
-    """
-    if scale is Scale.linear:
-        return eff_ratio
-    return round(math.log10(max(eff_ratio, sys.float_info.min)), 12)
 
 
 def quality(objective: float) -> float:

@@ -19,6 +19,7 @@ from tacevo.data.source import Catalogue, Source
 from tacevo.data.table import Table
 from tacevo.data.tacverse import TacVerse
 from tacevo.data.workers import Progress
+from tacevo.descriptors import scaled
 from tacevo.development import Evaluate, Tools
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate, GateLimits
@@ -27,7 +28,7 @@ from tacevo.providers import build_llm, provider_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.sandbox.client import Sandbox
-from tacevo.search import Plan, scaled
+from tacevo.search import Plan
 from tacevo.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
@@ -242,6 +243,13 @@ def open_studies(
         store = _store(config, "studies", mode, seen)
         examples = None if data is None else (_examples(data), _held_out(data))
         yield FullEvaluator(run=sandbox.run, store=store, setting=setting, examples=examples), executor
+
+
+@contextlib.contextmanager
+def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tuple[Gate, Executor]]:
+    """Open the gate of a task alone, with the threads of its run; no process is started before something is probed."""
+    with _workers(config, None) as (sandbox, executor):
+        yield build_gate(config, contract, sandbox, mode), executor
 
 
 @contextlib.contextmanager

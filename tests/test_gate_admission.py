@@ -25,6 +25,7 @@ from tacevo.records import (
     Reason,
     Rejection,
     Stage,
+    Step,
     to_json,
 )
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
@@ -43,6 +44,11 @@ PROFILE = Profile(
         kernels=(3.0,),
         hidden=(),
     ),
+    steps=(
+        Step(op="conv2d", weighted=True, sources=((),), operands=((1, 3, 8, 8),), shape=(1, 4, 6, 6), kernel=(3, 3)),
+        Step(op="relu", weighted=False, sources=((0,),), operands=((1, 4, 6, 6),), shape=(1, 4, 6, 6)),
+    ),
+    output=(1,),
 )
 ANSWER = {"profile": to_json(PROFILE)}
 
@@ -200,6 +206,11 @@ def _with_node(**changes: Json) -> Json:
     return _with_graph(nodes=[{**first, **changes}, second])
 
 
+def _with_step(**changes: Json) -> Json:
+    first, second = ANSWER["profile"]["steps"]
+    return _with_profile(steps=[first, {**second, **changes}])
+
+
 def test_answer_is_read_once(tmp_path: Path) -> None:
     """The second gate recalls the verdict of extraction and policy, for a source and for a rejection."""
     for text in (VALID, "import os\n" + VALID, "no class"):
@@ -300,6 +311,23 @@ def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, rea
         pytest.param([_with_node(weighted=10**400)], id="number for a truth value"),
         pytest.param([_with_node(width=10**400)], id="width beyond every float"),
         pytest.param([_with_node(width="4")], id="width as text"),
+        pytest.param([_with_profile(steps=None)], id="no list of steps"),
+        pytest.param([_with_profile(steps=ANSWER["profile"]["steps"][:1] * 5_001)], id="too many steps"),
+        pytest.param([_with_profile(output=[2])], id="output of no step"),
+        pytest.param([_with_profile(output=[1, 0])], id="output out of order"),
+        pytest.param([_with_step(sources=[[1]])], id="step from itself"),
+        pytest.param([_with_step(sources=[[0, 0]])], id="source twice"),
+        pytest.param([_with_step(sources=[[0], [0]])], id="operand without a shape"),
+        pytest.param([_with_step(sources=[[0]] * 17, operands=[[1]] * 17)], id="too many operands"),
+        pytest.param([_with_step(operands=[["4"]])], id="operand's size as text"),
+        pytest.param([_with_step(shape=[10**400])], id="step beyond every float"),
+        pytest.param([_with_step(stride=[-1])], id="negative stride"),
+        pytest.param([_with_step(kernel=3)], id="kernel no list"),
+        pytest.param([_with_step(groups=0.5)], id="half a group"),
+        pytest.param([_with_step(rate=float("nan"))], id="rate not a number"),
+        pytest.param([_with_step(rate=1.5)], id="rate above one"),
+        pytest.param([_with_step(weighted=1)], id="number for whether a step is weighted"),
+        pytest.param([_with_step(op="x" * 101)], id="step with a long name"),
     ],
 )
 def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Json]) -> None:

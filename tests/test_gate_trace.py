@@ -20,8 +20,7 @@ Forward = Callable[[Tensor, nn.Module], object]
 
 def graph_of(model: nn.Module) -> Graph:
     """Trace a network on one 3 x 8 x 8 image."""
-    _, graph = trace(model, torch.ones(1, 3, 8, 8))
-    return graph
+    return trace(model, torch.ones(1, 3, 8, 8)).graph
 
 
 def ops_of(model: nn.Module) -> list[str]:

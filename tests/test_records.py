@@ -27,8 +27,20 @@ from tacevo.records import (
     Rejection,
     Request,
     Stage,
+    Step,
     Training,
     to_json,
+)
+
+STEP = Step(
+    op="conv2d",
+    weighted=True,
+    sources=((),),
+    operands=((1, 3, 8, 8),),
+    shape=(1, 16, 4, 4),
+    kernel=(3, 3),
+    stride=(2, 2),
+    groups=1,
 )
 
 GRAPH = Graph(
@@ -57,7 +69,8 @@ READ_BACK = [
         price=Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21", factor=0.5),
     ),
     GRAPH,
-    Profile(parameters=448, flops=9000, modules=2, graph=GRAPH),
+    STEP,
+    Profile(parameters=448, flops=9000, modules=2, graph=GRAPH, steps=(STEP,), output=(0,)),
     Training(
         train_losses=(0.75, 0.5), validation_losses=(0.5, 0.1 + 0.2), predictions_sha256="ab", weights_sha256="cd"
     ),

@@ -13,13 +13,12 @@ from tacevo.descriptors import describe
 from tacevo.gate.answers import read
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import check
+from tacevo.gate.soundness import are_sound_steps, is_sound_graph
 from tacevo.records import (
     Completion,
     Contract,
-    Graph,
     Json,
     Limits,
-    Node,
     Profile,
     Reason,
     Rejection,
@@ -31,13 +30,7 @@ from tacevo.sandbox.text import one_line
 from tacevo.store import Store
 
 #: Raised when the probe or the tracer changes what it answers; part of every probe's key.
-PROBE_VERSION = 3
-
-#: Widths, channels and kernel sides are below this, so that their squares and sums stay exact or at least finite.
-_TOO_LARGE = 2**53
-
-#: Longest spelling of an operation; those of torch stay below 50 characters.
-_LONGEST_NAME = 100
+PROBE_VERSION = 4
 
 #: Runs a sandbox entry: name, header, payload, limits.
 RunEntry = Callable[[str, Json, bytes, Limits], Finished | Died]
@@ -104,7 +97,7 @@ class Gate:
             CacheMissError: a store only replays and does not know this answer or its source.
         """
         source = read(completion, self._contract, limit=self._limits.source_bytes, store=self._answers)
-        return source if isinstance(source, Rejection) else self._measured(source)
+        return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
@@ -112,10 +105,10 @@ class Gate:
         The policy is computed anew each time, even in a replay: the text is the task's own, and not one that a model
         may have written for another version of Python.
         """
-        return check(source, self._contract) or self._measured(source)
+        return check(source, self._contract) or self.measure(source)
 
-    def _measured(self, source: str) -> Admitted | Rejection:
-        """Probe a source that the policy let through, or recall its probe."""
+    def measure(self, source: str) -> Admitted | Rejection:
+        """Probe a source that the policy has let through, or recall its probe; raises as `admit` does."""
         answer = self._store.recall(self._request(source), lambda: self._probe(source))
         if "rejection" in answer:
             return Rejection.from_json(answer["rejection"])
@@ -165,7 +158,9 @@ def _checked(outcome: Finished, limits: GateLimits) -> Json:
         return _rejected(rejection.reason, one_line(rejection.detail))
     profile = Profile.from_json(frame.header["profile"])
     known = profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
-    if not (known and _has_allowed_sizes(profile, limits) and _is_sound(profile.graph)):
+    if not (
+        known and _has_allowed_sizes(profile, limits) and is_sound_graph(profile.graph) and are_sound_steps(profile)
+    ):
         raise ValueError("expected the profile of a network within the limits")
     if not all(math.isfinite(value) and value >= 0 for value in astuple(describe(profile))):
         raise ValueError("expected a network whose descriptors are finite and >= 0")
@@ -181,31 +176,6 @@ def _has_allowed_sizes(profile: Profile, limits: GateLimits) -> bool:
         (len(profile.graph.nodes), limits.modules),
     )
     return profile.parameters >= 1 and all(type(count) is int and 0 <= count <= limit for count, limit in counts)
-
-
-def _is_sound(graph: Graph) -> bool:
-    """Check that a graph is one that tracing can give: sane nodes, forward edges, a layer's properties for a node."""
-    layers = (*graph.channels, *graph.hidden)
-    ends = [end for edge in graph.edges for end in edge]
-    return (
-        all(_is_sound_node(node) for node in graph.nodes)
-        and all(type(end) is int for end in ends)
-        and all(0 <= producer < consumer < len(graph.nodes) for producer, consumer in graph.edges)
-        and len(set(graph.edges)) == len(graph.edges)
-        and max(len(layers), len(graph.kernels)) <= len(graph.nodes)
-        and all(type(value) is int and 0 <= value < _TOO_LARGE for value in layers)
-        and all(type(side) in (int, float) and 0 <= side < _TOO_LARGE for side in graph.kernels)
-    )
-
-
-def _is_sound_node(node: Node) -> bool:
-    return (
-        type(node.op) is str
-        and len(node.op) <= _LONGEST_NAME
-        and type(node.weighted) is bool
-        and type(node.width) is int
-        and 0 <= node.width < _TOO_LARGE
-    )
 
 
 def _rejected(reason: Reason, detail: str) -> Json:

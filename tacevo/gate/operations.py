@@ -82,6 +82,11 @@ def is_transparent(op: str) -> bool:
     return _squashed(op) in _TRANSPARENT
 
 
+def activation(op: str) -> str | None:
+    """Give the one name of a simple activation, e.g. `leaky_relu` for the layer's `leaky_re_lu`; None for others."""
+    return _ACTIVATION_NAMES.get(_squashed(op))
+
+
 def is_factory(op: str) -> bool:
     """Say whether this call looks at no value of the tensor it is given."""
     return _squashed(op) in _SHAPE_ONLY
@@ -93,4 +98,6 @@ def _squashed(name: str) -> str:
 
 
 _TRANSPARENT = frozenset(_squashed(name) for name in (_SHAPING + _ACTIVATIONS).split())
+#: torch derives its layer ReLU6 from Hardtanh, whose forward pass it inherits; so the function is called that, too.
+_ACTIVATION_NAMES = {_squashed(name): name for name in _ACTIVATIONS.split()} | {"relu6": "hardtanh"}
 _SHAPE_ONLY = frozenset(_squashed(name) for name in _FACTORIES.split())

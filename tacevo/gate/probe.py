@@ -16,9 +16,9 @@ from torch.nn.functional import cross_entropy, mse_loss
 from torch.utils.flop_counter import FlopCounterMode
 
 from tacevo.gate.portability import watching_portability
-from tacevo.gate.trace import trace
+from tacevo.gate.trace import Trace, trace
 from tacevo.randomness import stream
-from tacevo.records import Contract, Graph, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
+from tacevo.records import Contract, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault
 from tacevo.sandbox.child import Arrays, Send
 
@@ -59,12 +59,19 @@ def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[
     model = _built(source, contract, built)
     modules, parameters = _sizes(model, limits)
     first = _training_step(model, images[:few], targets[:few], contract)
-    flops, graph = _measured(model, images[:1], contract, limits)
+    flops, traced = _measured(model, images[:1], contract, limits)
     _training_step(model, images[:many], targets[:many], contract)
     again = _built(source, contract, built)
     if _training_step(again, images[:few], targets[:few], contract) != first:
         raise CandidateError(Reason.nondeterministic, "two constructions and steps with one seed gave different bits")
-    return Profile(parameters=parameters, flops=flops, modules=modules, graph=graph)
+    return Profile(
+        parameters=parameters,
+        flops=flops,
+        modules=modules,
+        graph=traced.graph,
+        steps=traced.steps,
+        output=traced.ends,
+    )
 
 
 def _examples(contract: Contract) -> tuple[Tensor, Tensor]:
@@ -101,20 +108,20 @@ def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
     return modules, parameters
 
 
-def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict[str, int]) -> tuple[int, Graph]:
-    """Count the FLOPs of one image in eval mode and trace the graph, in one pass."""
+def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict[str, int]) -> tuple[int, Trace]:
+    """Count the FLOPs of one image in eval mode and trace it, in one pass."""
     counter = FlopCounterMode(display=False)
     # The counter knows matrix products but not the fused attention kernel of the CPU, which it takes for free.
     with blaming(Reason.forward_failed), sdpa_kernel(SDPBackend.MATH), counter:
-        output, graph = trace(model, images)
-    _check_output(output, len(images), contract)
+        traced = trace(model, images)
+    _check_output(traced.output, len(images), contract)
     flops = counter.get_total_flops()
     if flops > limits["flops"]:
         raise CandidateError(Reason.too_many_flops, f"expected at most {limits['flops']} FLOPs an image; got {flops}")
-    if len(graph.nodes) > limits["modules"]:
-        detail = f"expected at most {limits['modules']} operations a pass; got {len(graph.nodes)}"
+    if len(traced.graph.nodes) > limits["modules"]:
+        detail = f"expected at most {limits['modules']} operations a pass; got {len(traced.graph.nodes)}"
         raise CandidateError(Reason.too_many_modules, detail)
-    return flops, graph
+    return flops, traced
 
 
 def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -18,7 +19,8 @@ from torch.nn.modules import module as hooks
 from torch.overrides import TorchFunctionMode
 
 from tacevo.gate.operations import CONVOLUTIONS, WEIGHTED, is_factory, is_transparent, operation
-from tacevo.records import Graph, Node
+from tacevo.gate.steps import Settings, StepRecorder, of_call, of_layer
+from tacevo.records import Graph, Node, Step
 
 #: Modules of torch.nn that only call others; every other class of torch.nn is one layer.
 _CONTAINERS = (
@@ -31,15 +33,25 @@ _CONTAINERS = (
 )
 
 
-def trace(model: nn.Module, images: Tensor) -> tuple[Any, Graph]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trace:
+    """One forward pass."""
+
+    #: What the network returned.
+    output: Any
+    graph: Graph
+    #: The same pass with activations, shapes and settings, at most `tacevo.gate.steps.MOST_STEPS` of them.
+    steps: tuple[Step, ...]
+    #: The steps that the output comes from.
+    ends: tuple[int, ...]
+
+
+def trace(model: nn.Module, images: Tensor) -> Trace:
     """Run one forward pass in eval mode without gradients and record what it did.
 
     Args:
         model: the network; it is left in eval mode.
         images: its input, shape (N, channels, height, width).
-
-    Returns:
-        What the network returned, and the graph of the pass.
 
     Raises:
         Exception: whatever the network raises.
@@ -48,7 +60,10 @@ def trace(model: nn.Module, images: Tensor) -> tuple[Any, Graph]:
     recorder = _Recorder(model, images)
     with torch.no_grad(), recorder.watching_layers(), recorder:
         output = model(images)
-    return output, recorder.graph()
+    recorded = recorder.steps
+    return Trace(
+        output=output, graph=recorder.graph(), steps=tuple(recorded.steps), ends=recorded.behind(_tensors(output))
+    )
 
 
 class _Recorder(TorchFunctionMode):
@@ -66,6 +81,7 @@ class _Recorder(TorchFunctionMode):
         self._linears: dict[int, int] = {}
         self._last_linear: int | None = None
         self._layers_entered = 0
+        self.steps = StepRecorder(images)
 
     def graph(self) -> Graph:
         """Give what was recorded so far."""
@@ -103,11 +119,13 @@ class _Recorder(TorchFunctionMode):
         op = operation(name)
         inputs = list(_tensors((args, kwargs)))
         if op == "setitem":
-            self._follow(op, inputs, args[0], key=None)
+            self._follow(op, inputs, args[0], key=None, settings=Settings())
             return output
         if not name.endswith("_") and not is_transparent(op):
             output = _distinct(output, inputs)
-        self._follow(op, inputs, output, key=self._root(inputs, dimensions=2))
+        self._follow(
+            op, inputs, output, key=self._root(inputs, dimensions=2), settings=of_call(op, args, kwargs, inputs)
+        )
         return output
 
     def _enter_layer(self, layer: nn.Module, args: tuple[Any, ...]) -> None:
@@ -123,7 +141,7 @@ class _Recorder(TorchFunctionMode):
         if not is_transparent(op):
             output = _distinct(output, inputs)
         weight = getattr(layer, "weight", None)
-        self._follow(op, [*inputs, *_tensors(weight)], output, key=id(layer))
+        self._follow(op, [*inputs, *_tensors(weight)], output, key=id(layer), settings=of_layer(op, layer))
         return output
 
     def _leave_layer(self, layer: nn.Module, args: tuple[Any, ...], output: Any) -> None:
@@ -131,7 +149,7 @@ class _Recorder(TorchFunctionMode):
         if _layer_class(layer) is not None:
             self._layers_entered -= 1
 
-    def _follow(self, op: str, inputs: list[Tensor], output: Any, *, key: int | None) -> None:
+    def _follow(self, op: str, inputs: list[Tensor], output: Any, *, key: int | None, settings: Settings) -> None:
         """Pass data flow from inputs to outputs, through a new node where the call is an operation.
 
         Args:
@@ -139,6 +157,7 @@ class _Recorder(TorchFunctionMode):
             inputs: every tensor that the call was given, its weight included.
             output: what it returned.
             key: which weights it used; None where it used none of two or more dimensions.
+            settings: of a convolution or a dropout.
         """
         results = list(_tensors(output))
         sources = [self._producers[id(tensor)] for tensor in inputs if id(tensor) in self._producers]
@@ -150,6 +169,7 @@ class _Recorder(TorchFunctionMode):
         producers = frozenset[int]().union(*sources)
         if not is_transparent(op):
             producers = frozenset({self._add_node(op, producers, inputs, results[0], key)})
+        self.steps.follow(op, inputs, results, weighted=key is not None and op in WEIGHTED, settings=settings)
         for result in results:
             self._producers[id(result)] = producers
         self._alive += results

@@ -1,0 +1,111 @@
+"""All that is known of a run: its niches, its studies and their comparisons; which tables and pictures that gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from analysis.comparison import Comparisons, compare
+from analysis.comparison_tables import study_tables
+from analysis.dynamics_tables import (
+    costs_table,
+    gate_table,
+    generations_table,
+    improvement_table,
+    prompts_table,
+    temperatures_table,
+)
+from analysis.gallery import Picture, run_pictures, study_pictures
+from analysis.health import health_table
+from analysis.lineage import lineage_table
+from analysis.loading import Run, load_run
+from analysis.motif_tables import anatomies_table, motifs_table
+from analysis.motifs import read_anatomies
+from analysis.results import Study
+from analysis.studies import load_study
+from analysis.tables import Table
+from analysis.tessellation import Niches, load_niches
+from tacevo.errors import RunError
+from tacevo.records import Profile
+from tacevo.scores import studies_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compared:
+    """A finished study and what its comparison says."""
+
+    #: Of its folder.
+    name: str
+    study: Study
+    comparisons: Comparisons
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collection:
+    """A run with its studies."""
+
+    run: Run
+    niches: Niches
+    studies: tuple[Compared, ...]
+    #: Why other studies of the run are left out, a sentence each.
+    refused: tuple[str, ...]
+
+
+def collect(path: Path, store: Path | None = None) -> Collection:
+    """Read a finished run and its studies.
+
+    A study that is not finished or has holes is left out, and the reason kept: the search's own results do not
+    depend on it.
+
+    Args:
+        path: the run directory.
+        store: where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: this is no finished run, or it was edited.
+    """
+    run = load_run(path)
+    studies, refused = [], []
+    for directory in studies_of(path):
+        try:
+            study = load_study(directory.path)
+            if study.run != run.digest:
+                raise RunError(f"{directory.path} studied the run before it was continued; study it again")
+            studies.append(Compared(name=directory.path.name, study=study, comparisons=compare(study)))
+        except RunError as error:
+            refused.append(str(error))
+    return Collection(run=run, niches=load_niches(run, store), studies=tuple(studies), refused=tuple(refused))
+
+
+def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
+    """Give every table of a run and its studies; of several studies, each name ends in the study's.
+
+    Args:
+        found: the run.
+        profiles: of its trained candidates, by id; None where they cannot be had, and there are no tables of motifs.
+    """
+    run = found.run
+    tables = [improvement_table(run), generations_table(run), gate_table(run), prompts_table(run)]
+    tables += [temperatures_table(run), costs_table(run)]
+    tables.append(health_table(run, found.niches.networks))
+    if run.elites:
+        tables.append(lineage_table(run, run.ranked()[0].id))
+    if profiles is not None:
+        anatomies = read_anatomies(run, profiles)
+        tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
+    for compared in found.studies:
+        of_study = study_tables(compared.study, compared.comparisons)
+        tables += [replace(table, name=f"{table.name}{_ending(found, compared)}") for table in of_study]
+    return tuple(tables)
+
+
+def pictures_of(found: Collection) -> tuple[Picture, ...]:
+    """List every figure of a run and its studies; of several studies, each name ends in the study's."""
+    pictures = list(run_pictures(found.run, found.niches))
+    for compared in found.studies:
+        of_study = study_pictures(compared.study, compared.comparisons)
+        pictures += [replace(picture, name=f"{picture.name}{_ending(found, compared)}") for picture in of_study]
+    return tuple(pictures)
+
+
+def _ending(found: Collection, compared: Compared) -> str:
+    return f"_{compared.name}" if len(found.studies) > 1 else ""

@@ -1,0 +1,136 @@
+"""Tables of how a search went: generations, gate, prompts, improvement."""
+
+from analysis.dynamics import LEVEL, MOST, Productivity, by_prompt, by_temperature, gate_stages, improvement, progress
+from analysis.loading import Run
+from analysis.tables import Between, Percent, Table
+from tacevo.costs import Spending
+from tacevo.records import Stage
+
+
+def generations_table(run: Run) -> Table:
+    """Show every generation of a run."""
+    rows = tuple(
+        (
+            entry.line.generation,
+            entry.line.temperature,
+            entry.line.candidates,
+            entry.line.trained,
+            *(entry.rejected[stage] for stage in Stage),
+            entry.line.best,
+            entry.line.generation_median,
+            entry.line.qd_score,
+            Percent(entry.line.coverage),
+            entry.elites,
+            entry.growth,
+            entry.repeated,
+            entry.unchanged,
+        )
+        for entry in progress(run)
+    )
+    stages = tuple(f"rejected: {stage}" for stage in Stage)
+    results = ("best", "median", "QD-score", "coverage", "elites", "growth", "repeated", "unchanged")
+    return Table(
+        name=f"generations_{run.task}",
+        caption=f"The generations of {run.name}.",
+        columns=("generation", "T", "candidates", "trained", *stages, *results),
+        rows=rows,
+        notes=(
+            "Trained and rejected count first answers.",
+            "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
+        ),
+    )
+
+
+def costs_table(run: Run) -> Table:
+    """Show what the answers of every generation cost when they were recorded."""
+    rows = tuple((entry.line.generation, *_cost_cells(entry.spent)) for entry in progress(run))
+    return Table(
+        name=f"costs_{run.task}",
+        caption=f"What the answers of {run.name} cost when they were recorded.",
+        columns=("generation", "answers", "input tokens", "output tokens", "USD"),
+        rows=rows,
+        notes=("A place without a value is one that the run's timings do not tell.",),
+    )
+
+
+def gate_table(run: Run) -> Table:
+    """Show where first answers were turned away."""
+    rows = tuple(
+        (
+            found.stage.value,
+            found.rejected,
+            found.left,
+            Percent(found.left_share),
+            ", ".join(f"{reason} {count}" for reason, count in found.reasons) or None,
+        )
+        for found in gate_stages(run)
+    )
+    return Table(
+        name=f"gate_{run.task}",
+        caption=f"Where the gate turned first answers of {run.name} away.",
+        columns=("stage", "rejected", "left", "of all", "reasons"),
+        rows=rows,
+    )
+
+
+def prompts_table(run: Run) -> Table:
+    """Show what every instruction brought."""
+    return _productivity_table(run, f"prompts_{run.task}", "instruction", by_prompt(run))
+
+
+def temperatures_table(run: Run) -> Table:
+    """Show what every band of temperatures brought."""
+    return _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+
+
+def improvement_table(run: Run) -> Table:
+    """Show how far a run came, one figure a row; empty where nothing was trained."""
+    found = improvement(run)
+    rows: list[tuple[str, float | int | Percent | None]] = []
+    if found is not None:
+        rows = [
+            ("fitness of the baseline", found.baseline),
+            ("best fitness of generation 0", found.first),
+            ("best fitness at the end", found.last),
+            ("improvement over the best of generation 0", Percent(found.over_first)),
+            ("improvement over the baseline", Percent(found.over_baseline)),
+            (f"generation by which {MOST:.0%} of the former was had", found.settled),
+            *((f"part of it by generation {number}", Percent(share)) for number, share in found.by_generation),
+            ("trainable candidates, mean over generations", _percent(found.trainable)),
+            ("coverage at the end", Percent(found.coverage)),
+        ]
+    return Table(
+        name=f"improvement_{run.task}",
+        caption=f"How far {run.name} came. Fitness is a validation loss.",
+        columns=("figure", "value"),
+        rows=tuple(rows),
+    )
+
+
+def _productivity_table(run: Run, name: str, of: str, found: tuple[Productivity, ...]) -> Table:
+    rows = tuple((entry.name, entry.tried, entry.trained, entry.inserted, _between(entry)) for entry in found)
+    return Table(
+        name=name,
+        caption=f"Children of {run.name} that entered the archive, by {of}.",
+        columns=(of, "tried", "trained", "inserted", "inserted / tried"),
+        rows=rows,
+        notes=(f"Mutations from generation 1 on; Wilson intervals at {LEVEL:.0%}.",),
+    )
+
+
+def _between(entry: Productivity) -> Between | None:
+    if entry.rate is None or entry.interval is None:
+        return None
+    return Between(entry.rate, *entry.interval)
+
+
+def _percent(share: float | None) -> Percent | None:
+    return None if share is None else Percent(share)
+
+
+def _cost_cells(spent: Spending | None) -> tuple[int | float | None, ...]:
+    """Give the cells of a spending; dollars only where every answer has a price."""
+    if spent is None:
+        return (None,) * 4
+    dollars = None if spent.unpriced else spent.usd
+    return spent.answers, spent.input_tokens, spent.output_tokens, dollars

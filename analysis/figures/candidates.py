@@ -1,0 +1,112 @@
+"""Single networks of a search: where the best came from, and how the best were trained."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from analysis.loading import Candidate
+from analysis.rounding import shown
+from analysis.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
+from tacevo.data.sheet import WIDTHS
+from tacevo.records import Operator
+
+#: Ancestors that a figure shows, at most: the latest.
+ROWS = 45
+
+#: Inches of a lineage: above, each row, below.
+_HEAD, _ROW, _FOOT = 0.42, 0.15, 0.38
+
+#: Where its texts stand, in widths of its axes.
+_PLACES = (1.1, 1.56, 3.17)
+
+Dashes = Literal["-", "--"]
+
+#: How each operator is drawn: colour, marker, dashes.
+_OPERATORS: dict[Operator, tuple[str, str, Dashes]] = {
+    Operator.baseline: (BLACK, "s", "-"),
+    Operator.mutation: (BLUE, "o", "-"),
+    Operator.crossover: (ORANGE, "D", "--"),
+}
+
+#: How each network is drawn: colour, marker, dashes.
+_LINES = (
+    (BLACK, "s", "-"),
+    (BLUE, "o", "--"),
+    (VERMILLION, "^", "-."),
+    (GREEN, "D", ":"),
+    (PURPLE, "v", (0, (5, 1, 1, 1))),
+    (SKY, "P", (0, (1, 1))),
+)
+
+
+@house_style()
+def lineage(ancestors: Sequence[Candidate], instructions: Sequence[str]) -> Figure:
+    """Draw a network and its ancestors, one below the other, each with what it was made by and its fitness.
+
+    Args:
+        ancestors: in the order of the search; the network itself is the last.
+        instructions: ids, in the order of the prompt indices.
+    """
+    rows = ancestors[-ROWS:]
+    height = _HEAD + _ROW * len(rows) + _FOOT
+    figure = Figure(figsize=(WIDTHS["single"], height))
+    axes = figure.add_axes((0.03, _FOOT / height, 0.3, _ROW * len(rows) / height))
+    places = {candidate.id: (candidate.generation, row) for row, candidate in enumerate(rows)}
+    for candidate in rows:
+        colour, marker, dashes = _OPERATORS[candidate.operator]
+        generation, row = places[candidate.id]
+        for before, above in (places[parent] for parent in candidate.parents if parent in places):
+            axes.plot([before, generation], [above, row], color=colour, linestyle=dashes, linewidth=0.9)
+        axes.plot(generation, row, marker, color=colour, zorder=3, clip_on=False)
+        made = candidate.operator.value if candidate.prompt is None else instructions[candidate.prompt]
+        fitness = "" if candidate.trained is None else shown(candidate.trained.fitness)
+        _write(axes, row, candidate.id, made.replace("_", " "), fitness)
+    hidden = len(ancestors) - len(rows)
+    _write(axes, -1, "network", f"made by ({hidden} left out)" if hidden else "made by", "loss")
+    axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=[], xlabel="generation")
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
+    axes.spines["left"].set_visible(False)
+    figure.legend(handles=_operators(rows), loc="upper center", ncols=3)
+    return figure
+
+
+@house_style()
+def training_curves(networks: Sequence[Candidate]) -> Figure:
+    """Draw the validation loss of trained candidates after each epoch of the search's short training.
+
+    Args:
+        networks: trained, at most six, the baseline first.
+    """
+    figure, (axes,) = new_figure("single", 2.4)
+    lowest, highest = float("inf"), 0.0
+    for candidate, (colour, marker, dashes) in zip(networks, _LINES, strict=False):
+        losses = candidate.trained.validation_losses if candidate.trained else ()
+        label = candidate.operator.value if candidate.operator is Operator.baseline else candidate.id
+        axes.plot(range(1, len(losses) + 1), losses, color=colour, marker=marker, linestyle=dashes, label=label)
+        lowest, highest = min(lowest, *losses), max(highest, *losses)
+    if 0 < 10 * lowest <= highest:
+        axes.set_yscale("log")
+    axes.set(xlabel="epoch", ylabel="validation loss")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+def _write(axes: Axes, row: int, *texts: str) -> None:
+    """Write a candidate's id, what it was made by and its fitness beside its row."""
+    for place, side, text in zip(_PLACES, ("left", "left", "right"), texts, strict=True):
+        axes.text(place, row, text, transform=axes.get_yaxis_transform(), ha=side, va="center", parse_math=False)
+
+
+def _operators(shown: Sequence[Candidate]) -> list[Line2D]:
+    """Make the legend of the operators that occur."""
+    used = {candidate.operator for candidate in shown}
+    return [
+        Line2D([], [], color=colour, marker=marker, linestyle=dashes, label=operator.value)
+        for operator, (colour, marker, dashes) in _OPERATORS.items()
+        if operator in used
+    ]

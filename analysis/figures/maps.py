@@ -1,0 +1,132 @@
+"""Maps of both archives: every niche as its Voronoi cell, in the units of the axes, coloured by what holds it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from numpy.typing import NDArray
+
+from analysis.loading import Run
+from analysis.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, VERMILLION, house_style, new_figure
+from analysis.tessellation import Polygon, cells
+
+#: (low, high) of both axes, in their units.
+Extent = tuple[tuple[float, float], tuple[float, float]]
+
+#: In inches.
+HEIGHT = 3.1
+
+_OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
+
+
+@house_style()
+def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
+    """Draw the network archive over its descriptors, each niche in the colour of its elite's fitness.
+
+    Args:
+        run: the run.
+        centroids: of the network archive, shape (niches, 2), in [0, 1].
+    """
+    figure, (axes,) = new_figure("single", HEIGHT)
+    fitness = {elite.niche: elite.fitness for elite in run.elites}
+    polygons = _placed(centroids, _extent(run))
+    filled = _fill(axes, polygons, fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
+    _points(axes, [elite.descriptors for elite in run.elites])
+    if run.elites:
+        best = run.ranked()[0].descriptors
+        axes.plot(*best, "*", color=VERMILLION, markersize=8, label="best", clip_on=False, **_OUTLINED)
+        bar = figure.colorbar(filled, label="validation loss of the elite", pad=0.02)
+        if isinstance(filled.norm, LogNorm):
+            bar.ax.yaxis.set_major_locator(FixedLocator(list(np.geomspace(*filled.get_clim(), 5))))
+            bar.ax.yaxis.set_minor_locator(NullLocator())
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    scale = run.config["archive"]["eff_ratio_scale"]
+    ratio = "Efficiency Ratio" if scale == "linear" else r"$\log_{10}$ Efficiency Ratio"
+    axes.set(xlabel="Architectural Diversity", ylabel=ratio)
+    _legend(figure, axes)
+    return figure
+
+
+@house_style()
+def prompt_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
+    """Draw the prompt archive over instruction and temperature, each niche in the colour of its trial's curiosity.
+
+    A trial whose child the network archive did not take is hatched.
+
+    Args:
+        run: the run.
+        centroids: of the prompt archive, shape (niches, 2), in [0, 1].
+    """
+    figure, (axes,) = new_figure("single", HEIGHT)
+    curiosity = {trial.niche: trial.curiosity for trial in run.prompt_trials}
+    polygons = _placed(centroids, ((0.0, float(max(len(run.instructions) - 1, 1))), (0.0, 1.0)))
+    filled = _fill(axes, polygons, curiosity, Normalize(0.5, 2.0), COLOUR_MAP)
+    told: list[Patch] = []
+    fruitless = [trial.niche for trial in run.prompt_trials if not trial.inserted]
+    if fruitless:
+        marks: dict[str, Any] = {"facecolor": "none", "edgecolor": "white", "linewidth": 0.3, "hatch": "/////"}
+        axes.add_collection(PolyCollection([polygons[niche] for niche in fruitless], **marks))
+        told = [Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted")]
+    _points(axes, [(trial.prompt, trial.temperature) for trial in run.prompt_trials])
+    if run.prompt_trials:
+        figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="instruction (index in the library)", ylabel="temperature $T_g$")
+    _legend(figure, axes, told)
+    return figure
+
+
+def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
+    """Give the cells in the units of the axes."""
+    low, high = np.array(extent).T
+    return [low + polygon * (high - low) for polygon in cells(centroids)]
+
+
+def _fill(
+    axes: Axes, polygons: Sequence[Polygon], values: Mapping[int, float], scale: Normalize, colours: str
+) -> PolyCollection:
+    """Draw every niche, pale where nobody holds it; return those that are held."""
+    empty = [polygon for niche, polygon in enumerate(polygons) if niche not in values]
+    axes.add_collection(PolyCollection(empty, facecolor=PALE, edgecolor=GREY, linewidth=0.3, label="empty"))
+    held = sorted(values)
+    chosen = [polygons[niche] for niche in held]
+    filled = PolyCollection(chosen, edgecolor=GREY, linewidth=0.3, cmap=colours, norm=scale)
+    filled.set_array([values[niche] for niche in held])
+    axes.add_collection(filled)
+    corners = np.concatenate(polygons)
+    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+    axes.set(xlim=(left, right), ylim=(low, high))
+    axes.spines[:].set_visible(True)
+    return filled
+
+
+def _points(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
+    """Mark where the occupants stand, visibly on light and on dark cells."""
+    for point in points:
+        axes.plot(*point, "o", color=BLACK, markersize=2.4, clip_on=False, **_OUTLINED)
+
+
+def _extent(run: Run) -> Extent:
+    """Give the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
+    if run.bounds is None:
+        return (0.0, 1.0), (0.0, 1.0)
+    first, second = ((low, high) if high > low else (low - 0.5, low + 0.5) for low, high in run.bounds)
+    return first, second
+
+
+def _loss_scale(losses: Sequence[float]) -> Normalize:
+    """Scale losses by their logarithm, so that one bad elite does not hide the differences of the others."""
+    if losses and min(losses) > 0 and max(losses) > min(losses):
+        return LogNorm(min(losses), max(losses))
+    return Normalize()
+
+
+def _legend(figure: Figure, axes: Axes, others: Iterable[Patch] = ()) -> None:
+    handles, _ = axes.get_legend_handles_labels()
+    figure.legend(handles=[*handles, *others], loc="outside upper center", ncols=3)

@@ -1,0 +1,116 @@
+"""How a search went, generation by generation: fitness, trainable candidates, archives, temperature."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from analysis.dynamics import Progress
+from analysis.loading import Run
+from analysis.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
+from tacevo.records import Stage
+
+#: Of losses: from this ratio of largest to smallest on, they stand on a logarithmic axis.
+LOG_FROM = 10.0
+
+#: How candidates that a stage turned away are drawn: label, colour, hatching.
+_STAGES = {
+    Stage.extract: ("no class found", ORANGE, "////"),
+    Stage.policy: ("against the policy", SKY, "\\\\\\\\"),
+    Stage.probe: ("failed the probe", PURPLE, "xxxx"),
+    Stage.train: ("failed in training", GREY, "...."),
+}
+
+
+@house_style()
+def fitness_evolution(run: Run) -> Figure:
+    """Draw the archive's best fitness and the median of each generation's candidates."""
+    figure, (axes,) = new_figure("single", 2.2)
+    generations = [entry.generation for entry in run.generations]
+    best = _values([entry.best for entry in run.generations])
+    median = _values([entry.generation_median for entry in run.generations])
+    axes.plot(generations, median, color=VERMILLION, linestyle="--", marker="s", label="median of the generation")
+    axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
+    together = np.concatenate([best, median])
+    _losses(axes, together[np.isfinite(together)])
+    axes.set_ylabel("validation loss")
+    _generations(axes)
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+@house_style()
+def trainable(generations: Sequence[Progress]) -> Figure:
+    """Draw how many first answers of each generation were trained, and at which stage the others were turned away."""
+    figure, (axes,) = new_figure("single", 2.4)
+    numbers = [entry.line.generation for entry in generations]
+    floor = np.array([entry.line.trained for entry in generations])
+    axes.bar(numbers, floor, 0.82, color=BLUE, edgecolor="white", label="trained")
+    for stage, (label, colour, hatch) in _STAGES.items():
+        counts = np.array([entry.rejected[stage] for entry in generations])
+        if counts.any():
+            axes.bar(numbers, counts, 0.82, floor, color=colour, edgecolor="white", hatch=hatch, label=label)
+        floor = floor + counts
+    axes.set_ylabel("candidates")
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    _generations(axes)
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+@house_style()
+def growth(run: Run) -> Figure:
+    """Draw the coverage of both archives and the QD-score of the network archive."""
+    figure, (upper, lower) = new_figure("single", 3.2, rows=2)
+    generations = [entry.generation for entry in run.generations]
+    networks = [100 * entry.coverage for entry in run.generations]
+    prompts = [100 * entry.prompt_coverage for entry in run.generations]
+    upper.plot(generations, networks, color=BLUE, marker="o", label="networks")
+    upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", label="prompts")
+    upper.set(ylabel="niches occupied (%)", ylim=(0, 100))
+    figure.legend(loc="outside upper center", ncols=2)
+    lower.plot(generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D")
+    lower.set_ylabel("QD-score")
+    lower.set_ylim(bottom=0)
+    for axes in (upper, lower):
+        _generations(axes)
+    upper.set_xlabel("")
+    upper.tick_params(labelbottom=False)
+    return figure
+
+
+@house_style()
+def temperature(run: Run) -> Figure:
+    """Draw T_g of each generation, and the temperature of every request around it."""
+    figure, (axes,) = new_figure("single", 2.2)
+    asked = [(entry.generation, entry.temperature) for entry in run.candidates if entry.temperature is not None]
+    if asked:
+        axes.plot(*zip(*asked, strict=True), ".", color=GREY, markersize=2, label="requests")
+    generations = [entry.generation for entry in run.generations]
+    centres = [entry.temperature for entry in run.generations]
+    axes.step(generations, centres, where="mid", color=BLUE, label="$T_g$ of the generation")
+    axes.set(ylabel="temperature", ylim=(-0.02, 1.02))
+    _generations(axes)
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
+    """Put NaN, which is not drawn, where nothing was trained."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _losses(axes: Axes, values: NDArray[np.float64]) -> None:
+    """Choose the axis of losses."""
+    if len(values) and values.min() > 0 and values.max() >= LOG_FROM * values.min():
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+
+
+def _generations(axes: Axes) -> None:
+    axes.set_xlabel("generation")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

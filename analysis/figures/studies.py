@@ -1,0 +1,101 @@
+"""A study: every seed of every network, and what its classifiers confuse."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from analysis.results import Study
+from analysis.style import BLACK, BLUE, GREY, ORANGE, PALE, VERMILLION, house_style, new_figure
+
+#: The metrics' names for people.
+METRICS = {"mse": "test MSE", "accuracy": "test accuracy (%)"}
+
+#: Half of what neighbouring seeds of a network are apart, as part of its place.
+_SPREAD = 0.24
+
+
+@house_style()
+def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
+    """Draw the primary metric of every network as a box of quartiles, with every seed as a point over it.
+
+    Whiskers end at the furthest seed within 1.5 quartile ranges; seeds beyond are seen as points like all others.
+
+    Args:
+        study: the study.
+        words: what stands above a network, e.g. its verdict; by the network's name.
+    """
+    figure, (axes,) = new_figure("single", 2.6)
+    factor = 100.0 if study.primary == "accuracy" else 1.0
+    names = [network.name for network in study.networks]
+    values = [factor * study.values(name, study.primary) for name in names]
+    places = range(1, len(names) + 1)
+    boxes = axes.boxplot(
+        values,
+        positions=places,
+        widths=0.62,
+        showfliers=False,
+        patch_artist=True,
+        boxprops={"facecolor": PALE, "edgecolor": GREY},
+        whiskerprops={"color": GREY},
+        capprops={"color": GREY},
+        medianprops={"color": BLACK, "linewidth": 1.4},
+    )
+    boxes["boxes"][0].set_hatch("////")
+    for place, seeds in zip(places, values, strict=True):
+        offsets = np.linspace(-_SPREAD, _SPREAD, len(seeds)) if len(seeds) > 1 else np.zeros(1)
+        colour, marker = (ORANGE, "s") if place == 1 else (BLUE, "o")
+        axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, markeredgecolor="white", mew=0.3)
+    axes.axhline(float(np.median(values[0])), color=VERMILLION, linestyle=":", linewidth=0.8, zorder=0)
+    axes.set_xticks(list(places), [name.replace(" ", "\n") for name in names])
+    axes.set_ylabel(METRICS[study.primary])
+    for place, name in zip(places, names, strict=True):
+        where = axes.get_xaxis_transform()
+        axes.text(place, 1.01, words.get(name, ""), transform=where, ha="center", va="bottom", linespacing=1.1)
+    return figure
+
+
+@house_style()
+def confusion_matrices(study: Study, networks: Sequence[str], *, seed: int) -> Figure:
+    """Draw the test images of one seed by true and predicted class: counts, and per cent of the true class.
+
+    Args:
+        study: of a classification.
+        networks: the names of one network or two.
+        seed: whose predictions.
+
+    Raises:
+        ValueError: the study has no such matrix.
+    """
+    columns = len(networks)
+    figure, panels = new_figure("single" if columns == 1 else "double", 3.4, columns=columns)
+    for axes, name in zip(panels, networks, strict=True):
+        _matrix(axes, _confusion(study, name, seed), study.names)
+        axes.set_title(f"{name}, seed {seed}")
+    panels[0].set_ylabel("true class")
+    return figure
+
+
+def _confusion(study: Study, network: str, seed: int) -> NDArray[np.int64]:
+    for score in study.scores:
+        if (score.network, score.seed) == (network, seed) and score.confusion is not None:
+            return np.array(score.confusion)
+    raise ValueError(f"the study of {study.task} has no confusion matrix of {network}, seed {seed}")
+
+
+def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None:
+    """Draw one matrix, coloured by the share of its row; a class without images stays pale."""
+    totals = counts.sum(axis=1, keepdims=True)
+    shares = 100 * counts / np.maximum(totals, 1)
+    axes.imshow(shares, cmap="Blues", vmin=0, vmax=100)
+    for (row, column), count in np.ndenumerate(counts):
+        if count:
+            colour = "white" if shares[row, column] > 55 else BLACK
+            text = f"{count}\n{shares[row, column]:.0f} %"
+            axes.text(column, row, text, color=colour, ha="center", va="center", linespacing=1.05)
+    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
+    axes.set_yticks(range(len(names)), names, parse_math=False)
+    axes.set_xlabel("predicted class")
+    axes.spines[:].set_visible(True)

@@ -1,0 +1,104 @@
+"""Which pictures a run and its studies give, with the names of their files and the words below them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from matplotlib.figure import Figure
+
+from analysis.comparison import Comparisons
+from analysis.dynamics import by_prompt, progress
+from analysis.figures.candidates import lineage, training_curves
+from analysis.figures.maps import network_map, prompt_map
+from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
+from analysis.figures.prompts import prompt_productivity
+from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.lineage import ancestors
+from analysis.loading import Run
+from analysis.results import Study
+from analysis.rounding import shown
+from analysis.tables import PValue
+from analysis.tessellation import Niches
+from tacevo.records import Kind
+
+#: Elites whose training is drawn beside the baseline's.
+TOP = 4
+
+#: The seed whose predictions the confusion matrices show.
+CONFUSED_SEED = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A figure that can be drawn."""
+
+    #: Of its files, without an ending.
+    name: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
+    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+    drawn: list[tuple[str, Callable[[], Figure], str]] = [
+        (
+            "fitness_evolution",
+            partial(fitness_evolution, run),
+            "Best fitness so far, and the median of each generation.",
+        ),
+        (
+            "trainable",
+            partial(trainable, progress(run)),
+            "First answers that were trained, and what became of the others.",
+        ),
+        ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
+        ("temperature", partial(temperature, run), "Temperature of each generation, and of its requests."),
+        ("network_map", partial(network_map, run, niches.networks), "The network archive; each cell is a niche."),
+    ]
+    if run.config["prompts"]["policy"] != "none":
+        drawn.append(
+            ("prompt_map", partial(prompt_map, run, niches.prompts), "The prompt archive; each cell is a niche.")
+        )
+    if run.instructions:
+        words = "Children of each instruction that entered the network archive."
+        drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
+    if run.elites:
+        drawn += _of_elites(run)
+    return tuple(Picture(name=name, caption=f"{words[:-1]} ({run.name}).", draw=draw) for name, draw, words in drawn)
+
+
+def study_pictures(study: Study, comparisons: Comparisons) -> tuple[Picture, ...]:
+    """List the figures of a study."""
+    verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in comparisons.variants}
+    words = (
+        f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
+        "quartiles, the dotted line is the baseline's median; p is Holm's."
+    )
+    pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
+    if study.kind is Kind.classification:
+        names = [network.name for network in study.networks[:2]]
+        draw = partial(confusion_matrices, study, names, seed=CONFUSED_SEED)
+        words = f"Test images of {' and '.join(names)} by true and predicted class, training seed {CONFUSED_SEED}."
+        pictures.append(Picture(name="confusion_matrices", caption=words, draw=draw))
+    return tuple(pictures)
+
+
+def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:
+    """List the figures of the best networks."""
+    candidates = {candidate.id: candidate for candidate in run.candidates}
+    ranked = [candidates[elite.id] for elite in run.ranked()]
+    networks = [run.baseline, *(candidate for candidate in ranked[: TOP + 1] if candidate != run.baseline)][: TOP + 1]
+    return [
+        (
+            "lineage",
+            partial(lineage, ancestors(run, ranked[0].id), run.instructions),
+            f"The ancestors of {ranked[0].id}, the best network.",
+        ),
+        ("training_curves", partial(training_curves, networks), "Short training of the baseline and the best elites."),
+    ]
+
+
+def _p_value(value: float) -> str:
+    """Write a p-value with its relation: `p = 0.012`, `p < 0.001`."""
+    text = shown(PValue(value))
+    return f"p < {text[1:]}" if text.startswith("<") else f"p = {text}"

@@ -1,0 +1,135 @@
+"""Tables of what the paper prints: its statistics beside the correct ones, and its searches beside ours."""
+
+from collections.abc import Sequence
+
+from analysis import published
+from analysis.dynamics import improvement
+from analysis.loading import Run
+from analysis.published import Corrected, Finding, PrintedTest, corrected, verdicts_that_change
+from analysis.tables import Cell, Percent, PValue, Table
+
+#: What is set beside each other of a search.
+RESULTS = ("trainable candidates", "improvement on generation 0", "improvement on the baseline", "coverage")
+UNKNOWN = (None,) * len(RESULTS)
+NOT_STATED = "not stated"
+
+
+def published_tables() -> tuple[Table, ...]:
+    """Give all tables that need no run: both tests, the searches, the scores."""
+    return (*(_test_table(test) for test in published.TESTS), _searches_table(), _scores_table())
+
+
+def beside_published(runs: Sequence[Run]) -> Table:
+    """Set the results and the set-up of runs beside the published ones.
+
+    Args:
+        runs: one or more, of any task; of a task without a published search only ours is shown.
+
+    Raises:
+        ValueError: there is no run.
+    """
+    if not runs:
+        raise ValueError("a table beside the published figures needs at least one run; got none")
+    return Table(
+        name="beside_published",
+        caption="Searches of this project beside the published ones.",
+        columns=("run", "quantity", "published", "ours"),
+        rows=tuple((run.name, *row) for run in runs for row in (*_results(run), *_set_up(run))),
+        notes=(
+            "The paper does not say against what the best fitness improved, so its figure stands beside both ours.",
+            "Trainable candidates: mean over the generations after the first, of first answers.",
+            "The number of niches is not stated; the published coverages fit 25, 50 and 100.",
+            *(_differences(run) for run in runs),
+        ),
+    )
+
+
+def _test_table(test: PrintedTest) -> Table:
+    rows = corrected(test)
+    wrong = [found.row.variant for found in rows if found.finding in {Finding.too_small, Finding.too_large}]
+    changed = verdicts_that_change(rows)
+    return Table(
+        name=f"published_{test.task}",
+        caption=f"{test.name} of the paper ({test.task}, {test.metric}) beside Holm's correction of its p-values.",
+        columns=("network", "p", "adjusted, printed", "adjusted, Holm", "printed value"),
+        rows=tuple(
+            (found.row.variant, found.row.p, found.row.adjusted, _holm_cell(found), found.finding.value)
+            for found in rows
+        ),
+        notes=(
+            f"Mann-Whitney U against the baseline, {published.SEEDS} training seeds each, as the paper reports it.",
+            f"The printed table lacks the running maximum of Holm's method: {_listed(wrong)}.",
+            f"Verdicts at {published.ALPHA} that change: {_listed(changed)}.",
+            "A p printed as a bound gives a bound.",
+        ),
+    )
+
+
+def _holm_cell(found: Corrected) -> Cell:
+    return f"<{found.holm:g}" if found.bound else PValue(found.holm)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) if names else "none"
+
+
+def _searches_table() -> Table:
+    return Table(
+        name="published_searches",
+        caption="What the paper prints of its searches.",
+        columns=("task", "trainable candidates", "improvement of the best fitness", "coverage"),
+        rows=tuple(
+            (search.task, Percent(search.trainable), Percent(search.improvement), Percent(search.coverage))
+            for search in published.SEARCHES
+        ),
+        notes=(
+            f"{published.GENERATIONS} generations of {published.CANDIDATES} candidates, {published.EPOCHS} epochs "
+            f"each, {published.MODEL}.",
+        ),
+    )
+
+
+def _scores_table() -> Table:
+    return Table(
+        name="published_scores",
+        caption="What the paper prints of its networks.",
+        columns=("task", "network", "measure", "value"),
+        rows=tuple((score.task, score.network, score.measure, score.value) for score in published.SCORES),
+    )
+
+
+def _results(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
+    """Give quantity, published and own value of what a search found."""
+    printed = next((search for search in published.SEARCHES if search.task == run.task), None)
+    found = improvement(run)
+    theirs = printed and (printed.trainable, printed.improvement, printed.improvement, printed.coverage)
+    ours = found and (found.trainable, found.over_first, found.over_baseline, found.coverage)
+    return tuple(
+        (quantity, _percent(published_share), _percent(own_share))
+        for quantity, published_share, own_share in zip(RESULTS, theirs or UNKNOWN, ours or UNKNOWN, strict=True)
+    )
+
+
+def _percent(share: float | None) -> Percent | None:
+    return None if share is None else Percent(share)
+
+
+def _set_up(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
+    """Give quantity, published and own value of how a search was set up."""
+    config = run.config
+    return (
+        ("niches", NOT_STATED, config["archive"]["niches"]),
+        ("candidates per generation", published.CANDIDATES, config["search"]["candidates"]),
+        ("generations", published.GENERATIONS, config["search"]["generations"]),
+        ("epochs", published.EPOCHS, config["training"]["epochs"]),
+        ("model", published.MODEL, config["llm"]["model"]),
+        ("data", "recorded", config["data"]["source"]),
+        ("images", published.IMAGES.get(run.task, NOT_STATED), sum(run.facts.counts)),
+        ("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),
+    )
+
+
+def _differences(run: Run) -> str:
+    """Name what was set up otherwise; what the paper does not state cannot be held against it."""
+    differing = [quantity for quantity, theirs, ours in _set_up(run) if theirs not in {NOT_STATED, ours}]
+    return f"Set up otherwise in {run.name}: {_listed(differing)}."

@@ -1,0 +1,77 @@
+"""How a number is shown: one rule for all that people read.
+
+    text                  as it is, escaped
+    whole number          in full, thousands apart: 1,145,411
+    number                three significant digits, all digits before the point: 0.00612, 12.3, 1,235;
+                          below 0.0001 as 1.23e-05
+    p-value               two significant digits, `<0.001` below that
+    percentage            one decimal: 96.0 %
+    estimate [low, high]  all three with the decimals that give the largest of them three significant digits
+    nothing               an en dash
+
+Halves go the way of the binary number, as Python's `format` rounds. What is no finite number is refused.
+"""
+
+import math
+import re
+
+from analysis.tables import Between, Cell, Percent, PValue
+
+_MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+_SMALLEST = 1e-4
+#: The sign of a number, not of an exponent.
+_NEGATIVE = re.compile(r"(?<!e)-")
+
+
+def shown(cell: Cell) -> str:
+    """Round a cell by the rule above, as plain text.
+
+    Raises:
+        ValueError: it is NaN or infinite.
+    """
+    match cell:
+        case None | str():
+            return _DASH if cell is None else cell
+        case int():
+            text = f"{cell:,}"
+        case PValue(value):
+            text = "<0.001" if finite(value) < 0.001 else _significant(value, 2)
+        case Percent(value):
+            text = f"{finite(value) * 100:.1f} %"
+        case Between(estimate, low, high):
+            text = _interval(estimate, low, high)
+        case _:
+            text = _significant(finite(cell), 3)
+    return _NEGATIVE.sub(_MINUS, text)
+
+
+def finite(value: float) -> float:
+    """Give a number back that is one.
+
+    Raises:
+        ValueError: it is NaN or infinite.
+    """
+    if not math.isfinite(value):
+        raise ValueError(f"a table's numbers must be finite; got {value}; where there is no value, give None")
+    return value
+
+
+def _significant(value: float, digits: int) -> str:
+    """Write a number with so many significant digits, and all digits before its point."""
+    if 0 < abs(value) < _SMALLEST:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:,.{_decimals(value, digits)}f}"
+
+
+def _decimals(value: float, digits: int) -> int:
+    """Count the decimals that give a number so many significant digits, once it is rounded to them."""
+    if value == 0:
+        return digits - 1
+    exponent = int(f"{abs(value):.{digits - 1}e}".partition("e")[2])  # of 9.996 as of 10.0
+    return max(digits - 1 - exponent, 0)
+
+
+def _interval(estimate: float, low: float, high: float) -> str:
+    decimals = min(_decimals(max(abs(finite(value)) for value in (estimate, low, high)), 3), 7)
+    texts = [f"{value:,.{decimals}f}" for value in (estimate, low, high)]
+    return f"{texts[0]} [{texts[1]}, {texts[2]}]"

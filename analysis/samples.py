@@ -1,0 +1,45 @@
+"""Samples as the statistics take them: checked before anything is computed, and numbers rounded on purpose.
+
+Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md). What ends in a table
+is therefore rounded where it is made.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Sample = NDArray[np.float64]
+
+#: Significant digits of every figure, as of the losses in a ledger.
+DIGITS = 9
+
+
+def rounded(value: float) -> float:
+    """Keep 9 significant digits: more than any table shows, and none that depends on the CPU."""
+    return float(f"{value:.{DIGITS}g}")
+
+
+def checked(values: ArrayLike, *, name: str) -> Sample:
+    """Give a sample as an array, once it is one.
+
+    Args:
+        values: one number for each seed, shape (n,), n >= 2.
+        name: what a message calls the sample, e.g. `mse of variant 1`.
+
+    Raises:
+        ValueError: the shape is another, there are fewer than two values, or one is NaN or infinite; the message
+            names the positions, which are the seeds.
+    """
+    sample = np.asarray(values, dtype=np.float64)
+    if sample.ndim != 1 or len(sample) < 2:
+        raise ValueError(f"{name} must have shape (n,) with n >= 2 seeds; got shape {sample.shape}")
+    broken = not_finite(sample)
+    if broken:
+        raise ValueError(f"{name} is not finite for seeds {broken}; drop or rerun those seeds first")
+    return sample
+
+
+def not_finite(values: Sequence[float] | Sample) -> list[int]:
+    """List the positions of the values that are NaN or infinite."""
+    return [int(position) for position in np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)))]

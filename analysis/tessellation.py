@@ -1,0 +1,89 @@
+"""The niches of a run's archives: their centroids, and the cells of the unit square that belong to them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Voronoi
+
+from analysis.loading import Run
+from tacevo.archive import find_centroids
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.rundir import RunDirectory
+from tacevo.store import Store, content_hash
+
+#: Corners of a convex polygon in order, shape (corners, 2).
+Polygon = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Niches:
+    """The centroids of both archives, each shape (niches, 2), in [0, 1]."""
+
+    networks: NDArray[np.float64]
+    prompts: NDArray[np.float64]
+
+
+def load_niches(run: Run, store: Path | None = None) -> Niches:
+    """Find the centroids that a run was searched with; where its store has none, they are computed as they were.
+
+    Args:
+        run: the run.
+        store: where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: they are not those of the run's ledger.
+        StoreError: the store's entry is damaged.
+    """
+    root = store or Path(run.config["store"]["root"])
+    archive = run.config["archive"]
+    networks, prompts = (_centroids(root, archive, archive[key]) for key in ("niches", "prompt_niches"))
+    if content_hash([networks, prompts]) != RunDirectory(run.path).read_ledger()[0]["centroids"]:
+        raise RunError(
+            f"the niches in {root} are not those that {run.path} was searched with, and computing them on this "
+            "machine gives others; name the run's own stores with --store"
+        )
+    return Niches(networks=np.array(networks), prompts=np.array(prompts))
+
+
+def cells(centroids: NDArray[np.float64]) -> tuple[Polygon, ...]:
+    """Cut the unit square into the Voronoi cells of points in it.
+
+    Each point is mirrored at the four sides, so that the sides become borders between a point and its image, and
+    no cell of a point itself goes beyond them.
+
+    Args:
+        centroids: shape (niches, 2), inside (0, 1).
+
+    Returns:
+        One polygon for each point, in their order; together they cover the square once.
+    """
+    mirrored = [centroids * flip + shift for flip, shift in _MIRRORS]
+    diagram = Voronoi(np.concatenate([centroids, *mirrored]))
+    return tuple(
+        _in_order(np.clip(diagram.vertices[diagram.regions[diagram.point_region[number]]], 0.0, 1.0), centroid)
+        for number, centroid in enumerate(centroids)
+    )
+
+
+#: What mirrors a point at the left, right, lower and upper side: a factor and a shift.
+_MIRRORS = [
+    (np.array([-1.0, 1.0]), np.array([0.0, 0.0])),
+    (np.array([-1.0, 1.0]), np.array([2.0, 0.0])),
+    (np.array([1.0, -1.0]), np.array([0.0, 0.0])),
+    (np.array([1.0, -1.0]), np.array([0.0, 2.0])),
+]
+
+
+def _centroids(root: Path, archive: Json, niches: int) -> list[list[float]]:
+    shape = {"niches": niches, "dimensions": 2, "samples": archive["samples"], "seed": archive["seed"]}
+    found: list[list[float]] | None = Store(root, "centroids").read(shape)
+    return find_centroids(**shape) if found is None else found
+
+
+def _in_order(corners: Polygon, centre: NDArray[np.float64]) -> Polygon:
+    """Sort the corners of a convex polygon around a point in it."""
+    across, up = (corners - centre).T
+    return corners[np.argsort(np.arctan2(up, across))]

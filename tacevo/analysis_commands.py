@@ -1,0 +1,236 @@
+"""The commands that show what a run found: `tacevo tables | figures | report | paper`.
+
+What they do is imported when they run, so that help is quick.
+"""
+
+import argparse
+import contextlib
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tacevo.commandline import DIFFERENT, DONE, Parser
+from tacevo.errors import ConfigError, DataError, SandboxError
+
+if TYPE_CHECKING:
+    from analysis.collection import Collection
+    from analysis.gallery import Picture
+    from analysis.paper import Chapter
+    from analysis.tables import Table
+
+_FORMATS = ("pdf", "svg", "png")
+
+
+def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe the commands on finished runs."""
+    tables = commands.add_parser(
+        "tables",
+        help="every table of a run, in LaTeX, Markdown and CSV",
+        description="Print every table of a finished run and its studies, and write them as .tex, .md and .csv.",
+    )
+    tables.add_argument("run", metavar="RUN", nargs="?", help="the folder of a run; with --paper it may be left out")
+    tables.add_argument("--paper", action="store_true", help="the paper's own tables, beside corrected values and RUN")
+    tables.add_argument(
+        "-o", "--output", metavar="DIR", help="where they go (default: RUN/tables; with --paper: nowhere)"
+    )
+    tables.set_defaults(command=_tables)
+
+    figures = commands.add_parser(
+        "figures",
+        help="every figure of a run, for a paper",
+        description="Draw every figure of a finished run and its studies.",
+    )
+    figures.add_argument("run", metavar="RUN", help="the folder of a run")
+    figures.add_argument("-o", "--output", metavar="DIR", help="where they go (default: RUN/figures)")
+    figures.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
+    figures.set_defaults(command=_figures)
+
+    report = commands.add_parser(
+        "report",
+        help="one page with every table and figure of a run",
+        description="Write one HTML file that holds every table and figure of a finished run and its studies.",
+    )
+    report.add_argument("run", metavar="RUN", help="the folder of a run")
+    report.add_argument("-o", "--output", metavar="FILE", help="default: RUN/report.html")
+    report.set_defaults(command=_report)
+
+    paper = commands.add_parser(
+        "paper",
+        help="the pages of a paper: every table and figure of several runs",
+        description="Write every table and figure of finished runs and their studies, a LaTeX document that holds "
+        "them all, and its PDF where LaTeX is installed.",
+    )
+    paper.add_argument("runs", metavar="RUN", nargs="+", help="the folder of a run")
+    paper.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
+    paper.set_defaults(command=_paper)
+
+    for parser in (tables, figures, report, paper):
+        parser.add_argument("--store", metavar="DIR", help="where the stores of a run lie, if they were moved")
+        parser.set_defaults(interrupted="each file that was written is whole, and the same command makes the rest")
+
+
+def _tables(options: argparse.Namespace) -> int:
+    from analysis.rendering import as_markdown
+    from analysis.writing import write_tables
+
+    if options.run is None and not options.paper:
+        raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
+    found = [] if options.run is None else [_collect(options.run, options.store)]
+    remarks: list[str] = []
+    if options.paper:
+        tables, folder = _published(found), options.output
+    else:
+        tables, remarks = _own_tables(found[0], options)
+        folder = options.output or found[0].run.path / "tables"
+    print("\n".join(map(as_markdown, tables)))
+    if folder is not None:
+        write_tables(tables, Path(folder))
+        print(f"tables: {folder}")
+    _say(remarks)
+    return _status(found)
+
+
+def _figures(options: argparse.Namespace) -> int:
+    from analysis.writing import write_pictures
+
+    found = _collect(options.run, options.store)
+    pictures, remarks = _pictures(found, options)
+    folder = Path(options.output or found.run.path / "figures")
+    endings = [f".{name}" for name in dict.fromkeys(options.format)]
+    with _shown("figures", len(pictures)) as told:
+        write_pictures(pictures, folder, endings, told)
+    _say(remarks)
+    print(f"figures: {folder}")
+    return _status([found])
+
+
+def _report(options: argparse.Namespace) -> int:
+    from analysis.report import as_html, drawn
+    from tacevo.store import write_durably
+
+    found = _collect(options.run, options.store)
+    tables, untold = _own_tables(found, options)
+    pictures, undrawn = _pictures(found, options)
+    with _shown("figures", len(pictures)) as told:
+        images = [drawn(picture, told) for picture in pictures]
+    path = Path(options.output or found.run.path / "report.html")
+    write_durably(path, as_html(found.run, tables, images, [*_remarks(found), *untold, *undrawn]))
+    _say([*untold, *undrawn])
+    print(f"report: {path}")
+    return _status([found])
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from analysis.paper import ENGINES, make_pdf, write_document
+    from analysis.writing import write_chapter
+
+    names = [Path(run).resolve().name for run in options.runs]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
+    folder, found = Path(options.output), [_collect(run, options.store) for run in options.runs]
+    chapters = [write_chapter("The paper beside these runs", _published(found), [], folder / "published", _nobody)]
+    # LaTeX reads no file whose name holds certain characters, so runs are numbered.
+    chapters += [_chapter(one, folder / f"run{number}", options) for number, one in enumerate(found, start=1)]
+    document = write_document(chapters, folder)
+    print(f"document: {document}")
+    pdf = make_pdf(document, shutil.which)
+    engines = " or ".join(command[0] for command, _ in ENGINES)
+    print(f"PDF: {pdf}" if pdf else f"no PDF: no {engines} is installed; with one, this command makes it")
+    return _status(found)
+
+
+def _chapter(found: "Collection", folder: Path, options: argparse.Namespace) -> "Chapter":
+    """Write the tables and figures of a run into a folder."""
+    from analysis.writing import write_chapter
+
+    tables, untold = _own_tables(found, options)
+    pictures, undrawn = _pictures(found, options)
+    with _shown(found.run.name, len(pictures)) as told:
+        chapter = write_chapter(found.run.name, tables, pictures, folder, told)
+    _say([*untold, *undrawn])
+    return chapter
+
+
+def _collect(run: str, store: str | None) -> "Collection":
+    """Read a run and its studies, and say what is missing."""
+    from analysis.collection import collect
+
+    found = collect(Path(run), None if store is None else Path(store))
+    _say(_remarks(found))
+    return found
+
+
+def _remarks(found: "Collection") -> list[str]:
+    """Say which studies a run lacks, and how to have them."""
+    remarks = [f"left out: {reason}" for reason in found.refused]
+    if not found.studies:
+        remarks.append(
+            f"no finished study yet: `tacevo study run={found.run.path}` makes one, with its tables and figures"
+        )
+    return remarks
+
+
+def _published(collections: "Sequence[Collection]") -> "tuple[Table, ...]":
+    """Give the paper's own tables, and with runs the one that sets them beside it."""
+    from analysis.published_tables import beside_published, published_tables
+
+    runs = [found.run for found in collections]
+    return (*published_tables(), beside_published(runs)) if runs else published_tables()
+
+
+def _own_tables(found: "Collection", options: argparse.Namespace) -> "tuple[tuple[Table, ...], list[str]]":
+    """Give the tables of a run; where networks cannot be probed, say why those of motifs are missing."""
+    from analysis.collection import tables_of
+    from tacevo.profiles import recall_profiles
+
+    try:
+        profiles = recall_profiles(found.run.path, options.store)
+    except SandboxError as error:
+        return tables_of(found, None), [f"no tables of motifs: {error}"]
+    return tables_of(found, profiles), []
+
+
+def _pictures(found: "Collection", options: argparse.Namespace) -> "tuple[list[Picture], list[str]]":
+    """List the pictures of a run, sample images first; where its data set cannot be had, say why they are missing."""
+    from rich.console import Console
+
+    from analysis.collection import pictures_of
+    from analysis.gallery import Picture
+    from tacevo.inspecting import samples_of_run
+
+    pictures, path = list(pictures_of(found)), found.run.path
+    try:
+        figure = samples_of_run(path, options.store, Console(stderr=True))
+    except (ConfigError, DataError) as error:
+        return pictures, [f"no sample images: {error}"]
+    caption = f"Training images of the data set ({found.run.name})."
+    return [Picture(name="samples", caption=caption, draw=lambda: figure), *pictures], []
+
+
+def _status(collections: "Sequence[Collection]") -> int:
+    """Give the exit status: studies that cannot be used are a failed check."""
+    return DIFFERENT if any(found.refused for found in collections) else DONE
+
+
+def _say(remarks: Iterable[str]) -> None:
+    for remark in remarks:
+        print(remark, file=sys.stderr)
+
+
+def _nobody(name: str) -> None:
+    """Take word of a picture, and tell nobody."""
+
+
+@contextlib.contextmanager
+def _shown(words: str, total: int) -> Iterator[Callable[[str], None]]:
+    """Show how many pictures are drawn, on a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task(words, total=total)
+        yield lambda name: bars.advance(task)

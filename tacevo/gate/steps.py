@@ -1,0 +1,128 @@
+"""The steps of a traced pass: the calls that the graph leaves out or simplifies, for motifs (child side).
+
+What it promises: every node of the graph that gets values of the image is a step, and so is every simple activation;
+changes of shape are none, data flows through them. Unlike the graph, steps know that `gate.expand_as(x)` holds no x. A
+pass of more than `MOST_STEPS` calls is recorded up to there.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor, nn
+
+from tacevo.gate.operations import CONVOLUTIONS, activation, is_transparent
+from tacevo.gate.soundness import MOST_OPERANDS, MOST_STEPS
+from tacevo.records import Step
+
+#: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
+_STRIDE, _GROUPS = 3, 6
+
+#: What torch's dropout functions take where a call names no probability.
+_DROPOUT = 0.5
+
+
+#: Calls that take no values from their second tensor, only its shape or type.
+_LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What a call was told beside its tensors, as a `Step` has it."""
+
+    kernel: tuple[int, ...] = ()
+    stride: tuple[int, ...] = ()
+    groups: int = 0
+    rate: float = 0.0
+
+
+class StepRecorder:
+    """Appends steps, and follows data between them.
+
+    Args:
+        images: the input of the pass. Tensors are told apart by id; the caller keeps alive what it hands over.
+    """
+
+    def __init__(self, images: Tensor) -> None:
+        self.steps: list[Step] = []
+        self._behind: dict[int, frozenset[int]] = {id(images): frozenset()}
+
+    def follow(
+        self, op: str, inputs: Iterable[Tensor], results: Iterable[Tensor], *, weighted: bool, settings: Settings
+    ) -> None:
+        """Pass data flow from inputs to results, through a new step where the call is one."""
+        given = list(inputs)[:1] if op in _LIKE else list(inputs)
+        operands = [tensor for tensor in given if id(tensor) in self._behind]
+        if not operands:
+            return
+        reached = list(results)
+        behind = frozenset(self.behind(operands))
+        name = activation(op) or (None if is_transparent(op) else op)
+        if name is not None and len(self.steps) < MOST_STEPS:
+            kept = operands[:MOST_OPERANDS]
+            behind = frozenset({len(self.steps)})
+            self.steps.append(
+                Step(
+                    op=name,
+                    weighted=weighted,
+                    sources=tuple(self.behind([tensor]) for tensor in kept),
+                    operands=tuple(tuple(tensor.shape) for tensor in kept),
+                    shape=tuple(reached[0].shape),
+                    kernel=settings.kernel,
+                    stride=settings.stride,
+                    groups=settings.groups,
+                    rate=settings.rate,
+                )
+            )
+        for result in reached:
+            self._behind[id(result)] = behind
+
+    def behind(self, tensors: Iterable[Tensor]) -> tuple[int, ...]:
+        """Give the steps that tensors come from, rising; none for the image and for what does not depend on it."""
+        return tuple(sorted(frozenset[int]().union(*(self._behind.get(id(tensor), ()) for tensor in tensors))))
+
+
+def of_layer(op: str, layer: nn.Module) -> Settings:
+    """Read the settings of a layer of torch.nn."""
+    rank = CONVOLUTIONS.get(op)
+    if rank is not None:
+        weight = getattr(layer, "weight", None)
+        return _convolution(rank, [weight], getattr(layer, "stride", 1), getattr(layer, "groups", 1))
+    return Settings(rate=_rate(getattr(layer, "p", 0.0))) if _is_dropout(op) else Settings()
+
+
+def of_call(op: str, args: tuple[Any, ...], kwargs: Mapping[str, Any], inputs: list[Tensor]) -> Settings:
+    """Read the settings of a function."""
+    rank = CONVOLUTIONS.get(op)
+    if rank is not None:
+        stride = kwargs.get("stride", args[_STRIDE] if len(args) > _STRIDE else 1)
+        return _convolution(rank, inputs, stride, kwargs.get("groups", args[_GROUPS] if len(args) > _GROUPS else 1))
+    return (
+        Settings(rate=_rate(kwargs.get("p", args[1] if len(args) > 1 else _DROPOUT))) if _is_dropout(op) else Settings()
+    )
+
+
+def _convolution(rank: int, tensors: Iterable[Any], stride: Any, groups: Any) -> Settings:
+    """Put a convolution's settings in one form; the weight is the last tensor of two dimensions more than its rank."""
+    weights = [tensor for tensor in tensors if isinstance(tensor, Tensor) and tensor.dim() == rank + 2]
+    return Settings(
+        kernel=tuple(weights[-1].shape[2:]) if weights else (),
+        stride=_sides(stride, rank),
+        groups=groups if type(groups) is int and groups > 0 else 1,
+    )
+
+
+def _sides(value: Any, rank: int) -> tuple[int, ...]:
+    """Write `2`, `(2,)` and `(2, 2)` alike; torch itself refuses what is neither a number nor as many as the rank."""
+    sides = tuple(value) if isinstance(value, tuple | list) else (value,)
+    sides = sides * rank if len(sides) == 1 else sides
+    return sides if all(type(side) is int and side > 0 for side in sides) else ()
+
+
+def _is_dropout(op: str) -> bool:
+    return "dropout" in op
+
+
+def _rate(value: Any) -> float:
+    """Take a probability; a call that torch accepted has one in [0, 1], as a number or, rarely, as a tensor."""
+    return float(value) if isinstance(value, int | float) and 0 <= value <= 1 else 0.0

@@ -1,0 +1,61 @@
+"""Small studies, made by hand for the tests of the analysis."""
+
+from collections.abc import Mapping, Sequence
+
+from analysis.results import Network, Score, Study
+from analysis.tables import Table
+from tacevo.records import Kind, Limits, Recipe
+
+RECIPE = Recipe(
+    epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)
+)
+
+
+def around(median: float, *, step: float, seeds: int = 20) -> list[float]:
+    """Make seeds that lie evenly around a median, no two alike."""
+    return [round(median + step * (at - (seeds - 1) / 2), 9) for at in range(seeds)]
+
+
+#: A variant of each verdict: far below, far above, as good as equal, and too wide to tell.
+FOUR = {
+    "baseline": around(0.01, step=0.0001),
+    "variant 1": around(0.007, step=0.0001),
+    "variant 2": around(0.01301, step=0.0001),
+    "variant 3": around(0.010003, step=0.00009),
+    "variant 4": around(0.0101, step=0.00077),
+}
+
+
+def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regression, seeds: int = 0) -> Study:
+    """Make a study from each network's primary metric, in the order of the seeds; 0 seeds are the first's."""
+    metric = "mse" if kind is Kind.regression else "accuracy"
+    return Study(
+        run="0" * 64,
+        task="force" if kind is Kind.regression else "grating",
+        kind=kind,
+        names=("Fx", "Fy", "Fz"),
+        fingerprint="f" * 64,
+        recipe=RECIPE,
+        numerics="portable",
+        seeds=seeds or len(next(iter(values.values()))),
+        networks=tuple(network(name) for name in values),
+        scores=tuple(
+            score(name, seed, {metric: value}) for name, sample in values.items() for seed, value in enumerate(sample)
+        ),
+    )
+
+
+def network(name: str) -> Network:
+    """Make a network of a name."""
+    return Network(name=name, id="g00s00", source=name, fitness=0.1, parameters=1000, flops=2000)
+
+
+def score(name: str, seed: int, metrics: Mapping[str, float]) -> Score:
+    """Make a network's score under a seed."""
+    return Score(network=name, seed=seed, epoch=40, validation_loss=0.1, metrics=metrics, confusion=None)
+
+
+def in_text(table: Table) -> str:
+    """Write a table down for a golden file: every cell as Python has it, so nothing is rounded away."""
+    rows = [" | ".join(str(cell) for cell in row) for row in (table.columns, *table.rows)]
+    return "\n".join([f"{table.name}: {table.caption}", *rows, *(f"* {note}" for note in table.notes)]) + "\n"

@@ -1,0 +1,213 @@
+"""The dynamics of a search are the counts that a person would make from its ledger."""
+
+import pytest
+from hand_runs import closed, run, trained, turned_away
+
+from analysis.dynamics import (
+    by_prompt,
+    by_temperature,
+    copies,
+    gate_stages,
+    improvement,
+    progress,
+    repeats,
+)
+from analysis.dynamics_tables import (
+    costs_table,
+    gate_table,
+    generations_table,
+    improvement_table,
+    prompts_table,
+    temperatures_table,
+)
+from analysis.loading import Run
+from analysis.tables import Between, Percent
+from tacevo.costs import Spending
+from tacevo.records import Reason, Stage
+
+PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
+
+
+def two_generations() -> Run:
+    """Give a run whose every figure can be counted on one hand."""
+    return run(
+        [
+            trained(0, 0, 0.8),
+            trained(0, 1, 0.6, spent=PAID),
+            trained(1, 0, 0.4, prompt=0, status="improved", spent=PAID),
+            trained(1, 1, 0.9, prompt=0, status="rejected", source="g00s01", spent=PAID),
+            turned_away(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
+            trained(1, 3, 0.5, prompt=None, parents=("g00s00", "g00s01"), source="g00s00", status="rejected"),
+        ],
+        [closed(0, 0.6, candidates=2, trained=2, coverage=0.5), closed(1, 0.4, candidates=4, trained=3, coverage=0.75)],
+    )
+
+
+def test_generation_is_counted() -> None:
+    """Elites follow from coverage and niches, growth from the generation before, rejections stand by stage."""
+    first, second = progress(two_generations())
+    assert (first.elites, first.growth, second.elites, second.growth) == (2, 2, 3, 1)
+    assert (second.new, second.improved, second.repeated, second.unchanged) == (0, 1, 2, 1)
+    assert second.rejected == {Stage.extract: 0, Stage.policy: 1, Stage.probe: 0, Stage.train: 0}
+    assert second.trainable == 0.75
+
+
+def test_archive_that_shrinks_has_negative_growth() -> None:
+    """Moved bounds can make niches fall together."""
+    shrunk = run([trained(0, 0)], [closed(0, coverage=0.75), closed(1, coverage=0.5)])
+    assert [entry.growth for entry in progress(shrunk)] == [3, -1]
+
+
+def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
+    """The first slot of a source is none, every later one is, in whatever generation."""
+    slots = [trained(0, 0), trained(0, 1, source="twin"), trained(0, 2, source="twin"), trained(1, 0, source="twin")]
+    assert repeats(run(slots, [])) == {"g00s02", "g01s00"}
+
+
+def test_candidates_without_an_evaluation_repeat_nothing() -> None:
+    """Two answers that the gate turned away are no duplicates of each other."""
+    assert repeats(run([turned_away(1, 0), turned_away(1, 1)], [])) == frozenset()
+
+
+def test_copy_is_the_source_of_a_parent() -> None:
+    """A child that equals a candidate which is not its parent is no copy."""
+    slots = [trained(0, 0), trained(0, 1), trained(1, 0, source="g00s00"), trained(1, 1, source="g00s01")]
+    assert copies(run(slots, [])) == {"g01s00"}
+
+
+def test_costs_with_a_gap_are_unknown() -> None:
+    """A sum that misses an answer would pass for the whole; the baseline was nobody's answer."""
+    first, second = progress(two_generations())
+    assert first.spent == PAID
+    assert second.spent is None
+    assert costs_table(two_generations()).rows == ((0, 1, 100, 50, 0.25), (1, None, None, None, None))
+
+
+def test_dollars_are_shown_only_where_every_answer_has_a_price() -> None:
+    """Tokens are known without a price."""
+    unpriced = Spending(answers=1, input_tokens=7, output_tokens=3, unpriced=1)
+    slots = [trained(0, 0), trained(0, 1, spent=unpriced)]
+    assert costs_table(run(slots, [closed(0)])).rows == ((0, 1, 7, 3, None),)
+
+
+def test_gate_counts_what_each_stage_leaves() -> None:
+    """Shares are of all first answers, and the last stage leaves what was trained."""
+    slots = [
+        trained(0, 0),
+        turned_away(1, 0, Stage.extract, Reason.empty),
+        turned_away(1, 1, Stage.probe, Reason.bad_output),
+        turned_away(1, 2, Stage.probe, Reason.forward_failed),
+        turned_away(1, 3, Stage.probe, Reason.forward_failed),
+    ]
+    extract, policy, probe, train = gate_stages(run(slots, []))
+    assert [(found.rejected, found.left) for found in (extract, policy, probe, train)] == [
+        (1, 4),
+        (0, 4),
+        (3, 1),
+        (0, 1),
+    ]
+    assert probe.reasons == ((Reason.forward_failed, 2), (Reason.bad_output, 1))
+    assert train.left_share == 0.2
+    assert gate_table(run(slots, [])).rows[2] == ("probe", 3, 1, Percent(0.2), "forward_failed 2, bad_output 1")
+
+
+def test_repaired_answer_counts_as_turned_away_once_at_first() -> None:
+    """The paper discards a failed answer, so a rate that counts corrected ones could not stand beside its rate."""
+    mended = trained(1, 0, sent_back=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
+    stages = gate_stages(run([trained(0, 0), mended], []))
+    assert [found.rejected for found in stages] == [1, 0, 0, 0]
+
+
+def test_rejected_child_was_tried_and_inserted_nowhere() -> None:
+    """An instruction that yields broken code is unproductive; crossovers and generation 0 do not count."""
+    refine, widen = by_prompt(two_generations())
+    assert (refine.tried, refine.trained, refine.inserted) == (2, 2, 1)
+    assert (widen.tried, widen.trained, widen.inserted, widen.rate) == (1, 0, 0, 0.0)
+
+
+def test_interval_is_the_one_of_wilson() -> None:
+    """1 of 2: centre (p + z^2 / 2n) / (1 + z^2 / n), half width z / (1 + z^2 / n) sqrt(p (1 - p) / n + z^2 / 4 n^2)."""
+    z, n, p = 1.959963984540054, 2, 0.5
+    centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
+    assert by_prompt(two_generations())[0].interval == pytest.approx((centre - half, centre + half))
+
+
+def test_interval_of_no_success_begins_at_zero() -> None:
+    """Not a hair beside it, which a table would print."""
+    (_, widen) = by_prompt(two_generations())
+    assert widen.interval is not None
+    assert widen.interval[0] == 0.0
+
+
+def test_instruction_that_was_never_tried_has_no_rate() -> None:
+    """It has a row, without a value."""
+    untried = by_prompt(run([trained(0, 0)], []))[1]
+    assert (untried.tried, untried.rate, untried.interval) == (0, None, None)
+    assert prompts_table(run([trained(0, 0)], [])).rows[1] == ("widen", 0, 0, 0, None)
+
+
+@pytest.mark.parametrize(
+    ("temperature", "band"), [(0.0, "0.0-0.1"), (0.3, "0.3-0.4"), (0.6, "0.6-0.7"), (0.7, "0.7-0.8"), (1.0, "0.9-1.0")]
+)
+def test_band_holds_its_lower_end(temperature: float, band: str) -> None:
+    """Only the last band holds its upper end, too."""
+    (found,) = by_temperature(run([trained(0, 0), trained(1, 0, temperature=temperature)], []))
+    assert (found.name, found.tried) == (band, 1)
+    (row,) = temperatures_table(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).rows
+    assert isinstance(row[4], Between)
+
+
+def test_improvement_has_both_references() -> None:
+    """From 0.8 and 0.6 to 0.4: half of the baseline, a third of the best of generation 0."""
+    found = improvement(two_generations())
+    assert found is not None
+    assert (found.over_baseline, found.over_first) == pytest.approx((0.5, 1 / 3))
+    assert (found.settled, found.trainable, found.coverage) == (1, 0.75, 0.75)
+
+
+def test_most_of_the_improvement_is_dated() -> None:
+    """From 1.0 to 0.0: 0.11 left at generation 7 is not yet 90 %, 0.1 at generation 8 is."""
+    bests = [1.0, *(0.5,) * 6, 0.11, 0.1, 0.05, 0.0]
+    found = improvement(run([trained(0, 0, 1.0)], [closed(number, best) for number, best in enumerate(bests)]))
+    assert found is not None
+    assert found.settled == 8
+    assert dict(found.by_generation) == pytest.approx({7: 0.89, 10: 1.0})
+
+
+def test_run_without_improvement_settles_nowhere() -> None:
+    """Nothing is divided by the improvement that never came."""
+    found = improvement(run([trained(0, 0, 0.5)], [closed(0, 0.5), closed(1, 0.5)]))
+    assert found is not None
+    assert (found.over_first, found.settled, found.by_generation) == (0.0, None, ())
+
+
+def test_run_without_fitness_has_no_improvement() -> None:
+    """The table stays empty."""
+    nothing = run([turned_away(0, 0)], [closed(0, None, trained=0)])
+    assert improvement(nothing) is None
+    assert improvement_table(nothing).rows == ()
+
+
+def test_tables_show_the_figures() -> None:
+    """One row a generation, in the order of the columns."""
+    table = generations_table(two_generations())
+    assert dict(zip(table.columns, table.rows[1], strict=True)) == {
+        "generation": 1,
+        "T": 0.6,
+        "candidates": 4,
+        "trained": 3,
+        "rejected: extract": 0,
+        "rejected: policy": 1,
+        "rejected: probe": 0,
+        "rejected: train": 0,
+        "best": 0.4,
+        "median": 0.4,
+        "QD-score": 1.0,
+        "coverage": Percent(0.75),
+        "elites": 3,
+        "growth": 1,
+        "repeated": 2,
+        "unchanged": 1,
+    }
+    assert ("improvement over the baseline", Percent(0.5)) in improvement_table(two_generations()).rows

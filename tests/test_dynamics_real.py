@@ -1,0 +1,54 @@
+"""The dynamics of a real search agree with what the search itself counted, also where answers were repaired."""
+
+from pathlib import Path
+
+import pytest
+from smallest import SMALLEST, UNTRACKED
+
+from analysis.dynamics import by_prompt, gate_stages, progress
+from analysis.loading import Run, load_run
+from tacevo.app import main
+from tacevo.rundir import RunDirectory
+
+
+@pytest.fixture(scope="module")
+def repaired(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Give a finished search, as small as one can be, whose model often slips and is asked again."""
+    folder = tmp_path_factory.mktemp("repaired")
+    size = ["search.generations=1", "search.candidates=6", "search.initial=2", "run.dir=run"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        slips = ["llm.slip_rate=0.7", "proposals.repair_attempts=2"]
+        assert main(["search", *SMALLEST, UNTRACKED, *size, *slips]) == 0
+        return load_run(Path("run").resolve())
+
+
+def test_first_answers_are_counted_as_the_search_did(repaired: Run) -> None:
+    """What all stages leave is what the generations call trained, and some of it was lost at first."""
+    left = gate_stages(repaired)[-1].left
+    assert left == sum(line.trained for line in repaired.generations) < len(repaired.candidates)
+    for entry in progress(repaired):
+        assert entry.line.trained == entry.line.candidates - sum(entry.rejected.values())
+
+
+def test_answers_that_were_sent_back_are_known(repaired: Run) -> None:
+    """Each with its stage and reason, as the ledger has them; without any, this test would show nothing."""
+    lines = {line["id"]: line for line in RunDirectory(repaired.path).read_ledger() if line["kind"] == "candidate"}
+    assert any(candidate.sent_back for candidate in repaired.candidates)
+    for candidate in repaired.candidates:
+        attempts = [(sent["stage"], sent["reason"]) for sent in lines[candidate.id].get("repairs", [])]
+        assert [(stage.value, reason.value) for stage, reason in candidate.sent_back] == attempts
+
+
+def test_elites_follow_from_the_growth(repaired: Run) -> None:
+    """The archive ends with as many elites as its generations brought."""
+    found = progress(repaired)
+    assert sum(entry.growth for entry in found) == found[-1].elites == len(repaired.elites)
+
+
+def test_prompts_were_tried_once_a_mutation(repaired: Run) -> None:
+    """Every mutation of generation 1 was asked with one instruction; each inserted child belongs to one."""
+    later = [it for it in repaired.candidates if it.generation > 0 and it.prompt is not None]
+    assert sum(entry.tried for entry in by_prompt(repaired)) == len(later) > 0
+    inserted = sum(it.trained is not None and it.trained.inserted for it in later)
+    assert sum(entry.inserted for entry in by_prompt(repaired)) == inserted

@@ -1,0 +1,85 @@
+"""Promise: the document holds every table and figure, and its PDF is made where LaTeX is, else nobody pretends."""
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from analysis.gallery import Picture
+from analysis.paper import Chapter, Illustration, document, make_pdf, write_document
+from analysis.tables import Table
+from analysis.writing import write_chapter
+from tacevo.errors import RunError
+
+CHAPTER = Chapter(
+    title="force_1 & more",
+    tables=("run1/gate_force.tex",),
+    figures=(
+        Illustration(file="run1/lineage.pdf", caption="100 % of g01"),
+        Illustration(file="run1/samples.pdf", caption="Samples."),
+    ),
+)
+
+
+def engine(folder: Path, name: str, script: str) -> Path:
+    """Install a stand-in for LaTeX; it notes how it was called."""
+    path = folder / name
+    path.write_text(f'#!/bin/sh\necho "$@" >> calls.txt\n{script}\n')
+    path.chmod(0o755)
+    return path
+
+
+def search_in(folder: Path, name: str) -> str | None:
+    """Find a program in one folder only."""
+    return shutil.which(name, path=os.fspath(folder))
+
+
+def test_document_holds_everything() -> None:
+    """Titles and captions are escaped, environments are closed."""
+    text = document([CHAPTER])
+    assert r"\section*{force\_1 \& more}" in text
+    assert r"\begin{figure}[htbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
+    assert r"\begin{figure}[htbp]\centering\includegraphics{run1/samples.pdf}" in text
+    assert r"\input{run1/gate_force.tex}" in text
+    assert re.findall(r"\\begin\{(.*?)\}", text) == ["document", "figure", "figure"]
+    assert sorted(re.findall(r"\\end\{(.*?)\}", text)) == ["document", "figure", "figure"]
+
+
+def test_chapter_names_the_files_that_it_wrote(tmp_path: Path) -> None:
+    """What the document asks for lies there, seen from the document."""
+    table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
+    picture = Picture(name="lineage", caption="c.", draw=lambda: Figure(figsize=(3.5, 1)))
+    chapter = write_chapter("run", [table], [picture], tmp_path / "run1", lambda name: None)
+    assert [*chapter.tables, *(figure.file for figure in chapter.figures)] == ["run1/gate.tex", "run1/lineage.pdf"]
+    assert all(
+        (tmp_path / file).is_file() for file in ("run1/gate.tex", "run1/gate.md", "run1/gate.csv", "run1/lineage.pdf")
+    )
+
+
+def test_without_latex_there_is_no_pdf(tmp_path: Path) -> None:
+    """The document stays, to be compiled elsewhere."""
+    source = write_document([CHAPTER], tmp_path)
+    assert make_pdf(source, lambda name: None) is None
+    assert list(tmp_path.iterdir()) == [source]
+
+
+@pytest.mark.parametrize(("name", "times"), [("latexmk", 1), ("tectonic", 1), ("pdflatex", 2)])
+def test_pdf_is_made_with_what_is_there(name: str, times: int, tmp_path: Path) -> None:
+    """Plain LaTeX needs two passes for its references."""
+    tools, out = tmp_path / "tools", tmp_path / "out"
+    tools.mkdir()
+    engine(tools, name, "echo pdf > paper.pdf")
+    source = write_document([CHAPTER], out)
+    assert make_pdf(source, lambda program: search_in(tools, program)) == out / "paper.pdf"
+    assert len((out / "calls.txt").read_text().splitlines()) == times
+
+
+def test_document_that_latex_refuses_is_told_with_its_last_words(tmp_path: Path) -> None:
+    """The reason stands at the end of what LaTeX says."""
+    engine(tmp_path, "pdflatex", "echo '! Undefined control sequence.'; exit 1")
+    source = write_document([CHAPTER], tmp_path)
+    with pytest.raises(RunError, match=r"could not make a PDF of .*paper\.tex:\n! Undefined control sequence"):
+        make_pdf(source, lambda program: search_in(tmp_path, program))

@@ -1,0 +1,146 @@
+"""Promise: tests and corrections agree with SciPy, statsmodels and counting by hand, and say how they came about."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import PermutationMethod, mannwhitneyu
+from statsmodels.stats.multitest import multipletests
+
+from analysis.statistics import Alternative, Method, holm, mann_whitney, smallest_p
+
+SIDES: tuple[Alternative, ...] = ("two-sided", "greater", "less")
+#: Few different values, so that most samples have ties.
+TIED = st.lists(st.integers(0, 4).map(float), min_size=2, max_size=6)
+
+
+def pairs_won(x: Sequence[float], y: Sequence[float]) -> float:
+    """Count U by its definition."""
+    return sum((a > b) + (a == b) / 2 for a in x for b in y)
+
+
+def counted_by_hand(x: Sequence[float], y: Sequence[float], side: Alternative) -> float:
+    """Deal the values out in every possible way, and count the deals that are as extreme."""
+    values, here = [*x, *y], pairs_won(x, y)
+    deals = []
+    for chosen in itertools.combinations(range(len(values)), len(x)):
+        others = [value for at, value in enumerate(values) if at not in chosen]
+        deals.append(pairs_won([values[at] for at in chosen], others))
+    less = sum(deal <= here for deal in deals) / len(deals)
+    greater = sum(deal >= here for deal in deals) / len(deals)
+    return {"less": less, "greater": greater, "two-sided": min(1.0, 2 * min(less, greater))}[side]
+
+
+def test_three_against_three_by_hand() -> None:
+    """Full separation of 3 and 3: U is 0, and 2 of the 20 orders are as extreme."""
+    found = mann_whitney([1, 2, 3], [4, 5, 6])
+    assert (found.u, found.p, found.method, found.ties) == (0, 0.1, Method.exact, 0)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_exact_p_is_scipys_without_ties(side: Alternative) -> None:
+    """Twenty seeds against twenty, as in a study."""
+    draw = np.random.default_rng(1)
+    x, y = draw.normal(size=20), draw.normal(0.6, size=20)
+    found, library = mann_whitney(x, y, alternative=side), mannwhitneyu(x, y, alternative=side, method="exact")
+    assert found.method is Method.exact
+    assert found.u == library.statistic
+    assert found.p == pytest.approx(library.pvalue, rel=1e-8)
+
+
+@given(TIED, TIED, st.sampled_from(SIDES))
+def test_p_is_the_share_of_deals_as_extreme(x: list[float], y: list[float], side: Alternative) -> None:
+    """With ties and without, for every side, p is what counting all deals gives."""
+    found = mann_whitney(x, y, alternative=side)
+    assert found.u == pairs_won(x, y)
+    assert found.p == pytest.approx(counted_by_hand(x, y, side), rel=1e-8)
+
+
+def test_p_with_ties_is_scipys_permutation_test() -> None:
+    """SciPy can count the deals too, where they are few."""
+    x, y = [1.0, 2.0, 2.0, 5.0, 5.0], [2.0, 3.0, 5.0, 6.0, 6.0]
+    library = mannwhitneyu(x, y, method=PermutationMethod(n_resamples=1_000))  # more than there are deals
+    found = mann_whitney(x, y)
+    assert found.method is Method.exact_ties
+    assert found.ties == 8
+    assert found.p == pytest.approx(library.pvalue, rel=1e-8)
+
+
+def test_ties_of_two_times_twenty_are_counted() -> None:
+    """Accuracies of 351 images: SciPy's exact method would take them for distinct, its normal one is merely near."""
+    x = np.array([351] * 14 + [350] * 6) / 351
+    y = np.array([351] * 4 + [350] * 12 + [349] * 4) / 351
+    found, near = mann_whitney(x, y), mannwhitneyu(x, y, method="asymptotic")
+    assert (found.method, found.ties) == (Method.exact_ties, 40)
+    assert found.p == pytest.approx(near.pvalue, rel=0.5)
+    assert found.p != pytest.approx(near.pvalue, rel=1e-3)
+
+
+def test_what_cannot_be_counted_is_scipys_approximation() -> None:
+    """Above 66 values together the number of deals has no place in 64 bits."""
+    draw = np.random.default_rng(2)
+    x, y = draw.normal(size=34).round(1), draw.normal(0.5, size=34).round(1)
+    found = mann_whitney(x, y)
+    assert found.method is Method.normal
+    assert found.p == pytest.approx(mannwhitneyu(x, y, method="asymptotic").pvalue, rel=1e-8)
+    assert mann_whitney(x[:33], y[:33]).method is not Method.normal
+
+
+@pytest.mark.parametrize("size", [5, 40])
+@pytest.mark.parametrize("side", SIDES)
+def test_identical_values_give_no_evidence(size: int, side: Alternative) -> None:
+    """Where all values are one, every deal is as extreme, and p is 1 and no division by 0."""
+    assert mann_whitney([0.5] * size, [0.5] * size, alternative=side).p == 1
+
+
+@given(TIED, TIED)
+def test_exchanging_the_samples_mirrors_u(x: list[float], y: list[float]) -> None:
+    """U of both sides adds up to all pairs, and two-sided p is the same."""
+    there, back = mann_whitney(x, y), mann_whitney(y, x)
+    assert there.u + back.u == len(x) * len(y)
+    assert there.p == pytest.approx(back.p)
+
+
+@pytest.mark.parametrize("bad", [[1.0, np.nan, 2.0, np.inf], [np.nan] * 3])
+def test_values_that_are_not_finite_name_their_seeds(bad: list[float]) -> None:
+    """A NaN is neither above nor below anything, so nothing is computed with it."""
+    seeds = [at for at, value in enumerate(bad) if not np.isfinite(value)]
+    with pytest.raises(ValueError, match=rf"y is not finite for seeds \[{str(seeds)[1:-1]}\]; drop or rerun"):
+        mann_whitney([1, 2, 3], bad)
+
+
+@pytest.mark.parametrize("bad", [[], [1.0], [[1.0, 2.0]]])
+def test_wrong_shapes_are_refused(bad: list[float]) -> None:
+    """One value has no spread, and a table of values is no sample."""
+    with pytest.raises(ValueError, match=r"x must have shape \(n,\) with n >= 2 seeds; got shape"):
+        mann_whitney(bad, [1, 2, 3])
+
+
+def test_holm_by_hand() -> None:
+    """0.01 x 4 = 0.04; 0.02 x 3 = 0.06; 0.022 x 2 = 0.044, but no less than 0.06; 0.5."""
+    assert holm([0.5, 0.02, 0.01, 0.022]) == (0.5, 0.06, 0.04, 0.06)
+
+
+@settings(max_examples=20)  # statsmodels collects garbage at each call, which takes its time
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+def test_holm_is_statsmodels_and_never_reverses_an_order(p_values: list[float]) -> None:
+    """In the given order, to the digits that are kept; the running maximum is what the paper's tables lack."""
+    found = holm(p_values)
+    assert found == pytest.approx(multipletests(p_values, method="holm")[1], rel=1e-8)
+    in_order = [adjusted for _, adjusted in sorted(zip(p_values, found, strict=True))]
+    assert in_order == sorted(in_order)
+
+
+@pytest.mark.parametrize("bad", [[], [0.5, np.nan], [-0.1], [1.1]])
+def test_holm_refuses_what_is_no_probability(bad: list[float]) -> None:
+    """Nothing, NaN, and what lies outside [0, 1]."""
+    with pytest.raises(ValueError, match=r"needs one or more p-values in \[0, 1\]; got"):
+        holm(bad)
+
+
+def test_smallest_p_is_that_of_full_separation() -> None:
+    """No sample can do better than to lie above the other as a whole."""
+    assert smallest_p(4, 4) == mann_whitney([1, 2, 3, 4], [5, 6, 7, 8]).p

@@ -1,0 +1,90 @@
+"""Promise: the cells drawn for an archive are its niches, all of them, and those that the run was searched with."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from smallest import SMALLEST, UNTRACKED
+
+from analysis.loading import load_run
+from analysis.tessellation import Polygon, cells, load_niches
+from tacevo.app import main
+from tacevo.archive import Tessellation, find_centroids
+from tacevo.errors import RunError, StoreError
+
+
+def area(polygon: Polygon) -> float:
+    """Measure a polygon by the shoelace formula; positive where its corners go round anticlockwise."""
+    x, y = polygon.T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
+
+
+def holds(polygon: Polygon, point: NDArray[np.float64]) -> bool:
+    """Say whether a point lies inside a convex polygon whose corners go round anticlockwise."""
+    along, towards = np.roll(polygon, -1, axis=0) - polygon, point - polygon
+    return bool((along[:, 0] * towards[:, 1] - along[:, 1] * towards[:, 0] > -1e-12).all())
+
+
+@pytest.mark.parametrize("niches", [1, 2, 3, 5, 40])
+def test_cells_cover_the_square_once(niches: int) -> None:
+    """There are as many cells as niches, none leaves the square, and their areas add up to its own."""
+    drawn = cells(np.array(find_centroids(niches=niches, dimensions=2, samples=500, seed=3)))
+    assert len(drawn) == niches
+    assert all(area(polygon) > 0 and polygon.min() >= 0 and polygon.max() <= 1 for polygon in drawn)
+    assert sum(map(area, drawn)) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_cell_holds_what_its_niche_holds() -> None:
+    """Random points lie in the cell of the very niche that the archive puts them into."""
+    centroids = np.array(find_centroids(niches=30, dimensions=2, samples=500, seed=0))
+    drawn, niches = cells(centroids), Tessellation(centroids)
+    for point in np.random.default_rng(0).random((300, 2)):
+        assert holds(drawn[niches.niche_of(point)], point)
+
+
+def test_two_niches_meet_half_way() -> None:
+    """By hand: points at a quarter and three quarters share the square in halves."""
+    left, right = cells(np.array([[0.25, 0.5], [0.75, 0.5]]))
+    assert sorted(left.round(12).tolist()) == [[0, 0], [0, 1], [0.5, 0], [0.5, 1]]
+    assert sorted(right.round(12).tolist()) == [[0.5, 0], [0.5, 1], [1, 0], [1, 1]]
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of one tiny search."""
+    folder = tmp_path_factory.mktemp("searched")
+    sizes = ["search.generations=1", "search.candidates=2", "search.initial=1"]
+    assert main(["search", *SMALLEST, UNTRACKED, *sizes, f"run.dir={folder / 'run'}", f"store.root={folder}"]) == 0
+    return folder
+
+
+def test_niches_are_those_of_the_archive_files(searched: Path) -> None:
+    """Every centroid that archive.json names is the one of its niche."""
+    niches = load_niches(load_run(searched / "run"))
+    elites = json.loads((searched / "run" / "archive.json").read_text())["elites"]
+    assert elites
+    assert [niches.networks[elite["niche"]].tolist() for elite in elites] == [elite["centroid"] for elite in elites]
+    assert niches.prompts.shape == (5, 2)
+
+
+def test_lost_centroids_are_computed_and_checked(searched: Path, tmp_path: Path) -> None:
+    """Without a store the same niches come, and others are never taken for the run's."""
+    shutil.copytree(searched / "run", tmp_path / "run")
+    run = load_run(tmp_path / "run")
+    alone, stored = load_niches(run, tmp_path / "nothing"), load_niches(run)
+    assert (alone.networks == stored.networks).all()
+    run.config["archive"]["seed"] = 99
+    with pytest.raises(RunError, match=r"not those that .*run was searched with.*--store"):
+        load_niches(run, tmp_path / "nothing")
+
+
+def test_damaged_centroids_are_told(searched: Path, tmp_path: Path) -> None:
+    """A broken entry is no reason to compute silently."""
+    shutil.copytree(searched / "centroids", tmp_path / "centroids")
+    for path in (tmp_path / "centroids").rglob("*.json"):
+        path.write_text("{}")
+    with pytest.raises(StoreError, match="is not a store entry"):
+        load_niches(load_run(searched / "run"), tmp_path)
