@@ -16,7 +16,8 @@ import torch
 from forms import forms, forms_of_answers, forms_of_grammar
 from gate_cases import needs_shared
 from operations import expressions, names
-from portable_jobs import NETWORKS, candidates, computed
+from portable_jobs import NETWORKS, candidates
+from portable_operations import computed
 from torch import nn
 
 from tacevo.choices import Numerics
@@ -71,7 +72,8 @@ def _refusing() -> Iterator[None]:
 
 def printed(job: str, *emulator: str, **variables: str) -> dict[str, str]:
     """Do a job in a process of its own under portable numerics; give the digest of each thing that it computed."""
-    command = [*emulator, sys.executable, "-W", "ignore", "-c", f"import portable_jobs; portable_jobs.{job}()"]
+    module = job.partition(".")[0]
+    command = [*emulator, sys.executable, "-W", "ignore", "-c", f"import {module}; {job}()"]
     fixed = {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "0"}
     process = subprocess.run(
         command,
@@ -94,7 +96,7 @@ def emulated(job: str, cpu: str) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def native() -> dict[str, str]:
     """Give what this machine computes of networks and runs."""
-    return printed("networks")
+    return printed("portable_jobs.networks")
 
 
 def table(differing: list[str]) -> str:
@@ -114,19 +116,19 @@ def table(differing: list[str]) -> str:
 @pytest.mark.parametrize("cpu", CPUS)
 def test_another_cpu_gives_the_same_bits(cpu: str, native: dict[str, str]) -> None:
     """Probes, trainings, losses, descriptors, simulated images, centroids, ledger, archives and tables."""
-    assert emulated("networks", cpu) == native
+    assert emulated("portable_jobs.networks", cpu) == native
 
 
 @portable
 @unhurried
 def test_lesser_host_gives_the_same_bits(native: dict[str, str]) -> None:
     """The host's own limits, where the numeric settings do not set them already."""
-    assert printed("networks", **LESSER) == native
+    assert printed("portable_jobs.networks", **LESSER) == native
 
 
 def test_lesser_host_is_one() -> None:
     """The C library, NumPy and its BLAS each compute other bits there, or name an older CPU."""
-    here, there = printed("surroundings"), printed("surroundings", **LESSER)
+    here, there = printed("portable_jobs.surroundings"), printed("portable_jobs.surroundings", **LESSER)
     assert here.keys() == there.keys() == {"C library", "NumPy", "BLAS"}
     assert all(here[name] != there[name] for name in here)
 
@@ -137,7 +139,7 @@ def test_lesser_host_is_one() -> None:
 @pytest.mark.usefixtures("_refusing")
 def test_operations_that_differ_are_flagged_and_documented() -> None:
     """Each expression that gives other bits runs a flagged kernel, and the table names each flagged kernel."""
-    here, there = printed("operations"), emulated("operations", "Haswell")
+    here, there = printed("portable_operations.operations"), emulated("portable_operations.operations", "Haswell")
     assert list(there) == list(here) == list(expressions())
     assert [expression for expression in there if there[expression] == "crashed"] == CRASHING
     assert "crashed" not in here.values()
