@@ -29,7 +29,7 @@ test: $(READY) ## run the tests
 test-slow: $(READY) ## run the tests that take minutes
 	$(BIN)/pytest -m slow
 
-test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; an hour or so)
+test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)
 	$(BIN)/pytest -m portable
 
 check: $(READY) ## formatting, lint, types and import direction
