@@ -18,13 +18,13 @@ def metric_name(metric: str) -> str:
     return (_OF_VALUES | _OF_CLASSES)[metric]
 
 
-def metric_columns(study: Study) -> tuple[tuple[str, str], ...]:
-    """List the metrics of a study with their columns' names, in the order of docs/study.md.
+def named_metrics(study: Study) -> tuple[tuple[str, str], ...]:
+    """List the metrics of a study with their names, in the order of docs/study.md.
 
     `mse_Fx` is `MSE Fx`, in the scaled units of training; `recorded_mae_Fx` is `MAE Fx (N)`, in the recording's.
 
     Returns:
-        The metric, and its column's name, of every metric that the scores have.
+        The metric and its name, of every metric that the scores have.
     """
     measured = study.scores[0].metrics
     if study.kind is Kind.classification:

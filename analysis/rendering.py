@@ -80,7 +80,10 @@ def as_csv(table: Table) -> str:
     """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns."""
     buffer = io.StringIO()
     writer = csv.writer(buffer)
-    spread = [any(isinstance(row[place], Between | PercentBetween) for row in table.rows) for place in range(len(table.columns))]
+    spread = [
+        any(isinstance(row[place], Between | PercentBetween) for row in table.rows)
+        for place in range(len(table.columns))
+    ]
     names = [[name, f"{name} low", f"{name} high"][: 3 if wide else 1] for name, wide in _pairs(table.columns, spread)]
     writer.writerow([name for group in names for name in group])
     for row in table.rows:
