@@ -71,9 +71,10 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     variants = () if comparisons is None else comparisons.variants
     verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
+    ending = "; p is Holm's." if verdicts else "."
     words = (
         f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
-        "quartiles, the dotted line is the baseline's median{'; p is Holm's' if verdicts else ''}."
+        f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
     if study.kind is Kind.classification:

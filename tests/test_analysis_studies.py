@@ -99,7 +99,10 @@ def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
     [
         (lambda scores: scores[:4], r"variant 1 has no score for seeds \[1, 2\]"),
         (lambda scores: [*scores[:1], *scores[2:]], r"baseline has no score for seeds \[1\]"),
-        (lambda scores: [*scores, {**scores[0], "seed": 3}], r"baseline has scores beyond the 3 seeds of the study, for seeds \[3\]"),
+        (
+            lambda scores: [*scores, {**scores[0], "seed": 3}],
+            r"baseline has scores beyond the 3 seeds of the study, for seeds \[3\]",
+        ),
         (lambda scores: [*scores, scores[2]], r"baseline has more than one score for seeds \[2\]"),
         (failed, r"is incomplete: baseline, seed 1; variant 1, seed 2 came to no end \(out_of_time\)"),
         (
@@ -128,6 +131,14 @@ def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     scores.write_text("\n".join(scores.read_text().splitlines()[:-1]) + "\n")
     with pytest.raises(RunError, match="cut is not finished, or its digest was edited"):
         load_study(path)
+
+
+def test_units_that_do_not_fit_the_outputs_are_refused(tmp_path: Path) -> None:
+    """Nothing else says which output is in newtons."""
+    path = written(tmp_path / "study") / "study.json"
+    path.write_text(path.read_text().replace('"mm"', '"mm", "N"'))
+    with pytest.raises(RunError, match=r"study.json needs a unit for each of \['depth'\], or none; got \['mm', 'N'\]"):
+        load_study(path.parent)
 
 
 def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:

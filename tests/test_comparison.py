@@ -74,7 +74,7 @@ def test_correction_can_undo_a_verdict() -> None:
 
 
 def test_terms_are_those_of_the_study() -> None:
-    """Its margin and its level decide, and no other's; a wide margin makes another verdict, and so does a strict level."""
+    """Its margin and its level decide: a wide margin makes another verdict, and so does a strict level."""
     assert compare(study_of(FOUR)).variants[0].equivalence.margin == pytest.approx(0.001)
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
     assert compare(accuracies).variants[0].equivalence.margin == 0.01
@@ -123,5 +123,7 @@ def test_baseline_alone_is_refused() -> None:
 
 def test_margin_relative_to_nothing_is_refused() -> None:
     """A tenth of an error of 0 is no margin."""
-    with pytest.raises(RunError, match=r"baseline's median mse is 0, .* state an absolute one by .* margins.KIND.kind=absolute"):
+    with pytest.raises(
+        RunError, match=r"baseline's median mse is 0, .* state an absolute one by .* margins.KIND.kind=absolute"
+    ):
         compare(study_of({"baseline": [0.0] * 5, "variant 1": [0.0, 0.1, 0.2, 0.3, 0.4]}))

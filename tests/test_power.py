@@ -38,7 +38,7 @@ def test_more_seeds_and_a_laxer_level_detect_less() -> None:
 
 @pytest.mark.parametrize("seeds", [4, 5])
 def test_no_answer_is_not_no_effect(seeds: int) -> None:
-    """The formula gives none for so few seeds; three standard deviations are detected in about 80 % of studies still."""
+    """The formula gives none for so few seeds; three standard deviations are often detected still."""
     assert detectable(seeds, alpha=0.05) is None
     draw = np.random.default_rng(0)
     detected = sum(mann_whitney(draw.normal(3, size=seeds), draw.normal(size=seeds)).p <= 0.05 for _ in range(500))

@@ -47,7 +47,9 @@ def test_values_that_are_not_finite_are_named(value: float) -> None:
 def test_missing_metric_is_named() -> None:
     """Wherever one score has a metric that others lack."""
     scores = (*WHOLE.scores[:5], score("variant 1", 2, {"mae": 0.1}))
-    with pytest.raises(RunError, match=r"baseline has no mae for seeds \[0, 1, 2\]; .*variant 1 has no mse for seeds \[2\]"):
+    with pytest.raises(
+        RunError, match=r"baseline has no mae for seeds \[0, 1, 2\]; .*variant 1 has no mse for seeds \[2\]"
+    ):
         check_study(replace(WHOLE, scores=scores))
 
 
