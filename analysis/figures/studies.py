@@ -45,7 +45,7 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
     for place, seeds in zip(places, values, strict=True):
         offsets = np.linspace(-_SPREAD, _SPREAD, len(seeds)) if len(seeds) > 1 else np.zeros(1)
         colour, marker = (ORANGE, "s") if place == 1 else (BLUE, "o")
-        axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, markeredgecolor="white", mew=0.3)
+        axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, mec="white", mew=0.3, zorder=3)
     axes.axhline(float(np.median(values[0])), color=VERMILLION, linestyle=":", linewidth=0.8, zorder=0)
     axes.set_xticks(list(places), [name.replace(" ", "\n") for name in names])
     axes.set_ylabel(f"test {metric_name(study.primary)}{unit}")
