@@ -36,7 +36,8 @@ class Compared:
     #: Of its folder.
     name: str
     study: Study
-    comparisons: Comparisons
+    #: None where it cannot be compared; its scores are shown all the same.
+    comparisons: Comparisons | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +47,7 @@ class Collection:
     run: Run
     niches: Niches
     studies: tuple[Compared, ...]
-    #: Why other studies of the run are left out, a sentence each.
+    #: Why other studies of the run, or the comparisons of these, are left out, a sentence each.
     refused: tuple[str, ...]
 
 
@@ -54,7 +55,7 @@ def collect(path: Path, store: Path | None = None) -> Collection:
     """Read a finished run and its studies.
 
     A study that is not finished or has holes is left out, and the reason kept: the search's own results do not
-    depend on it.
+    depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only.
 
     Args:
         path: the run directory.
@@ -70,10 +71,21 @@ def collect(path: Path, store: Path | None = None) -> Collection:
             study = load_study(directory.path)
             if study.run != run.digest:
                 raise RunError(f"{directory.path} studied the run before it was continued; study it again")
-            studies.append(Compared(name=directory.path.name, study=study, comparisons=compare(study)))
         except RunError as error:
             refused.append(str(error))
+            continue
+        comparisons, reasons = _compared(study, directory.path)
+        studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
+        refused += reasons
     return Collection(run=run, niches=load_niches(run, store), studies=tuple(studies), refused=tuple(refused))
+
+
+def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
+    """Compare a study; where that cannot be, say why."""
+    try:
+        return compare(study), []
+    except RunError as error:
+        return None, [f"the comparison of {path}: {error}"]
 
 
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:

@@ -13,22 +13,15 @@ import numpy as np
 
 from analysis.cautions import Caution, cautions
 from analysis.effects import Effects, a12, effects
-from analysis.equivalence import Equivalence, Margin, MarginKind, equivalence
+from analysis.equivalence import Equivalence, equivalence
 from analysis.power import Detectable, detectable
 from analysis.results import LOWER_IS_BETTER, Study
-from analysis.samples import Sample, rounded
+from analysis.samples import Sample
 from analysis.statistics import MannWhitney, holm, mann_whitney, smallest_p
-from analysis.study_checks import check_study
+from tacevo.digits import rounded
 from tacevo.errors import RunError
 from tacevo.randomness import stream
-
-ALPHA = 0.05
-
-#: What is no difference worth having, by metric: a tenth of the baseline's error, or one point of accuracy.
-MARGINS = {
-    "mse": Margin(value=0.1, kind=MarginKind.relative),
-    "accuracy": Margin(value=0.01, kind=MarginKind.absolute),
-}
+from tacevo.terms import Margin, Terms
 
 
 class Verdict(StrEnum):
@@ -68,8 +61,7 @@ class Comparisons:
     metric: str
     #: Of each network.
     seeds: int
-    alpha: float
-    margin: Margin
+    terms: Terms
     baseline_median: float
     #: The smallest effect that one test at alpha detects with a power of 80 %; None where it detects none so often.
     detectable: Detectable | None
@@ -79,42 +71,37 @@ class Comparisons:
     variants: tuple[Comparison, ...]
 
 
-def compare(study: Study, *, alpha: float = ALPHA, margin: Margin | None = None, seed: int = 0) -> Comparisons:
-    """Compare every variant of a study with its baseline.
+def compare(study: Study, *, seed: int = 0) -> Comparisons:
+    """Compare every variant of a study with its baseline, on the study's own terms.
 
     Args:
-        study: finished.
-        alpha: level of the tests, in (0, 1); each family of p-values keeps it as a whole.
-        margin: of equivalence; None takes the metric's own from `MARGINS`.
+        study: whole, as `analysis.studies.load_study` gives it.
         seed: of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
 
     Raises:
-        RunError: scores are missing, there twice or not finite, there is no variant, or so few seeds that no
-            outcome at all could be significant; the message names the rows.
-        ValueError: alpha is not in (0, 1).
+        RunError: there is no variant, the margin is none, or there are so few seeds that no outcome at all could be
+            significant.
     """
-    metric = study.primary
-    check_study(study, metrics=(metric,))
-    _check_seeds(study, alpha)
+    metric, alpha = study.primary, study.terms.alpha
+    _check_size(study)
     baseline, *samples = (study.values(network.name, metric) for network in study.networks)
-    margin = MARGINS[metric] if margin is None else margin
+    margin = _width(study.terms.margin, baseline, metric)
     return Comparisons(
         metric=metric,
         seeds=study.seeds,
-        alpha=alpha,
-        margin=margin,
+        terms=study.terms,
         baseline_median=rounded(float(np.median(baseline))),
         detectable=detectable(study.seeds, alpha=alpha),
         detectable_holm=detectable(study.seeds, alpha=alpha / len(samples)),
-        variants=_compared(study, baseline, samples, alpha=alpha, margin=_width(margin, baseline, metric), seed=seed),
+        variants=_compared(study, baseline, samples, margin=margin, seed=seed),
     )
 
 
 def _compared(
-    study: Study, baseline: Sample, samples: Sequence[Sample], *, alpha: float, margin: float, seed: int
+    study: Study, baseline: Sample, samples: Sequence[Sample], *, margin: float, seed: int
 ) -> tuple[Comparison, ...]:
     """Compare each variant's sample, and correct the p-values of both families."""
-    metric = study.primary
+    metric, alpha = study.primary, study.terms.alpha
     tests = [mann_whitney(sample, baseline) for sample in samples]
     equivalences = [equivalence(sample, baseline, margin=margin) for sample in samples]
     differ, equal = holm([test.p for test in tests]), holm([found.p for found in equivalences])
@@ -141,10 +128,11 @@ def _verdict(dominance: float, metric: str, *, differs: bool, equals: bool) -> V
     return Verdict.equivalent if equals else Verdict.undecided
 
 
-def _check_seeds(study: Study, alpha: float) -> None:
+def _check_size(study: Study) -> None:
     """Refuse a study whose result is certain before it is made."""
-    if not 0 < alpha < 1:
-        raise ValueError(f"alpha must be in (0, 1); got {alpha}")
+    alpha = study.terms.alpha
+    if len(study.networks) < 2:
+        raise RunError(f"a comparison needs a variant beside the baseline; the study of {study.task} has none")
     if smallest_p(study.seeds, study.seeds) > alpha:
         needed = next(seeds for seeds in itertools.count(1) if smallest_p(seeds, seeds) <= alpha)
         raise RunError(
@@ -158,6 +146,7 @@ def _width(margin: Margin, baseline: Sample, metric: str) -> float:
     width = margin.around(float(np.median(baseline)))
     if width == 0:
         raise RunError(
-            f"the baseline's median {metric} is 0, so a margin relative to it is no margin; state an absolute one"
+            f"the baseline's median {metric} is 0, so a margin relative to it is no margin; state an absolute one "
+            "by the `tacevo study` settings margins.KIND.kind=absolute and margins.KIND.value"
         )
     return width

@@ -1,68 +1,74 @@
 """The tables of a study: scores, metrics, verdicts and effect sizes."""
 
-from dataclasses import asdict
-
 import numpy as np
 
-from analysis.comparison import Comparisons
+from analysis.comparison import Comparison, Comparisons
 from analysis.effects import LEVEL, RESAMPLES, Interval
-from analysis.equivalence import MarginKind
+from analysis.metrics import SHARES, metric_name, named_metrics
 from analysis.power import Detectable
 from analysis.results import LOWER_IS_BETTER, Network, Study
-from analysis.samples import Sample, rounded
-from analysis.study_checks import check_study
-from analysis.tables import Between, Cell, Percent, PValue, Table
-from tacevo.plurals import counted
-
-#: Metrics as a reader knows them; what follows an underscore is an axis, as in `mse_Fx`.
-NAMES = {
-    "mse": "MSE",
-    "mae": "MAE",
-    "rmse": "RMSE",
-    "r2": "R²",
-    "macro_f1": "macro-F1",
-    "cross_entropy": "cross-entropy",
-}
+from analysis.rounding import shown
+from analysis.samples import Sample
+from analysis.statistics import smallest_p
+from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from tacevo.choices import MarginKind
+from tacevo.digits import rounded
+from tacevo.plurals import counted, listed
+from tacevo.records import Kind
 
 
-def study_tables(study: Study, found: Comparisons) -> tuple[Table, ...]:
+def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
     """Give all tables of a study.
 
     Args:
-        study: finished.
-        found: what `analysis.comparison.compare` says of it.
-
-    Raises:
-        RunError: a score is missing or not finite; the message names the rows.
+        study: whole, as `analysis.studies.load_study` gives it.
+        found: what `analysis.comparison.compare` says of it; None where it cannot be compared.
     """
-    return scores_table(study), metrics_table(study), verdicts_table(study, found), effects_table(study, found)
+    described = scores_table(study), metrics_table(study)
+    return described if found is None else (*described, verdicts_table(study, found), effects_table(study, found))
 
 
 def scores_table(study: Study) -> Table:
-    """Show how each network's seeds spread in the primary metric; raises as `study_tables` does."""
-    metric = study.primary
-    check_study(study, metrics=(metric,))
+    """Show each network, its cost, and how its seeds spread in the primary metric."""
+    spread = ("median", "lower quartile", "upper quartile", "least", "most")
     return Table(
         name=f"scores_{study.task}",
-        caption=f"Test {metric_name(metric)} of the networks of {study.task}.",
-        columns=("network", "candidate", "parameters", "median", "lower quartile", "upper quartile", "least", "most"),
+        caption=f"Test {metric_name(study.primary)} of the networks of {study.task}.",
+        columns=("network", "candidate", "parameters", "FLOPs", *spread, "chosen epoch"),
         rows=tuple(
-            (network.name, network.id, network.parameters, *_scores(study, network)) for network in study.networks
+            (
+                network.name,
+                network.id,
+                network.parameters,
+                network.flops,
+                *_scores(study, network),
+                _epochs(study, network),
+            )
+            for network in study.networks
         ),
-        notes=(_training(study),),
+        notes=(
+            *_scale_note(study),
+            "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",
+            _training(study),
+        ),
     )
 
 
 def metrics_table(study: Study) -> Table:
-    """Show every metric of every network; raises as `study_tables` does."""
-    metrics = tuple(sorted({metric for score in study.scores for metric in score.metrics}))
-    check_study(study, metrics=metrics)
+    """Show every metric of every network, one a row: a task of three outputs has 22."""
     return Table(
         name=f"metrics_{study.task}",
         caption=f"Test metrics of the networks of {study.task}.",
-        columns=("network", *map(metric_name, metrics)),
-        rows=tuple((network.name, *_medians(study, network, metrics)) for network in study.networks),
-        notes=("Median of the seeds, with their lower and upper quartile in brackets.", _training(study)),
+        columns=("metric", *(network.name for network in study.networks)),
+        rows=tuple(
+            (name, *(_median(study, network, metric) for network in study.networks))
+            for metric, name in named_metrics(study)
+        ),
+        notes=(
+            "Median of the seeds, with their lower and upper quartile in brackets.",
+            *_scale_note(study),
+            _training(study),
+        ),
     )
 
 
@@ -71,25 +77,15 @@ def verdicts_table(study: Study, found: Comparisons) -> Table:
     return Table(
         name=f"verdicts_{study.task}",
         caption=f"The variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
-        columns=("network", "median", "U", "p", "p, Holm", "method", "p equal", "p equal, Holm", "verdict"),
-        rows=(
-            ("baseline", _value(found.metric, found.baseline_median), *(None,) * 7),
-            *(
-                (
-                    variant.network,
-                    _value(found.metric, variant.median),
-                    int(variant.test.u) if variant.test.u.is_integer() else variant.test.u,
-                    PValue(variant.test.p),
-                    PValue(variant.p_holm),
-                    variant.test.method.value,
-                    PValue(variant.equivalence.p),
-                    PValue(variant.equivalence_p_holm),
-                    variant.verdict.value,
-                )
-                for variant in found.variants
-            ),
+        columns=(
+            *("network", "median", "U", "p", "p, Holm", "method"),
+            *("p, equivalence", "p, equivalence, Holm", "method, equivalence", "verdict"),
         ),
-        notes=(*_method_notes(found), *_caution_notes(found)),
+        rows=(
+            ("baseline", _value(found.metric, found.baseline_median), *(None,) * 8),
+            *(_verdict_cells(variant, found.metric) for variant in found.variants),
+        ),
+        notes=(*_scale_note(study), *_method_notes(found), *_caution_notes(found)),
     )
 
 
@@ -99,17 +95,18 @@ def effects_table(study: Study, found: Comparisons) -> Table:
     return Table(
         name=f"effects_{study.task}",
         caption=f"Effect sizes of the variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
-        columns=("network", "A12", "Cliff's delta", "difference of medians"),
+        columns=("network", "A12", "Cliff's delta", f"difference of medians ({_unit(found.metric)})"),
         rows=tuple(
             (
                 variant.network,
                 _between(variant.effects.a12),
                 _between(variant.effects.cliffs_delta),
-                _between(variant.effects.median_difference),
+                _between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
             )
             for variant in found.variants
         ),
         notes=(
+            *_scale_note(study),
             f"In brackets: {100 * LEVEL:g} % percentile intervals of {RESAMPLES:,} bootstrap resamples of the seeds.",
             f"A12 is the chance that a seed of the variant has a larger {metric_name(found.metric)} than one of the "
             f"baseline: {better} 0.5 the variant is the better one.",
@@ -118,19 +115,38 @@ def effects_table(study: Study, found: Comparisons) -> Table:
     )
 
 
-def metric_name(metric: str) -> str:
-    """Name a metric for a reader: `mse_Fx` is MSE Fx."""
-    head, _, axis = metric.partition("_")
-    return NAMES.get(metric) or f"{NAMES.get(head, head)} {axis}".strip()
+def _verdict_cells(variant: Comparison, metric: str) -> tuple[Cell, ...]:
+    return (
+        variant.network,
+        _value(metric, variant.median),
+        int(variant.test.u) if variant.test.u.is_integer() else variant.test.u,
+        PValue(variant.test.p),
+        PValue(variant.p_holm),
+        variant.test.method.value,
+        PValue(variant.equivalence.p),
+        PValue(variant.equivalence_p_holm),
+        variant.equivalence.method.value,
+        variant.verdict.value,
+    )
 
 
 def _value(metric: str, value: float) -> Cell:
     """Show a score: shares of images as percentages, as the paper does."""
-    return value if LOWER_IS_BETTER[metric] else Percent(value)
+    return Percent(value) if metric in SHARES else value
+
+
+def _unit(metric: str) -> str:
+    """Name what a difference of a metric is counted in."""
+    return "percentage points" if metric in SHARES else metric_name(metric)
 
 
 def _scores(study: Study, network: Network) -> tuple[Cell, ...]:
     return tuple(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary)))
+
+
+def _epochs(study: Study, network: Network) -> Between:
+    epochs = [score.epoch for score in study.scores if score.network == network.name]
+    return Between(*_spread(np.array(epochs, dtype=np.float64))[:3])
 
 
 def _spread(values: Sample) -> tuple[float, ...]:
@@ -138,13 +154,20 @@ def _spread(values: Sample) -> tuple[float, ...]:
     return tuple(rounded(float(value)) for value in (middle, low, high, values.min(), values.max()))
 
 
-def _medians(study: Study, network: Network, metrics: tuple[str, ...]) -> tuple[Cell, ...]:
-    spreads = [_spread(study.values(network.name, metric)) for metric in metrics]
-    return tuple(Between(median, low, high) for median, low, high, _, _ in spreads)
+def _median(study: Study, network: Network, metric: str) -> Cell:
+    shape = PercentBetween if metric in SHARES else Between
+    return shape(*_spread(study.values(network.name, metric))[:3])
 
 
-def _between(interval: Interval) -> Between:
-    return Between(**asdict(interval))
+def _between(interval: Interval, factor: int = 1) -> Between:
+    return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+
+
+def _scale_note(study: Study) -> tuple[str, ...]:
+    """Say what an error is counted in; a share of images needs no unit."""
+    if study.kind is Kind.classification:
+        return ()
+    return ("Errors without a unit are in the scaled units of training.",)
 
 
 def _training(study: Study) -> str:
@@ -155,18 +178,23 @@ def _training(study: Study) -> str:
 
 
 def _method_notes(found: Comparisons) -> tuple[str, ...]:
-    margin = found.variants[0].equivalence.margin
-    stated = (
-        f"{100 * found.margin.value:g} % of the baseline's median, " if found.margin.kind is MarginKind.relative else ""
-    )
     return (
         f"p: two-sided Mann-Whitney U of {counted(found.seeds, 'seed')} against as many of the baseline, at "
-        f"alpha {found.alpha}; corrected over {counted(len(found.variants), 'variant')} after Holm.",
-        f"p equal: two one-sided Mann-Whitney tests against a margin of {stated}{margin:.3g} "
-        f"{metric_name(found.metric)}.",
-        "Better and worse: p after Holm is at most alpha. Equivalent: it is not, and p equal after Holm is. "
+        f"alpha {found.terms.alpha:g}; corrected over {counted(len(found.variants), 'variant')} after Holm.",
+        f"p, equivalence: two one-sided Mann-Whitney tests against a margin of {_margin(found)}, as the study's "
+        "header states it.",
+        "Better and worse: p after Holm is at most alpha. Equivalent: it is not, and p of equivalence after Holm is. "
         "Undecided: neither.",
     )
+
+
+def _margin(found: Comparisons) -> str:
+    """Write the margin as it was stated, and as wide as it is."""
+    width = found.variants[0].equivalence.margin
+    wide = f"{shown(100.0 * width if found.metric in SHARES else width)} {_unit(found.metric)}"
+    if found.terms.margin.kind is MarginKind.absolute:
+        return wide
+    return f"{shown(Percent(found.terms.margin.value))} of the baseline's median, {wide}"
 
 
 def _caution_notes(found: Comparisons) -> tuple[str, ...]:
@@ -175,18 +203,22 @@ def _caution_notes(found: Comparisons) -> tuple[str, ...]:
     for variant in found.variants:
         for caution in variant.cautions:
             concerned.setdefault(caution.value, []).append(variant.network)
-    return tuple(f"{', '.join(names)}: {words}." for words, names in concerned.items())
+    return tuple(f"{listed(names)}: {words}." for words, names in concerned.items())
 
 
 def _power_note(found: Comparisons) -> str:
-    one, strictest = _detected(found.detectable), _detected(found.detectable_holm)
-    return (
-        f"With a power of 80 % {counted(found.seeds, 'seed')} detect {one} in a single test, and {strictest} in the "
-        "strictest step of Holm's correction."
-    )
+    alpha = found.terms.alpha
+    one = _detected(found.detectable, alpha, found.seeds)
+    strictest = _detected(found.detectable_holm, alpha / len(found.variants), found.seeds)
+    head = f"Detected by {counted(found.seeds, 'seed')} with a power of 80 %, in a single test"
+    if one == strictest:
+        return f"{head} and in the strictest step of Holm's correction: {one}."
+    return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
 
 
-def _detected(effect: Detectable | None) -> str:
-    if effect is None:
+def _detected(effect: Detectable | None, alpha: float, seeds: int) -> str:
+    if effect is not None:
+        return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
+    if smallest_p(seeds, seeds) > alpha:
         return "no effect at all"
-    return f"an A12 of {effect.a12:.2f} or {1 - effect.a12:.2f} ({effect.shift:.2f} standard deviations)"
+    return "effects near full separation only, since Noether's formula gives none for so few"

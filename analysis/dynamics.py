@@ -11,6 +11,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from analysis.loading import Candidate, Generation, Run
 from tacevo.costs import Spending, total
+from tacevo.digits import DIGITS
 from tacevo.records import Operator, Reason, Stage
 
 #: Confidence of every interval here.
@@ -61,10 +62,10 @@ class GateStage:
 
     stage: Stage
     rejected: int
-    #: First answers that passed it and all stages before it.
+    #: First answers that passed it and all stages before it; the baseline is nobody's answer.
     left: int
-    #: Of all first answers, in [0, 1].
-    left_share: float
+    #: Of all first answers, in [0, 1]; None where nothing was asked.
+    left_share: float | None
     #: Most frequent first.
     reasons: tuple[tuple[Reason, int], ...]
 
@@ -168,8 +169,9 @@ def copies(run: Run) -> frozenset[str]:
 
 def gate_stages(run: Run) -> tuple[GateStage, ...]:
     """Count where first answers were turned away; what the last stage leaves was trained."""
-    counts = Counter(first for first in map(first_rejection, run.candidates) if first)
-    left = len(run.candidates)
+    answers = [candidate for candidate in run.candidates if candidate.operator is not Operator.baseline]
+    counts = Counter(first for first in map(first_rejection, answers) if first)
+    left = len(answers)
     found = []
     for stage in Stage:
         reasons = Counter({reason: count for (where, reason), count in counts.items() if where is stage})
@@ -179,7 +181,7 @@ def gate_stages(run: Run) -> tuple[GateStage, ...]:
                 stage=stage,
                 rejected=reasons.total(),
                 left=left,
-                left_share=left / len(run.candidates),
+                left_share=left / len(answers) if answers else None,
                 reasons=tuple(sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))),
             )
         )
@@ -240,7 +242,7 @@ def _productivity(name: str, asked: list[Candidate]) -> Productivity:
     interval = None
     if asked:
         low, high = proportion_confint(inserted, len(asked), alpha=1 - LEVEL, method="wilson")
-        interval = round(float(low), 12), round(float(high), 12)  # its end at 0 or 1 is off by 1e-17 as computed
+        interval = round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
     return Productivity(
         name=name,
         tried=len(asked),

@@ -2,7 +2,7 @@
 
 from analysis.dynamics import LEVEL, MOST, Productivity, by_prompt, by_temperature, gate_stages, improvement, progress
 from analysis.loading import Run
-from analysis.tables import Between, Percent, Table
+from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
 
@@ -60,15 +60,15 @@ def gate_table(run: Run) -> Table:
             found.stage.value,
             found.rejected,
             found.left,
-            Percent(found.left_share),
+            percent(found.left_share),
             ", ".join(f"{reason} {count}" for reason, count in found.reasons) or None,
         )
         for found in gate_stages(run)
     )
     return Table(
         name=f"gate_{run.task}",
-        caption=f"Where the gate turned first answers of {run.name} away.",
-        columns=("stage", "rejected", "left", "of all", "reasons"),
+        caption=f"Where the gate turned first answers of {run.name} away; the baseline is none.",
+        columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
     )
 
@@ -96,7 +96,7 @@ def improvement_table(run: Run) -> Table:
             ("improvement over the baseline", Percent(found.over_baseline)),
             (f"generation by which {MOST:.0%} of the former was had", found.settled),
             *((f"part of it by generation {number}", Percent(share)) for number, share in found.by_generation),
-            ("trainable candidates, mean over generations", _percent(found.trainable)),
+            ("trainable candidates, mean over generations", percent(found.trainable)),
             ("coverage at the end", Percent(found.coverage)),
         ]
     return Table(
@@ -122,10 +122,6 @@ def _between(entry: Productivity) -> Between | None:
     if entry.rate is None or entry.interval is None:
         return None
     return Between(entry.rate, *entry.interval)
-
-
-def _percent(share: float | None) -> Percent | None:
-    return None if share is None else Percent(share)
 
 
 def _cost_cells(spent: Spending | None) -> tuple[int | float | None, ...]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.samples import Sample, checked, rounded
+from analysis.samples import Sample, checked
+from tacevo.digits import rounded
 
 #: One less than 10,000, so that the ends of a 95 % interval are the 250th resample from either side.
 RESAMPLES = 9_999

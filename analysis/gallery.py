@@ -67,12 +67,14 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     return tuple(Picture(name=name, caption=f"{words[:-1]} ({run.name}).", draw=draw) for name, draw, words in drawn)
 
 
-def study_pictures(study: Study, comparisons: Comparisons) -> tuple[Picture, ...]:
-    """List the figures of a study."""
-    verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in comparisons.variants}
+def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:
+    """List the figures of a study; without comparisons its boxes have no verdicts."""
+    variants = () if comparisons is None else comparisons.variants
+    verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
+    ending = "; p is Holm's." if verdicts else "."
     words = (
         f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
-        "quartiles, the dotted line is the baseline's median; p is Holm's."
+        f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
     if study.kind is Kind.classification:

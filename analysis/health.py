@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.dynamics import by_prompt, copies, gate_stages, repeats
 from analysis.loading import Run
 from analysis.occupation import AXES, Occupation, effective_niches, occupation, reachable
+from analysis.rounding import shown
 from analysis.tables import Table
 from tacevo.choices import PromptPolicy, TemperatureRule
 from tacevo.plurals import counted
@@ -82,7 +83,7 @@ def health_table(run: Run, centroids: NDArray[np.float64]) -> Table:
         caption=f"What may be wrong with {run.name}.",
         columns=("alarm", "finding", "figures"),
         rows=tuple(
-            (alarm.name, alarm.sentence, ", ".join(f"{name}: {value:.4g}" for name, value in alarm.figures))
+            (alarm.name, alarm.sentence, ", ".join(f"{name}: {shown(value)}" for name, value in alarm.figures))
             for alarm in found
         ),
         notes=() if found else ("No alarm.",),
@@ -145,7 +146,7 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
             figures=(("duplicates", len(known)), ("answers", len(asked)), ("share", len(known) / len(asked))),
         )
     for stage in gate_stages(run):
-        share = stage.rejected / len(run.candidates)
+        share = stage.rejected / len(asked) if asked else 0.0
         if share > REJECTED:
             reason, count = stage.reasons[0]
             yield Alarm(

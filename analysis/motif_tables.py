@@ -1,11 +1,12 @@
 """Tables of motifs: how often each occurs, beside the paper's list, and how the best networks are built."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from analysis.anatomy import Anatomy
 from analysis.loading import Run
 from analysis.motifs import TOP, count_motifs
-from analysis.tables import Percent, Table
+from analysis.tables import Percent, Table, percent
+from tacevo.plurals import listed
 
 #: What the paper names as recurring in its best networks (section IV; docs/paper.md, section 4), by task. Its "4 to 5
 #: layers in the head" are taken as a head that is deeper than the baseline's.
@@ -84,23 +85,19 @@ def _row(name: str, anatomy: Anatomy) -> tuple[str | int, ...]:
     ]
     return (
         name,
-        _listed(convolutions),
+        listed(convolutions),
         anatomy.pointwise,
         anatomy.strided,
-        f"{_listed(pools)}, then {_listed(sorted(anatomy.global_pools))}",
-        _listed(map(str, anatomy.head)),
-        _listed(sorted(anatomy.activations)),
-        _listed(f"{operation} ({place})" for operation, place in sorted(anatomy.norms)),
-        _listed(f"{rate:g} ({place})" for place, rate in anatomy.dropouts),
-        _listed(sorted(anatomy.attention)),
+        f"{listed(pools)}, then {listed(sorted(anatomy.global_pools))}",
+        listed(map(str, anatomy.head)),
+        listed(sorted(anatomy.activations)),
+        listed(f"{operation} ({place})" for operation, place in sorted(anatomy.norms)),
+        listed(f"{rate:g} ({place})" for place, rate in anatomy.dropouts),
+        listed(sorted(anatomy.attention)),
         anatomy.residuals,
-        _listed(sorted(anatomy.output), nothing="free"),
+        listed(sorted(anatomy.output), nothing="free"),
     )
 
 
-def _listed(words: Iterable[str], nothing: str = "none") -> str:
-    return ", ".join(words) or nothing
-
-
 def _share(count: int, total: int) -> Percent | None:
-    return Percent(count / total) if total else None
+    return percent(count / total if total else None)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from analysis.samples import rounded
+from tacevo.digits import rounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,8 +25,9 @@ class Detectable:
 def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | None:
     """Give the smallest effect that a two-sided Mann-Whitney test detects.
 
-    Noether approximates the deviation of U by the one it has without any effect. For large effects U varies less,
-    so the true power is somewhat higher than stated: the answer is on the careful side.
+    Noether approximates the deviation of U by the one it has without any effect. Of a shifted normal distribution a
+    large effect makes U vary less, so the true power is somewhat higher than stated; under unequal spreads U may vary
+    more, and the power be lower.
 
     Args:
         seeds: in each of the two samples, at least 2.
@@ -34,7 +35,9 @@ def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | 
         power: wanted chance of detection, in (0, 1).
 
     Returns:
-        None where even full separation is not detected so often.
+        None where the formula gives no effect: it needs an A12 of 1 or more for so few seeds. Effects near full
+        separation may be detected all the same, unless no outcome of so few seeds is significant
+        (`analysis.statistics.smallest_p`).
 
     Raises:
         ValueError: an argument is out of its range.

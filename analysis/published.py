@@ -124,6 +124,9 @@ CANDIDATES = 50
 GENERATIONS = 20
 EPOCHS = 10
 MODEL = "Claude 3 Haiku"
+#: Under which it is served.
+MODEL_ID = "claude-3-haiku-20240307"
+DATA = "recorded"
 IMAGE_SIZE = 256
 IMAGES = {"force": 3_000, "grating": 3_507}
 

@@ -1,12 +1,16 @@
 """Tables of what the paper prints: its statistics beside the correct ones, and its searches beside ours."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from analysis import published
 from analysis.dynamics import improvement
 from analysis.loading import Run
 from analysis.published import Corrected, Finding, PrintedTest, corrected, verdicts_that_change
-from analysis.tables import Cell, Percent, PValue, Table
+from analysis.rounding import shown
+from analysis.tables import Cell, Percent, PValue, Table, percent
+from tacevo.choices import DataSource
+from tacevo.plurals import listed
 
 #: What is set beside each other of a search.
 RESULTS = ("trainable candidates", "improvement on generation 0", "improvement on the baseline", "coverage")
@@ -34,7 +38,7 @@ def beside_published(runs: Sequence[Run]) -> Table:
         name="beside_published",
         caption="Searches of this project beside the published ones.",
         columns=("run", "quantity", "published", "ours"),
-        rows=tuple((run.name, *row) for run in runs for row in (*_results(run), *_set_up(run))),
+        rows=tuple((run.name, *row) for run in runs for row in _rows(run)),
         notes=(
             "The paper does not say against what the best fitness improved, so its figure stands beside both ours.",
             "Trainable candidates: mean over the generations after the first, of first answers.",
@@ -58,19 +62,15 @@ def _test_table(test: PrintedTest) -> Table:
         ),
         notes=(
             f"Mann-Whitney U against the baseline, {published.SEEDS} training seeds each, as the paper reports it.",
-            f"The printed table lacks the running maximum of Holm's method: {_listed(wrong)}.",
-            f"Verdicts at {published.ALPHA} that change: {_listed(changed)}.",
+            f"The printed table lacks the running maximum of Holm's method: {listed(wrong)}.",
+            f"Verdicts at {published.ALPHA} that change: {listed(changed)}.",
             "A p printed as a bound gives a bound.",
         ),
     )
 
 
 def _holm_cell(found: Corrected) -> Cell:
-    return f"<{found.holm:g}" if found.bound else PValue(found.holm)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) if names else "none"
+    return f"<{shown(PValue(found.holm))}" if found.bound else PValue(found.holm)
 
 
 def _searches_table() -> Table:
@@ -98,6 +98,11 @@ def _scores_table() -> Table:
     )
 
 
+def _rows(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
+    """Give quantity, published and own value of all that is set beside each other."""
+    return (*_results(run), *((one.quantity, one.published, one.ours) for one in _set_up(run)))
+
+
 def _results(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
     """Give quantity, published and own value of what a search found."""
     printed = next((search for search in published.SEARCHES if search.task == run.task), None)
@@ -105,31 +110,54 @@ def _results(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
     theirs = printed and (printed.trainable, printed.improvement, printed.improvement, printed.coverage)
     ours = found and (found.trainable, found.over_first, found.over_baseline, found.coverage)
     return tuple(
-        (quantity, _percent(published_share), _percent(own_share))
+        (quantity, percent(published_share), percent(own_share))
         for quantity, published_share, own_share in zip(RESULTS, theirs or UNKNOWN, ours or UNKNOWN, strict=True)
     )
 
 
-def _percent(share: float | None) -> Percent | None:
-    return None if share is None else Percent(share)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Setting:
+    """One quantity of how a search was set up."""
+
+    quantity: str
+    published: Cell
+    ours: Cell
+    differs: bool
 
 
-def _set_up(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
-    """Give quantity, published and own value of how a search was set up."""
+def _set_up(run: Run) -> tuple[_Setting, ...]:
+    """List how a search was set up; what the paper does not state cannot be held against it."""
     config = run.config
+    images, stated = sum(run.facts.counts), published.IMAGES.get(run.task)
     return (
-        ("niches", NOT_STATED, config["archive"]["niches"]),
-        ("candidates per generation", published.CANDIDATES, config["search"]["candidates"]),
-        ("generations", published.GENERATIONS, config["search"]["generations"]),
-        ("epochs", published.EPOCHS, config["training"]["epochs"]),
-        ("model", published.MODEL, config["llm"]["model"]),
-        ("data", "recorded", config["data"]["source"]),
-        ("images", published.IMAGES.get(run.task, NOT_STATED), sum(run.facts.counts)),
-        ("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),
+        _Setting(quantity="niches", published=NOT_STATED, ours=config["archive"]["niches"], differs=False),
+        _equal("candidates per generation", published.CANDIDATES, config["search"]["candidates"]),
+        _equal("generations", published.GENERATIONS, config["search"]["generations"]),
+        _equal("epochs", published.EPOCHS, config["training"]["epochs"]),
+        _model(config["llm"]["model"]),
+        _data(DataSource(config["data"]["source"])),
+        _Setting(quantity="images", published=stated or NOT_STATED, ours=images, differs=stated not in {None, images}),
+        _equal("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),
     )
 
 
+def _equal(quantity: str, theirs: int, ours: int) -> _Setting:
+    return _Setting(quantity=quantity, published=theirs, ours=ours, differs=theirs != ours)
+
+
+def _model(name: str) -> _Setting:
+    printed = f"{published.MODEL} ({published.MODEL_ID})"
+    return _Setting(quantity="model", published=printed, ours=name, differs=name != published.MODEL_ID)
+
+
+def _data(source: DataSource) -> _Setting:
+    """Compare simulated with recorded; the form of the files does not count."""
+    simulated = source is DataSource.simulated
+    ours = source.value if simulated else f"{published.DATA} ({source})"
+    return _Setting(quantity="data", published=published.DATA, ours=ours, differs=simulated)
+
+
 def _differences(run: Run) -> str:
-    """Name what was set up otherwise; what the paper does not state cannot be held against it."""
-    differing = [quantity for quantity, theirs, ours in _set_up(run) if theirs not in {NOT_STATED, ours}]
-    return f"Set up otherwise in {run.name}: {_listed(differing)}."
+    """Name what was set up otherwise."""
+    differing = [setting.quantity for setting in _set_up(run) if setting.differs]
+    return f"Set up otherwise in {run.name}: {listed(differing)}."

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.rounding import finite, shown
-from analysis.tables import Between, Cell, Percent, PValue, Table
+from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
 from tacevo.store import write_durably
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -80,7 +80,10 @@ def as_csv(table: Table) -> str:
     """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns."""
     buffer = io.StringIO()
     writer = csv.writer(buffer)
-    spread = [any(isinstance(row[place], Between) for row in table.rows) for place in range(len(table.columns))]
+    spread = [
+        any(isinstance(row[place], Between | PercentBetween) for row in table.rows)
+        for place in range(len(table.columns))
+    ]
     names = [[name, f"{name} low", f"{name} high"][: 3 if wide else 1] for name, wide in _pairs(table.columns, spread)]
     writer.writerow([name for group in names for name in group])
     for row in table.rows:
@@ -124,7 +127,7 @@ def _exact(cell: Cell, places: int) -> list[str | int | float]:
     match cell:
         case None:
             values: list[str | int | float] = [""]
-        case Between(estimate, low, high):
+        case Between(estimate, low, high) | PercentBetween(estimate, low, high):
             values = [estimate, low, high]
         case PValue(value) | Percent(value):
             values = [value]

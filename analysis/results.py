@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.records import Kind, Recipe
+from tacevo.terms import Terms
 
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
@@ -39,7 +40,6 @@ class Score:
     seed: int
     #: The epoch of the lowest validation loss, from 1; its weights are the ones tested.
     epoch: int
-    validation_loss: float
     #: Of the test split, by name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`,
     #: `cross_entropy`.
     metrics: Mapping[str, float]
@@ -57,10 +57,14 @@ class Study:
     kind: Kind
     #: Names of the regressed values or classes.
     names: tuple[str, ...]
+    #: Of the recording, one for each regressed value, empty where nobody states one; () of a classification.
+    units: tuple[str, ...]
     #: Of the data set.
     fingerprint: str
     recipe: Recipe
     numerics: str
+    #: How it is judged, stated before anything was trained.
+    terms: Terms
     #: S, the training seeds of each network.
     seeds: int
     #: The baseline first, then the variants, best fitness first.

@@ -6,7 +6,9 @@
                           below 0.0001 as 1.23e-05
     p-value               two significant digits, `<0.001` below that
     percentage            one decimal: 96.0 %
-    estimate [low, high]  all three with the decimals that give the largest of them three significant digits
+    estimate [low, high]  all three with the decimals that give the largest of them three significant digits;
+                          where that is below 0.0001, each by itself as a number
+    percentages           one decimal: 96.0 % [94.2, 97.1]
     nothing               an en dash
 
 Halves go the way of the binary number, as Python's `format` rounds. What is no finite number is refused.
@@ -15,7 +17,7 @@ Halves go the way of the binary number, as Python's `format` rounds. What is no 
 import math
 import re
 
-from analysis.tables import Between, Cell, Percent, PValue
+from analysis.tables import Between, Cell, Percent, PercentBetween, PValue
 
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 _SMALLEST = 1e-4
@@ -40,6 +42,9 @@ def shown(cell: Cell) -> str:
             text = f"{finite(value) * 100:.1f} %"
         case Between(estimate, low, high):
             text = _interval(estimate, low, high)
+        case PercentBetween(estimate, low, high):
+            low_end, high_end = (f"{finite(value) * 100:.1f}" for value in (low, high))
+            text = f"{finite(estimate) * 100:.1f} % [{low_end}, {high_end}]"
         case _:
             text = _significant(finite(cell), 3)
     return _NEGATIVE.sub(_MINUS, text)
@@ -72,6 +77,10 @@ def _decimals(value: float, digits: int) -> int:
 
 
 def _interval(estimate: float, low: float, high: float) -> str:
-    decimals = min(_decimals(max(abs(finite(value)) for value in (estimate, low, high)), 3), 7)
-    texts = [f"{value:,.{decimals}f}" for value in (estimate, low, high)]
+    values = [finite(value) for value in (estimate, low, high)]
+    largest = max(map(abs, values))
+    if 0 < largest < _SMALLEST:
+        texts = [_significant(value, 3) for value in values]
+    else:
+        texts = [f"{value:,.{_decimals(largest, 3)}f}" for value in values]
     return f"{texts[0]} [{texts[1]}, {texts[2]}]"

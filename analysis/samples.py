@@ -1,8 +1,4 @@
-"""Samples as the statistics take them: checked before anything is computed, and numbers rounded on purpose.
-
-Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md). What ends in a table
-is therefore rounded where it is made.
-"""
+"""Samples as the statistics take them: checked before anything is computed."""
 
 from collections.abc import Sequence
 
@@ -10,14 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Sample = NDArray[np.float64]
-
-#: Significant digits of every figure, as of the losses in a ledger.
-DIGITS = 9
-
-
-def rounded(value: float) -> float:
-    """Keep 9 significant digits: more than any table shows, and none that depends on the CPU."""
-    return float(f"{value:.{DIGITS}g}")
 
 
 def checked(values: ArrayLike, *, name: str) -> Sample:

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import mannwhitneyu, rankdata
 from statsmodels.stats.multitest import multipletests
 
-from analysis.samples import Sample, checked, rounded
+from analysis.samples import Sample, checked
+from tacevo.digits import rounded
 
 #: What the test looks for: values of the first sample that differ from, or lie above or below, the second's.
 Alternative = Literal["two-sided", "greater", "less"]

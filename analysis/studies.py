@@ -4,13 +4,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from analysis.results import Network, Score, Study
+from analysis.study_checks import check_study
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Recipe
 from tacevo.rundir import RunDirectory
 from tacevo.scores import StudyDirectory, studies_of
+from tacevo.terms import Terms
 
-#: A network and a seed.
-_Row = tuple[str, int]
+#: Rows that a message names.
+MOST = 6
 
 
 def load_study(path: Path) -> Study:
@@ -26,11 +28,11 @@ def load_study(path: Path) -> Study:
     if described.get("digest") != (header, *lines)[-1]["hash"]:
         raise RunError(f"{path} is not finished, or its digest was edited; `tacevo study` continues it")
     try:
-        _refuse_incomplete(path, header, lines)
-        study = _study(header, lines)
+        _refuse_failed(path, lines)
+        study = _study(header, lines, described["units"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
-    _refuse_unlike(path, study)
+    check_study(study)
     return study
 
 
@@ -76,49 +78,33 @@ def _networks(study: Study) -> str:
     return ", ".join(network.name for network in study.networks)
 
 
-def _refuse_incomplete(path: Path, header: Mapping[str, Json], lines: Sequence[Mapping[str, Json]]) -> None:
-    """Refuse scores that are not one for each network and seed, or trainings that came to no end."""
-    expected = [(network["name"], seed) for network in header["networks"] for seed in range(header["seeds"])]
-    found = [(line["network"], line["seed"]) for line in lines]
-    missing = [row for row in expected if row not in found]
-    if missing:
-        raise RunError(f"{path} has no score of {_rows(missing)}; delete the folder, and `tacevo study` writes it anew")
-    if found != expected:
-        surplus = [row for place, row in enumerate(found) if row not in expected or row in found[:place]]
-        raise RunError(f"{path} has scores out of order or too often: {_rows(surplus or found)}; delete the folder")
-    failed = [(line["network"], line["seed"]) for line in lines if "reason" in line]
+def _refuse_failed(path: Path, lines: Sequence[Mapping[str, Json]]) -> None:
+    """Refuse trainings that came to no end."""
+    failed = [line for line in lines if "reason" in line]
     if failed:
-        reasons = ", ".join(sorted({line["reason"] for line in lines if "reason" in line}))
+        rows = [f"{line['network']}, seed {line['seed']}" for line in failed]
+        named = "; ".join(rows[:MOST]) + (f" and {len(rows) - MOST} more" if len(rows) > MOST else "")
+        reasons = ", ".join(sorted({line["reason"] for line in failed}))
         raise RunError(
-            f"{path} is incomplete: {_rows(failed)} came to no end ({reasons}); no statistics are right without them. "
+            f"{path} is incomplete: {named} came to no end ({reasons}); no statistics are right without them. "
             "Study again with more seconds= or memory_mib=, or with fewer elites="
         )
 
 
-def _refuse_unlike(path: Path, study: Study) -> None:
-    """Refuse networks that were measured by other metrics than the first one."""
-    names = set(study.scores[0].metrics)
-    odd = [(score.network, score.seed) for score in study.scores if set(score.metrics) != names]
-    if odd:
-        raise RunError(f"{path} has other metrics for {_rows(odd)} than for the rest; delete the folder")
-
-
-def _rows(rows: Sequence[_Row], most: int = 6) -> str:
-    """Name rows, e.g. `variant 1, seed 3; variant 2, seed 0`."""
-    named = [f"{network}, seed {seed}" for network, seed in rows]
-    return "; ".join(named[:most]) + (f" and {len(named) - most} more" if len(named) > most else "")
-
-
-def _study(header: Mapping[str, Json], lines: Sequence[Mapping[str, Json]]) -> Study:
+def _study(header: Mapping[str, Json], lines: Sequence[Mapping[str, Json]], units: Sequence[str]) -> Study:
     facts = DataFacts.from_json(header["data"])
+    if len(units) not in {0, len(facts.names)}:
+        raise ValueError(f"study.json needs a unit for each of {list(facts.names)}, or none; got {units}")
     return Study(
         run=header["run"],
         task=header["task"],
         kind=facts.kind,
         names=facts.names,
+        units=tuple(units),
         fingerprint=facts.fingerprint,
         recipe=Recipe.from_json(header["recipe"]),
         numerics=header["numerics"],
+        terms=Terms.from_json(header["terms"]),
         seeds=header["seeds"],
         networks=tuple(Network(**network) for network in header["networks"]),
         scores=tuple(_score(line) for line in lines),
@@ -131,7 +117,6 @@ def _score(line: Mapping[str, Json]) -> Score:
         network=line["network"],
         seed=line["seed"],
         epoch=line["epoch"],
-        validation_loss=line["validation_loss"],
         metrics=line["metrics"],
         confusion=None if counts is None else tuple(tuple(row) for row in counts),
     )

@@ -1,7 +1,7 @@
 """Is a study whole: every network with every seed, once, and with numbers; otherwise the rows are named."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 
 from analysis.results import Network, Study
 from analysis.samples import not_finite
@@ -11,32 +11,29 @@ from tacevo.plurals import counted
 BASELINE = "baseline"
 
 
-def check_study(study: Study, *, metrics: Sequence[str]) -> None:
+def check_study(study: Study) -> None:
     """Refuse a study that statistics cannot be made of.
 
-    Args:
-        study: the study.
-        metrics: names of the metrics that every score has to have.
-
     Raises:
-        RunError: the baseline is not the first network, there is no variant, or scores are missing, there twice, of
-            no network, or not finite; the message names the rows.
+        RunError: the baseline is not the first network, or scores are missing, there twice, of no network, not finite,
+            or of unlike metrics; the message names the rows.
     """
     names = [network.name for network in study.networks]
-    if names[:1] != [BASELINE] or len(names) < 2 or len(set(names)) < len(names):
-        raise RunError(f"a study needs the baseline, then one or more variants of different names; got {names}")
+    if names[:1] != [BASELINE] or len(set(names)) < len(names):
+        raise RunError(f"a study needs the baseline, then variants of different names; got {names}")
     strangers = sorted({score.network for score in study.scores} - set(names))
     if strangers:
         raise RunError(f"the study of {study.task} has scores of {strangers}, which are none of its networks {names}")
-    faults = [fault for network in study.networks for fault in _faults(study, network, metrics)]
+    metrics = {metric for score in study.scores for metric in score.metrics}
+    faults = [fault for network in study.networks for fault in _faults(study, network, sorted(metrics))]
     if faults:
         raise RunError(
-            f"the study of {study.task} cannot be compared, {counted(len(faults), 'fault')}: {'; '.join(faults)}. "
-            "Run the study again: it does what is missing"
+            f"the study of {study.task} is not whole, {counted(len(faults), 'fault')}: {'; '.join(faults)}. "
+            "Delete its folder, and `tacevo study` writes it anew from the store"
         )
 
 
-def _faults(study: Study, network: Network, metrics: Sequence[str]) -> Iterator[str]:
+def _faults(study: Study, network: Network, metrics: Collection[str]) -> Iterator[str]:
     """Say what is wrong with the scores of a network."""
     scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
     counts = Counter(score.seed for score in scores)

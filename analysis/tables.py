@@ -26,8 +26,22 @@ class Between:
     high: float
 
 
+@dataclass(frozen=True, slots=True)
+class PercentBetween:
+    """A fraction with the ends of its interval, shown as percentages."""
+
+    estimate: float
+    low: float
+    high: float
+
+
 #: None is a place that has no value.
-Cell = str | int | float | PValue | Percent | Between | None
+Cell = str | int | float | PValue | Percent | Between | PercentBetween | None
+
+
+def percent(share: float | None) -> Percent | None:
+    """Show a fraction as a percentage, and nothing where there is none."""
+    return None if share is None else Percent(share)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -140,3 +140,10 @@ class Confinement(StrEnum):
     none = "none"
     process = "process"
     kernel = "kernel"
+
+
+class MarginKind(StrEnum):
+    """What an equivalence margin counts in: parts of the baseline's median, or the unit of the metric."""
+
+    relative = "relative"
+    absolute = "absolute"

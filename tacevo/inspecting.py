@@ -85,9 +85,7 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
         DataError: the data set is missing, or is not the one that the run had.
         TacevoError: this is no run directory.
     """
-    config, _, facts = read_run(RunDirectory(path))
-    if store is not None:
-        config.store.root = store
+    config, _, facts = read_run(RunDirectory(path), store)
     catalogue = source_of(config).catalogue()
     with PlainView(console) as view:
         dataset = load_same(config, facts, view, catalogue=catalogue)

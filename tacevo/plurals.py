@@ -1,4 +1,6 @@
-"""Numbers with their nouns, for whatever is shown to a person."""
+"""Numbers with their nouns, and lists, for whatever is shown to a person."""
+
+from collections.abc import Iterable
 
 
 def counted(number: int, noun: str) -> str:
@@ -9,3 +11,8 @@ def counted(number: int, noun: str) -> str:
         noun: in the singular; its plural ends in `s`.
     """
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def listed(words: Iterable[str], nothing: str = "none") -> str:
+    """Write words one after the other: `probe, train`; or what stands where there is none."""
+    return ", ".join(words) or nothing

@@ -27,9 +27,7 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
         SandboxError: a probe is missing and the sandbox is broken.
     """
     directory = RunDirectory(path)
-    config, task, _ = read_run(directory)
-    if store is not None:
-        config.store.root = store
+    config, task, _ = read_run(directory, store)
     require(config.sandbox.require)
     with directory.believed():
         trained = {line["id"]: line["source"] for line in directory.read_ledger() if "fitness" in line}

@@ -1,11 +1,11 @@
 """Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.composition import from_plain
-from tacevo.config import RunConfig
+from tacevo.config import RunConfig, StoreConfig
 from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
@@ -48,9 +48,7 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         RunError: this is no run directory, or its ledger is damaged.
     """
     directory = RunDirectory(path)
-    config, task, facts = read_run(directory)
-    if store is not None:
-        config.store.root = store
+    config, task, facts = read_run(directory, store)
     recorded = finished_ledger(directory)
     plan = build_plan(config, task, Mode.replay, seen=seen)
     with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay, seen=seen) as tools:
@@ -77,8 +75,12 @@ def finished_ledger(directory: RunDirectory) -> tuple[dict[str, Json], ...]:
     return lines
 
 
-def read_run(directory: RunDirectory) -> tuple[RunConfig, Task, DataFacts]:
+def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:
     """Read a run's configuration, task and data facts.
+
+    Args:
+        directory: the run's.
+        store: where its stores lie, if not where the run had them.
 
     Raises:
         RunError: run.json is missing or damaged.
@@ -95,7 +97,9 @@ def read_run(directory: RunDirectory) -> tuple[RunConfig, Task, DataFacts]:
             instructions=tuple(Instruction(**entry) for entry in task["instructions"]),
             crossover=task["crossover"],
         )
-        return from_plain(run["config"]), rebuilt, DataFacts.from_json(run["data"])
+        config = from_plain(run["config"])
+        placed = config if store is None else replace(config, store=StoreConfig(root=store))
+        return placed, rebuilt, DataFacts.from_json(run["data"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{directory.path}/run.json is damaged: {type(error).__name__}: {error}") from error
 

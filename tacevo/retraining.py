@@ -64,9 +64,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         RunError: a candidate's source is missing, or run.json is damaged.
     """
     directory = RunDirectory(path)
-    config, task, facts = read_run(directory)
-    if store is not None:
-        config.store.root = store
+    config, task, facts = read_run(directory, store)
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
     with directory.believed():

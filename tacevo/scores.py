@@ -16,7 +16,7 @@ from tacevo.records import Json
 from tacevo.store import canonical, sweep, write_durably
 
 #: Layout of both files.
-SCHEMA = 1
+SCHEMA = 2
 
 
 class StudyDirectory:
@@ -87,7 +87,10 @@ class StudyDirectory:
         if study is None:
             raise RunError(f"{self.path} is not the folder of a study: it has no sound study.json")
         if study.get("schema") != SCHEMA:
-            raise RunError(f"{self.path}/study.json has schema {study.get('schema')!r}; this version reads {SCHEMA}")
+            raise RunError(
+                f"{self.path}/study.json has schema {study.get('schema')!r}; this version reads {SCHEMA}. "
+                f"Delete {self.path}; `tacevo study` writes it anew from the store"
+            )
         return study
 
     def read_scores(self) -> tuple[dict[str, Json], ...]:

@@ -12,6 +12,11 @@ SETTINGS = {
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
     "seconds": "what one training may take (86400)",
     "memory_mib": "the same, of memory (4096)",
+    "alpha": "level of the tests, after Holm (0.05)",
+    "margins.regression.value": "of the test MSE: the largest difference that counts as none (0.1)",
+    "margins.regression.kind": "relative (to the baseline's median), or absolute; the first unless set",
+    "margins.classification.value": "the same, of the test accuracy (0.01)",
+    "margins.classification.kind": "absolute (in the metric itself), or relative; the first unless set",
     "executor.workers": "trainings at once (2)",
     "store.root": "the folder of the stores (that of the run)",
 }
@@ -20,6 +25,7 @@ _EPILOG = """\
 examples:
   tacevo study run=runs/NAME
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
+  tacevo study run=runs/NAME margins.regression.value=0.05
 
 The same command continues a study that was stopped. Given in several processes, on one or more machines that share the
 run and the store, they divide the work."""

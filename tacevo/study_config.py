@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from tacevo.choices import MarginKind
 from tacevo.config import ExecutorConfig
 from tacevo.ranges import is_positive, require
 
@@ -19,6 +20,30 @@ class StudyStoreConfig:
 
 
 @dataclass(kw_only=True)
+class MarginConfig:
+    """The largest difference from the baseline that counts as none."""
+
+    #: In parts of the baseline's median, or in the unit of the metric.
+    value: float
+    kind: MarginKind
+
+
+@dataclass(kw_only=True)
+class MarginsConfig:
+    """A margin for each kind of task."""
+
+    #: Of the test MSE.
+    regression: MarginConfig
+    #: Of the test accuracy, in [0, 1].
+    classification: MarginConfig
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for kind, margin in (("regression", self.regression), ("classification", self.classification)):
+            require(is_positive(margin.value), f"margins.{kind}.value", "a finite value > 0", margin.value)
+
+
+@dataclass(kw_only=True)
 class StudyConfig:
     """The full training of a run's best networks and its baseline, each with several seeds."""
 
@@ -33,6 +58,9 @@ class StudyConfig:
     #: What one training may use.
     seconds: float
     memory_mib: int
+    #: Level of the tests, which Holm's correction keeps over all variants.
+    alpha: float
+    margins: MarginsConfig
     store: StudyStoreConfig
 
     def __post_init__(self) -> None:
@@ -43,3 +71,4 @@ class StudyConfig:
         require(self.epochs >= 1, "epochs", "a value >= 1", self.epochs)
         require(is_positive(self.seconds), "seconds", "a finite value > 0", self.seconds)
         require(self.memory_mib >= 64, "memory_mib", "a value >= 64", self.memory_mib)
+        require(0 < self.alpha < 1, "alpha", "a value in (0, 1)", self.alpha)

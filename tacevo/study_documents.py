@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Recipe, Rejection, to_json
 from tacevo.scores import SCHEMA
+from tacevo.terms import Terms
 from tacevo.training.full import FullTraining
 
 #: What a reader wants to know of a network, from its ledger line.
@@ -45,9 +46,16 @@ def networks_of(ledger: Sequence[Mapping[str, Json]], elites: Collection[str], c
 
 
 def study_header(
-    *, run: str, config: Mapping[str, Json], facts: DataFacts, recipe: Recipe, seeds: int, networks: Sequence[Json]
+    *,
+    run: str,
+    config: Mapping[str, Json],
+    facts: DataFacts,
+    recipe: Recipe,
+    seeds: int,
+    terms: Terms,
+    networks: Sequence[Json],
 ) -> dict[str, Json]:
-    """Write the first line of the scores: all that they follow from.
+    """Write the first line of the scores: all that they follow from, and how they are to be judged.
 
     Args:
         run: digest of the run.
@@ -55,6 +63,7 @@ def study_header(
         facts: of its data set.
         recipe: of the study.
         seeds: S.
+        terms: of the judgement.
         networks: see `networks_of`.
     """
     return {
@@ -68,6 +77,7 @@ def study_header(
         "numerics": config["numerics"]["kind"],
         "device": config["training"]["device"],
         "seeds": seeds,
+        "terms": to_json(terms),
         "networks": list(networks),
     }
 

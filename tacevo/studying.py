@@ -6,19 +6,20 @@ processes with one store may work on the same one. The order of the work enters 
 
 import hashlib
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from tacevo.config import RunConfig, StoreConfig
+from tacevo.config import RunConfig
 from tacevo.data.labels import units_of
 from tacevo.errors import DivergenceError, RunError
 from tacevo.plurals import counted
 from tacevo.progress import Listener, StudyView
 from tacevo.proposals import Task
 from tacevo.randomness import derived_seed
-from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Rejection
+from tacevo.records import DataFacts, Json, Kind, Limits, Mode, Recipe, Rejection
 from tacevo.replaying import finished_ledger, read_run
 from tacevo.retraining import load_same
 from tacevo.rundir import RunDirectory, machine, versions
@@ -27,6 +28,7 @@ from tacevo.scores import StudyDirectory, describes, studies_of
 from tacevo.store import Seen, content_hash, sweep_stores
 from tacevo.study_config import StudyConfig
 from tacevo.study_documents import networks_of, score_line, study_header
+from tacevo.terms import Margin, Terms
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.numerics import check_machine
 from tacevo.wiring import open_studies, recipe_of, source_of
@@ -82,7 +84,15 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     path, limits = Path(config.run or ""), Limits(seconds=config.seconds, memory_mib=config.memory_mib)
-    plan = _plan(path, config.store.root, elites=config.elites, seeds=config.seeds, epochs=config.epochs, limits=limits)
+    plan = _plan(
+        path,
+        config.store.root,
+        elites=config.elites,
+        seeds=config.seeds,
+        epochs=config.epochs,
+        limits=limits,
+        terms=partial(_stated, config),
+    )
     run = replace(plan.config, executor=config.executor)
     require(run.sandbox.require)
     check_machine(run.numerics.kind, run.training.device)
@@ -139,9 +149,12 @@ def _replay(
     try:
         recipe = Recipe.from_json(recorded["recipe"])
         elites, seeds = len(recorded["networks"]) - 1, int(recorded["seeds"])
+        terms = Terms.from_json(recorded["terms"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{directory.path}/study.json is damaged: {type(error).__name__}: {error}") from error
-    plan = _plan(path, store, elites=elites, seeds=seeds, epochs=recipe.epochs, limits=recipe.limits)
+    plan = _plan(
+        path, store, elites=elites, seeds=seeds, epochs=recipe.epochs, limits=recipe.limits, terms=lambda _: terms
+    )
     if not describes(recorded, _described(plan)):
         raise DivergenceError(f"{directory.path}/study.json was edited, or tells of another run or other networks")
     with open_studies(plan.config, plan.task, plan.facts, None, Mode.replay, seen=seen) as (evaluator, _):
@@ -152,13 +165,28 @@ def _replay(
     return digest
 
 
-def _plan(path: Path, store: str | None, *, elites: int, seeds: int, epochs: int, limits: Limits) -> _Plan:
-    """Work out which networks of a finished run are to be trained, and how."""
+def _stated(config: StudyConfig, kind: Kind) -> Terms:
+    """Give the terms that a configuration states for a kind of task."""
+    chosen = config.margins.regression if kind is Kind.regression else config.margins.classification
+    return Terms(alpha=config.alpha, margin=Margin(value=chosen.value, kind=chosen.kind))
+
+
+def _plan(
+    path: Path,
+    store: str | None,
+    *,
+    elites: int,
+    seeds: int,
+    epochs: int,
+    limits: Limits,
+    terms: Callable[[Kind], Terms],
+) -> _Plan:
+    """Work out which networks of a finished run are to be trained, how, and on which terms they are judged."""
     directory = RunDirectory(path)
-    config, task, facts = read_run(directory)
+    config, task, facts = read_run(directory, store)
     ledger = finished_ledger(directory)
     training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
-    config = replace(config, training=training, store=config.store if store is None else StoreConfig(root=store))
+    config = replace(config, training=training)
     with directory.believed():
         networks = networks_of(ledger, directory.read_elites(), elites)
         header = study_header(
@@ -167,6 +195,7 @@ def _plan(path: Path, store: str | None, *, elites: int, seeds: int, epochs: int
             facts=facts,
             recipe=recipe_of(config),
             seeds=seeds,
+            terms=terms(facts.kind),
             networks=networks,
         )
     jobs = [

@@ -4,11 +4,20 @@ from collections.abc import Mapping, Sequence
 
 from analysis.results import Network, Score, Study
 from analysis.tables import Table
+from tacevo.choices import MarginKind
 from tacevo.records import Kind, Limits, Recipe
+from tacevo.terms import Margin, Terms
 
 RECIPE = Recipe(
     epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)
 )
+
+
+#: Of conf/study.yaml.
+TERMS = {
+    Kind.regression: Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative)),
+    Kind.classification: Terms(alpha=0.05, margin=Margin(value=0.01, kind=MarginKind.absolute)),
+}
 
 
 def around(median: float, *, step: float, seeds: int = 20) -> list[float]:
@@ -34,9 +43,11 @@ def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regress
         task="force" if kind is Kind.regression else "grating",
         kind=kind,
         names=("Fx", "Fy", "Fz"),
+        units=("N", "N", "N") if kind is Kind.regression else (),
         fingerprint="f" * 64,
         recipe=RECIPE,
         numerics="portable",
+        terms=TERMS[kind],
         seeds=seeds or len(next(iter(values.values()))),
         networks=tuple(network(name) for name in values),
         scores=tuple(
@@ -51,8 +62,9 @@ def network(name: str) -> Network:
 
 
 def score(name: str, seed: int, metrics: Mapping[str, float]) -> Score:
-    """Make a network's score under a seed."""
-    return Score(network=name, seed=seed, epoch=40, validation_loss=0.1, metrics=metrics, confusion=None)
+    """Make a network's score under a seed; of a classification with a matrix of three classes."""
+    confusion = ((2, 1, 0), (0, 3, 0), (1, 0, 2)) if "accuracy" in metrics else None
+    return Score(network=name, seed=seed, epoch=40, metrics=metrics, confusion=confusion)
 
 
 def in_text(table: Table) -> str:

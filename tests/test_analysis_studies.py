@@ -10,10 +10,12 @@ import pytest
 
 from analysis.results import Study
 from analysis.studies import load_study, refuse_mixed, study_of
+from tacevo.choices import MarginKind
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Kind, Limits, Recipe
 from tacevo.scores import StudyDirectory
 from tacevo.study_documents import study_header
+from tacevo.terms import Margin, Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,
@@ -25,6 +27,7 @@ FACTS = DataFacts(
     names=("depth",),
 )
 RECIPE = Recipe(epochs=2, batch_size=4, learning_rate=0.1, optimiser="adam", limits=Limits(seconds=1.0, memory_mib=100))
+TERMS = Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative))
 NETWORKS: list[Json] = [
     {"name": name, "id": f"g00s0{place}", "source": name, "fitness": 0.5, "parameters": 1, "flops": 2}
     for place, name in enumerate(["baseline", "variant 1"])
@@ -40,6 +43,7 @@ HEADER = study_header(
     facts=FACTS,
     recipe=RECIPE,
     seeds=3,
+    terms=TERMS,
     networks=NETWORKS,
 )
 SCORES: list[dict[str, Json]] = [
@@ -60,7 +64,7 @@ SCORES: list[dict[str, Json]] = [
 def written(path: Path, scores: Sequence[dict[str, Json]] = SCORES, **header: Json) -> Path:
     """Write a finished study with sound hashes."""
     directory = StudyDirectory(path)
-    directory.begin({"run": "r" * 64}, {})
+    directory.begin({"run": "r" * 64}, {"units": ["mm"]})
     directory.finish([{**HEADER, **header}, *scores])
     return path
 
@@ -69,6 +73,7 @@ def test_study_comes_back_as_it_was(tmp_path: Path) -> None:
     """Networks, recipe and the values of each in the order of the seeds."""
     study = load_study(written(tmp_path / "study"))
     assert (study.task, study.kind, study.names, study.seeds) == ("force", Kind.regression, ("depth",), 3)
+    assert (study.terms, study.units) == (TERMS, ("mm",))
     assert (study.recipe, study.fingerprint, study.numerics) == (RECIPE, "f" * 64, "portable")
     assert [network.name for network in study.networks] == ["baseline", "variant 1"]
     assert np.array_equal(study.values("variant 1", "mse"), [1.0, 1.1, 1.2])
@@ -92,14 +97,17 @@ def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda scores: scores[:4], "has no score of variant 1, seed 1; variant 1, seed 2;"),
-        (lambda scores: [*scores[:1], *scores[2:]], "has no score of baseline, seed 1;"),
-        (lambda scores: [*scores, {**scores[0], "seed": 3}], "out of order or too often: baseline, seed 3;"),
-        (lambda scores: [*scores, scores[2]], "out of order or too often: baseline, seed 2;"),
+        (lambda scores: scores[:4], r"variant 1 has no score for seeds \[1, 2\]"),
+        (lambda scores: [*scores[:1], *scores[2:]], r"baseline has no score for seeds \[1\]"),
+        (
+            lambda scores: [*scores, {**scores[0], "seed": 3}],
+            r"baseline has scores beyond the 3 seeds of the study, for seeds \[3\]",
+        ),
+        (lambda scores: [*scores, scores[2]], r"baseline has more than one score for seeds \[2\]"),
         (failed, r"is incomplete: baseline, seed 1; variant 1, seed 2 came to no end \(out_of_time\)"),
         (
             lambda scores: [*scores[:5], {**scores[5], "metrics": {"mae": 1.0}}],
-            "has other metrics for variant 1, seed 2",
+            r"variant 1 has no mse for seeds \[2\]",
         ),
         (lambda scores: [{"kind": "score"}, *scores], "is damaged: KeyError"),
     ],
@@ -107,7 +115,7 @@ def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
 def test_what_is_not_whole_is_refused_with_its_rows(
     change: Callable[[list[dict[str, Json]]], list[dict[str, Json]]], named: str, tmp_path: Path
 ) -> None:
-    """Unequal seeds, rows out of order, trainings without an end, unlike metrics: sealed, and still no study."""
+    """Unequal seeds, rows twice, trainings without an end, unlike metrics: sealed, and still no study."""
     with pytest.raises(RunError, match=named):
         load_study(written(tmp_path / "study", change(SCORES)))
 
@@ -123,6 +131,14 @@ def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     scores.write_text("\n".join(scores.read_text().splitlines()[:-1]) + "\n")
     with pytest.raises(RunError, match="cut is not finished, or its digest was edited"):
         load_study(path)
+
+
+def test_units_that_do_not_fit_the_outputs_are_refused(tmp_path: Path) -> None:
+    """Nothing else says which output is in newtons."""
+    path = written(tmp_path / "study") / "study.json"
+    path.write_text(path.read_text().replace('"mm"', '"mm", "N"'))
+    with pytest.raises(RunError, match=r"study.json needs a unit for each of \['depth'\], or none; got \['mm', 'N'\]"):
+        load_study(path.parent)
 
 
 def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:

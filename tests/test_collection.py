@@ -98,5 +98,15 @@ def test_curves_show_the_baseline_once() -> None:
 def test_every_picture_can_be_drawn(kind: Kind) -> None:
     """Of the smallest run and study that there can be."""
     found = collection(kind, searched=searched())
-    drawable = [picture for picture in pictures_of(found) if picture.name != "confusion_matrices"]
-    assert all(picture.draw().axes for picture in drawable)
+    assert all(picture.draw().axes for picture in pictures_of(found))
+
+
+def test_study_without_a_comparison_keeps_its_scores_and_boxes() -> None:
+    """Too few seeds to compare are enough to be shown; the caption speaks of no p."""
+    found = collection(Kind.regression, searched=searched())
+    alone = replace(found, studies=tuple(replace(compared, comparisons=None) for compared in found.studies))
+    assert {"scores_force", "metrics_force"} <= set(names(alone))
+    assert not {"verdicts_force", "effects_force"} & set(names(alone))
+    (boxes,) = (picture for picture in pictures_of(alone) if picture.name == "seed_boxes")
+    assert boxes.caption.endswith("the baseline's median.")
+    assert boxes.draw().axes

@@ -91,9 +91,10 @@ def test_dollars_are_shown_only_where_every_answer_has_a_price() -> None:
 
 
 def test_gate_counts_what_each_stage_leaves() -> None:
-    """Shares are of all first answers, and the last stage leaves what was trained."""
+    """Shares are of all first answers, and the last stage leaves what was trained; the baseline was nobody's answer."""
     slots = [
         trained(0, 0),
+        trained(0, 1),
         turned_away(1, 0, Stage.extract, Reason.empty),
         turned_away(1, 1, Stage.probe, Reason.bad_output),
         turned_away(1, 2, Stage.probe, Reason.forward_failed),
@@ -109,6 +110,11 @@ def test_gate_counts_what_each_stage_leaves() -> None:
     assert probe.reasons == ((Reason.forward_failed, 2), (Reason.bad_output, 1))
     assert train.left_share == 0.2
     assert gate_table(run(slots, [])).rows[2] == ("probe", 3, 1, Percent(0.2), "forward_failed 2, bad_output 1")
+
+
+def test_gate_of_a_run_that_asked_nobody_has_no_shares() -> None:
+    """There is nothing that could be left."""
+    assert [(found.left, found.left_share) for found in gate_stages(run([trained(0, 0)], []))] == [(0, None)] * 4
 
 
 def test_repaired_answer_counts_as_turned_away_once_at_first() -> None:

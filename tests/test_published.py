@@ -22,6 +22,7 @@ from analysis.published import (
 )
 from analysis.published_tables import beside_published, published_tables
 from analysis.tables import Percent
+from tacevo.composition import compose, to_plain
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -104,51 +105,62 @@ def test_published_tables_are_golden() -> None:
     assert "\n".join(in_text(table) for table in published_tables()) == expected
 
 
-def run_of(**settings: dict[str, object]) -> Run:
-    """Make a run of two generations, set up as the paper's but for what is given."""
+#: The paper's set-up, as this project has it.
+FAITHFUL = ["llm=anthropic", "data=tacverse", "data.root=TacVerse", "data.image_size=256", "search.generations=20"]
+
+
+def run_of(*settings: str, image_size: int = 256) -> Run:
+    """Make a run of two generations whose configuration is the paper's but for what is given."""
     bare = hand_runs.run(
         [hand_runs.trained(0, 0, 0.8), hand_runs.trained(1, 0, 0.4)],
         [hand_runs.closed(0, 0.5), hand_runs.closed(1, 0.4, candidates=50, trained=48, coverage=0.88)],
     )
-    setup = {
-        "search": {"candidates": 50, "generations": 20},
-        "training": {"epochs": 10},
-        "llm": {"model": "Claude 3 Haiku"},
-        "data": {"source": "recorded"},
-    }
-    facts = replace(bare.facts, counts=(2400, 300, 300), image_size=256)
-    return replace(bare, config={**bare.config, **setup, **settings}, facts=facts)
+    facts = replace(bare.facts, counts=(2400, 300, 300), image_size=image_size)
+    return replace(bare, config=to_plain(compose([*FAITHFUL, *settings])), facts=facts)
 
 
 def test_runs_stand_beside_the_published_searches() -> None:
     """Trainable 48 of 50, from 0.5 (or the baseline's 0.8) to 0.4, 88 % of the niches."""
-    rows = beside_published([run_of()]).rows
+    rows = beside_published([run_of("archive.niches=25")]).rows
     assert rows[:5] == (
         ("hand", "trainable candidates", Percent(0.96), Percent(0.96)),
         ("hand", "improvement on generation 0", Percent(0.561), Percent((0.5 - 0.4) / 0.5)),
         ("hand", "improvement on the baseline", Percent(0.561), Percent(0.5)),
         ("hand", "coverage", Percent(0.88), Percent(0.88)),
-        ("hand", "niches", "not stated", 4),
+        ("hand", "niches", "not stated", 25),
     )
+
+
+def test_kinds_of_data_and_names_of_models_are_told() -> None:
+    """Ours with the form of its files, theirs with the id that stands for the printed name."""
+    rows = {quantity: cells for _, quantity, *cells in beside_published([run_of()]).rows}
+    assert rows["data"] == ["recorded", "recorded (tacverse)"]
+    assert rows["model"] == ["Claude 3 Haiku (claude-3-haiku-20240307)", "claude-3-haiku-20240307"]
 
 
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        ({}, "none"),
-        ({"search": {"candidates": 10, "generations": 20}}, "candidates per generation"),
-        ({"search": {"candidates": 50, "generations": 8}, "training": {"epochs": 5}}, "generations, epochs"),
-        ({"llm": {"model": "grammar-1"}, "data": {"source": "simulated"}}, "model, data"),
+        ([], "none"),
+        (["data=folder", "data.root=recording"], "none"),
+        (["search.candidates=10"], "candidates per generation"),
+        (["search.generations=8", "training.epochs=5"], "generations, epochs"),
+        (["llm=grammar", "data=simulated"], "model, data"),
     ],
 )
-def test_differences_of_the_set_up_are_named(settings: dict[str, dict[str, object]], named: str) -> None:
-    """Run by run, and only those; the niches, which the paper does not state, are no difference."""
-    assert beside_published([run_of(**settings)]).notes[-1] == f"Set up otherwise in hand: {named}."
+def test_differences_of_the_set_up_are_named(settings: list[str], named: str) -> None:
+    """Of shipped configurations, and only those; the niches, which the paper does not state, are no difference."""
+    assert beside_published([run_of(*settings)]).notes[-1] == f"Set up otherwise in hand: {named}."
+
+
+def test_smaller_images_are_a_difference() -> None:
+    """By the images that the run had."""
+    assert beside_published([run_of(image_size=32)]).notes[-1] == "Set up otherwise in hand: image size in pixels."
 
 
 def test_task_without_a_published_search_shows_ours_alone() -> None:
     """The supplement's hardness, or a task of one's own."""
-    table = beside_published([run_of(task={"name": "hardness"})])
+    table = beside_published([run_of("task=hardness")])
     assert [row[2] for row in table.rows[:4]] == [None] * 4
     assert table.rows[3][3] == Percent(0.88)
     assert "images" not in table.notes[-1].replace("image size", "")

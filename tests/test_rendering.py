@@ -8,7 +8,7 @@ import pytest
 
 from analysis.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, write_table
 from analysis.rounding import shown
-from analysis.tables import Between, Cell, Percent, PValue, Table
+from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
 from tacevo.errors import StoreError
 
 MINUS = "\N{MINUS SIGN}"
@@ -58,6 +58,8 @@ def of_width(characters: int) -> Table:
         (Between(0.8125, 0.65, 0.9375), "0.812 [0.650, 0.938]"),
         (Between(-0.0007, -0.0012, 0.0), f"{MINUS}0.00070 [{MINUS}0.00120, 0.00000]"),
         (Between(0.0, 0.0, 0.0), "0.00 [0.00, 0.00]"),
+        (Between(1e-8, -2.5e-9, 0.0), f"1.00e-08 [{MINUS}2.50e-09, 0.00]"),
+        (PercentBetween(0.96, 0.9421, 0.971), "96.0 % [94.2, 97.1]"),
     ],
 )
 def test_cell_is_rounded_by_the_rule(cell: Cell, text: str) -> None:
@@ -66,7 +68,14 @@ def test_cell_is_rounded_by_the_rule(cell: Cell, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "cell", [float("nan"), PValue(float("inf")), Percent(float("nan")), Between(0, 0, float("inf"))]
+    "cell",
+    [
+        float("nan"),
+        PValue(float("inf")),
+        Percent(float("nan")),
+        Between(0, 0, float("inf")),
+        PercentBetween(0, 0, float("nan")),
+    ],
 )
 def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path) -> None:
     """A hole in the results never becomes `nan` in a paper; nothing is written."""

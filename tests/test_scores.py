@@ -91,7 +91,7 @@ def test_damaged_description_is_one_line(directory: StudyDirectory) -> None:
     """What is no study.json, or one of another layout, is refused by its folder."""
     path = directory.path / "study.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 99}))
-    with pytest.raises(RunError, match=r"study.json has schema 99; this version reads 1"):
+    with pytest.raises(RunError, match=r"study.json has schema 99; this version reads 2\. Delete .*writes it anew"):
         directory.read()
     for text in ("", "[]", "{"):
         path.write_text(text)

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from tacevo.app import main
+from tacevo.choices import MarginKind
 from tacevo.composition import compose_study
 from tacevo.config import ExecutorConfig
 from tacevo.errors import ConfigError
@@ -17,7 +18,7 @@ from tacevo.study_commands import SETTINGS
 from tacevo.study_config import StudyConfig
 
 #: Chosen by nobody while there is one kind of executor.
-UNTOLD = {"executor", "executor.kind", "store"}
+UNTOLD = {"executor", "executor.kind", "store", "margins", "margins.regression", "margins.classification"}
 
 
 def test_every_setting_is_told() -> None:
@@ -32,8 +33,18 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
         main(["study", "--help"])
     told = dict(re.findall(r"^  (\S+) .*\(([\d.]+)\)$", capsys.readouterr().out, re.MULTILINE))
     config = compose_study(["run=x"])
-    shipped = {**asdict(config), "executor.workers": config.executor.workers}
-    assert told.keys() == {"elites", "seeds", "epochs", "seconds", "memory_mib", "executor.workers"}
+    margins = config.margins
+    shipped = {
+        **asdict(config),
+        "executor.workers": config.executor.workers,
+        "margins.regression.value": margins.regression.value,
+        "margins.classification.value": margins.classification.value,
+    }
+    assert told.keys() == {
+        *("elites", "seeds", "epochs", "seconds", "memory_mib", "executor.workers"),
+        *("alpha", "margins.regression.value", "margins.classification.value"),
+    }
+    assert (margins.regression.kind, margins.classification.kind) == (MarginKind.relative, MarginKind.absolute)
     assert {key: float(value) for key, value in told.items()} == {key: float(shipped[key]) for key in told}
     assert (config.elites, config.seeds, config.epochs, config.store.root) == (4, 20, 50, None)
 
@@ -47,6 +58,10 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
         ("epochs=0", "epochs needs a value >= 1; got 0"),
         ("seconds=0", "seconds needs a finite value > 0; got 0.0"),
         ("memory_mib=63", "memory_mib needs a value >= 64; got 63"),
+        ("alpha=1", "alpha needs a value in (0, 1); got 1.0"),
+        ("margins.regression.value=0", "margins.regression.value needs a finite value > 0; got 0.0"),
+        ("margins.classification.value=inf", "margins.classification.value needs a finite value > 0; got inf"),
+        ("margins.regression.kind=both", "margins.regression.kind needs one of relative, absolute; got both"),
         ("store.root=''", "store.root needs the name of a folder, or null; got ''"),
         ("executor.workers=0", "executor.workers needs a value >= 1; got 0"),
         ("executor.worker=2", "there is no setting 'executor.worker'; did you mean 'executor.workers'"),

@@ -132,6 +132,30 @@ def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.Captu
     assert files(folder) == before
 
 
+def test_terms_are_stated_in_the_study_and_change_no_training(folder: Path) -> None:
+    """Another margin is another study of the same trainings: nothing is trained, and both stand side by side."""
+    (first,) = studies_of(folder / "run")
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")}
+    assert (
+        main(["study", *STUDY, "alpha=0.01", "margins.regression.value=0.2", "margins.regression.kind=absolute"]) == 0
+    )
+    (second,) = (one for one in studies_of(folder / "run") if one.path != first.path)
+    stated = {"alpha": 0.01, "margin": {"value": 0.2, "kind": "absolute"}}
+    assert second.read()["terms"] == second.read_scores()[0]["terms"] == stated
+    assert first.read()["terms"] == {"alpha": 0.05, "margin": {"value": 0.1, "kind": "relative"}}
+    lines = [[one["evaluation"] for one in directory.read_scores()[1:]] for directory in (first, second)]
+    assert lines[0] == lines[1]
+    assert {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")} == before
+    assert main(["replay", "run"]) == 0
+
+
+def test_margin_of_another_kind_of_task_changes_nothing(folder: Path) -> None:
+    """It is not a term of this study."""
+    before = files(folder)
+    assert main(["study", *STUDY, "margins.classification.value=0.5"]) == 0
+    assert files(folder) == before
+
+
 def test_one_worker_gives_the_bytes_of_two(folder: Path) -> None:
     """Trained anew, one after the other, in whatever order."""
     before = files(folder)
@@ -179,7 +203,7 @@ def test_replay_compares_every_score_without_training(folder: Path, capsys: pyte
     """From the store alone, without the data set; a study that is only begun is passed over."""
     shutil.rmtree(folder / "cache" / "data")
     (folder / "run" / "studies" / "begun").mkdir()
-    (folder / "run" / "studies" / "begun" / "study.json").write_text('{"schema": 1, "digest": null}')
+    (folder / "run" / "studies" / "begun" / "study.json").write_text(json.dumps({"schema": SCHEMA, "digest": None}))
     assert main(["replay", "run"]) == 0
     output = capsys.readouterr()
     digest = json.loads(next(folder.glob("run/studies/elites*/study.json")).read_text())["digest"]
@@ -219,6 +243,8 @@ def test_corrupted_score_is_refused(folder: Path, capsys: pytest.CaptureFixture[
     [
         ({"task": "grating"}, 1, "study.json was edited, or tells of another run or other networks"),
         ({"digest": "0" * 64}, 1, "study.json has the digest 0000"),
+        ({"terms": {"alpha": 0.05, "margin": {"value": 9.0, "kind": "relative"}}}, 1, "the study's header: field"),
+        ({"terms": {}}, 2, "study.json is damaged"),
         ({"recipe": {}}, 2, "study.json is damaged"),
     ],
 )

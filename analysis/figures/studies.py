@@ -7,11 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from analysis.metrics import SHARES, metric_name
 from analysis.results import Study
 from analysis.style import BLACK, BLUE, GREY, ORANGE, PALE, VERMILLION, house_style, new_figure
-
-#: The metrics' names for people.
-METRICS = {"mse": "test MSE", "accuracy": "test accuracy (%)"}
 
 #: Half of what neighbouring seeds of a network are apart, as part of its place.
 _SPREAD = 0.24
@@ -28,7 +26,7 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
         words: what stands above a network, e.g. its verdict; by the network's name.
     """
     figure, (axes,) = new_figure("single", 2.6)
-    factor = 100.0 if study.primary == "accuracy" else 1.0
+    factor, unit = (100.0, " (%)") if study.primary in SHARES else (1.0, "")
     names = [network.name for network in study.networks]
     values = [factor * study.values(name, study.primary) for name in names]
     places = range(1, len(names) + 1)
@@ -47,10 +45,10 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
     for place, seeds in zip(places, values, strict=True):
         offsets = np.linspace(-_SPREAD, _SPREAD, len(seeds)) if len(seeds) > 1 else np.zeros(1)
         colour, marker = (ORANGE, "s") if place == 1 else (BLUE, "o")
-        axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, markeredgecolor="white", mew=0.3)
+        axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, mec="white", mew=0.3, zorder=3)
     axes.axhline(float(np.median(values[0])), color=VERMILLION, linestyle=":", linewidth=0.8, zorder=0)
     axes.set_xticks(list(places), [name.replace(" ", "\n") for name in names])
-    axes.set_ylabel(METRICS[study.primary])
+    axes.set_ylabel(f"test {metric_name(study.primary)}{unit}")
     for place, name in zip(places, names, strict=True):
         where = axes.get_xaxis_transform()
         axes.text(place, 1.01, words.get(name, ""), transform=where, ha="center", va="bottom", linespacing=1.1)

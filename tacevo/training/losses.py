@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacevo.digits import rounded
 from tacevo.records import Loss
-
-_DIGITS = 9
 
 
 def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArray[Any]) -> float:
@@ -26,11 +25,6 @@ def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArr
     """
     exact = mean_squared_error if loss is Loss.mse else cross_entropy
     return rounded(exact(predictions, targets))
-
-
-def rounded(value: float) -> float:
-    """Round to 9 significant digits."""
-    return float(f"{value:.{_DIGITS}g}")
 
 
 def mean_squared_error(predictions: NDArray[np.float32], targets: NDArray[np.float32]) -> float:

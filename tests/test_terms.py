@@ -1,0 +1,46 @@
+"""Promise: terms of a judgement are possible ones, and come back from a file as they were."""
+
+import math
+
+import pytest
+
+from tacevo.choices import MarginKind
+from tacevo.records import to_json
+from tacevo.terms import Margin, Terms
+
+
+@pytest.mark.parametrize(
+    ("margin", "width"),
+    [
+        (Margin(value=0.1, kind=MarginKind.relative), 0.0006),
+        (Margin(value=0.1, kind=MarginKind.absolute), 0.1),
+    ],
+)
+def test_margin_is_part_of_the_median_or_of_the_metric(margin: Margin, width: float) -> None:
+    """Around the paper's median MSE of 0.006."""
+    assert margin.around(0.006) == width
+
+
+def test_relative_margin_has_no_sign() -> None:
+    """A metric below zero has a margin too."""
+    assert Margin(value=0.5, kind=MarginKind.relative).around(-2) == 1
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, math.nan, math.inf])
+def test_margin_that_nothing_fits_in_is_refused(value: float) -> None:
+    """Nor one that everything fits in."""
+    with pytest.raises(ValueError, match="an equivalence margin must be above 0"):
+        Margin(value=value, kind=MarginKind.absolute)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1.0, -1.0, math.nan])
+def test_level_out_of_range_is_refused(alpha: float) -> None:
+    """A level is in the open interval."""
+    with pytest.raises(ValueError, match=r"alpha must be in \(0, 1\)"):
+        Terms(alpha=alpha, margin=Margin(value=0.1, kind=MarginKind.relative))
+
+
+def test_terms_come_back_as_they_were() -> None:
+    """Through plain JSON values."""
+    terms = Terms(alpha=0.01, margin=Margin(value=0.02, kind=MarginKind.absolute))
+    assert Terms.from_json(to_json(terms)) == terms
