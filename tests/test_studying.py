@@ -315,6 +315,16 @@ def test_unfinished_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[s
     assert "g00s00.py is missing or was edited" in capsys.readouterr().err
 
 
+def test_edited_archive_chooses_no_network(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without its best elite, another one would be studied as the best."""
+    path = folder / "run" / "archive.json"
+    archive = json.loads(path.read_text())
+    archive["elites"].sort(key=lambda elite: elite["fitness"])
+    path.write_text(json.dumps({**archive, "elites": archive["elites"][1:]}))
+    assert main(["study", *STUDY]) == 2
+    assert "archive.json is missing, damaged or edited" in capsys.readouterr().err
+
+
 def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is trained on images that the run did not have."""
     path = folder / "run" / "run.json"
