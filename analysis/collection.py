@@ -15,8 +15,8 @@ from analysis.dynamics_tables import (
     temperatures_table,
 )
 from analysis.gallery import Picture, run_pictures, study_pictures
-from analysis.health import health_table
-from analysis.lineage import lineage_table
+from analysis.health_tables import health_table
+from analysis.lineage_tables import lineage_table
 from analysis.loading import Run, load_run
 from analysis.motif_tables import anatomies_table, motifs_table
 from analysis.motifs import read_anatomies
@@ -26,7 +26,7 @@ from analysis.tables import Table
 from analysis.tessellation import Niches, load_niches
 from tacevo.errors import RunError
 from tacevo.records import Profile
-from tacevo.scores import studies_of
+from tacevo.studydir import studies_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,8 +88,17 @@ def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
         return None, [f"the comparison of {path}: {error}"]
 
 
+def with_one_study(found: Collection) -> Collection:
+    """Keep the largest study of a run: the most epochs, then seeds, then networks; never the better results."""
+    largest = sorted(
+        found.studies,
+        key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
+    )
+    return replace(found, studies=tuple(largest[-1:]))
+
+
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
-    """Give every table of a run and its studies; of several studies, each name ends in the study's.
+    """Give every table of a run and its studies; the names of a study's tables end in its own.
 
     Args:
         found: the run.
@@ -106,18 +115,14 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
     for compared in found.studies:
         of_study = study_tables(compared.study, compared.comparisons)
-        tables += [replace(table, name=f"{table.name}{_ending(found, compared)}") for table in of_study]
+        tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
     return tuple(tables)
 
 
 def pictures_of(found: Collection) -> tuple[Picture, ...]:
-    """List every figure of a run and its studies; of several studies, each name ends in the study's."""
+    """List every figure of a run and its studies; the names of a study's figures end in its own."""
     pictures = list(run_pictures(found.run, found.niches))
     for compared in found.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
-        pictures += [replace(picture, name=f"{picture.name}{_ending(found, compared)}") for picture in of_study]
+        pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
     return tuple(pictures)
-
-
-def _ending(found: Collection, compared: Compared) -> str:
-    return f"_{compared.name}" if len(found.studies) > 1 else ""

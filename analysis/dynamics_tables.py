@@ -22,20 +22,22 @@ def generations_table(run: Run) -> Table:
             Percent(entry.line.coverage),
             entry.elites,
             entry.growth,
+            entry.new,
+            entry.improved,
             entry.repeated,
             entry.unchanged,
         )
         for entry in progress(run)
     )
     stages = tuple(f"rejected: {stage}" for stage in Stage)
-    results = ("best", "median", "QD-score", "coverage", "elites", "growth", "repeated", "unchanged")
+    results = ("best", "median", "QD-score", "coverage", "elites", "growth", "new", "improved", "repeated", "unchanged")
     return Table(
         name=f"generations_{run.task}",
         caption=f"The generations of {run.name}.",
         columns=("generation", "T", "candidates", "trained", *stages, *results),
         rows=rows,
         notes=(
-            "Trained and rejected count first answers.",
+            "Trained and rejected count first answers. New: found their niche empty; improved: beat its elite.",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
         ),
     )

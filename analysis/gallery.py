@@ -13,16 +13,13 @@ from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
 from analysis.figures.prompts import prompt_productivity
 from analysis.figures.studies import confusion_matrices, seed_boxes
-from analysis.lineage import ancestors
+from analysis.lineage import lineage as find_lineage
 from analysis.loading import Run
 from analysis.results import Study
 from analysis.rounding import shown
 from analysis.tables import PValue
 from analysis.tessellation import Niches
 from tacevo.records import Kind
-
-#: Elites whose training is drawn beside the baseline's.
-TOP = 4
 
 #: The seed whose predictions the confusion matrices show.
 CONFUSED_SEED = 0
@@ -64,7 +61,10 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
     if run.elites:
         drawn += _of_elites(run)
-    return tuple(Picture(name=name, caption=f"{words[:-1]} ({run.name}).", draw=draw) for name, draw, words in drawn)
+    return tuple(
+        Picture(name=f"{name}_{run.task}", caption=f"{words[:-1]} ({run.name}).", draw=draw)
+        for name, draw, words in drawn
+    )
 
 
 def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:
@@ -76,27 +76,26 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
         f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
-    pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
+    pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
     if study.kind is Kind.classification:
         names = [network.name for network in study.networks[:2]]
         draw = partial(confusion_matrices, study, names, seed=CONFUSED_SEED)
         words = f"Test images of {' and '.join(names)} by true and predicted class, training seed {CONFUSED_SEED}."
-        pictures.append(Picture(name="confusion_matrices", caption=words, draw=draw))
+        pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
 
 
 def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:
     """List the figures of the best networks."""
-    candidates = {candidate.id: candidate for candidate in run.candidates}
-    ranked = [candidates[elite.id] for elite in run.ranked()]
-    networks = [run.baseline, *(candidate for candidate in ranked[: TOP + 1] if candidate != run.baseline)][: TOP + 1]
+    first = run.ranked()[0].id
+    networks = [run.baseline, *run.best()]
     return [
+        ("lineage", partial(lineage, find_lineage(run, first)), f"The ancestors of {first}, the best network."),
         (
-            "lineage",
-            partial(lineage, ancestors(run, ranked[0].id), run.instructions),
-            f"The ancestors of {ranked[0].id}, the best network.",
+            "training_curves",
+            partial(training_curves, networks),
+            "Short training of the baseline and the best networks.",
         ),
-        ("training_curves", partial(training_curves, networks), "Short training of the baseline and the best elites."),
     ]
 
 

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from analysis.dynamics import by_prompt, copies, gate_stages, repeats
 from analysis.loading import Run
 from analysis.occupation import AXES, Occupation, effective_niches, occupation, reachable
-from analysis.rounding import shown
-from analysis.tables import Table
 from tacevo.choices import PromptPolicy, TemperatureRule
 from tacevo.plurals import counted
 
@@ -73,21 +71,6 @@ def alarms(run: Run, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
         found += _of_niches(placed, centroids)
         found += _of_descriptors(run, placed)
     return (*found, *_of_candidates(run), *_of_prompts(run), *_of_temperature(run))
-
-
-def health_table(run: Run, centroids: NDArray[np.float64]) -> Table:
-    """Show every alarm of a run; see `alarms`."""
-    found = alarms(run, centroids)
-    return Table(
-        name=f"health_{run.task}",
-        caption=f"What may be wrong with {run.name}.",
-        columns=("alarm", "finding", "figures"),
-        rows=tuple(
-            (alarm.name, alarm.sentence, ", ".join(f"{name}: {shown(value)}" for name, value in alarm.figures))
-            for alarm in found
-        ),
-        notes=() if found else ("No alarm.",),
-    )
 
 
 def _of_niches(placed: Occupation, centroids: NDArray[np.float64]) -> Iterator[Alarm]:

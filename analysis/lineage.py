@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from analysis.loading import Candidate, Run
-from analysis.tables import Table
 from tacevo.errors import RunError
 
 
@@ -49,28 +48,6 @@ def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
             gain=_gain(candidate, fitness),
         )
         for candidate in found
-    )
-
-
-def lineage_table(run: Run, name: str) -> Table:
-    """Show where a candidate comes from; raises as `ancestors` does."""
-    rows = tuple(
-        (
-            entry.candidate.id,
-            entry.candidate.operator.value,
-            entry.instruction,
-            ", ".join(entry.candidate.parents) or None,
-            entry.candidate.trained.fitness if entry.candidate.trained else None,
-            entry.gain,
-        )
-        for entry in lineage(run, name)
-    )
-    return Table(
-        name=f"lineage_{run.task}",
-        caption=f"The ancestors of {name} in {run.name}.",
-        columns=("network", "operator", "instruction", "parents", "fitness", "gain"),
-        rows=rows,
-        notes=("Gain: how much less loss than the better parent.",),
     )
 
 

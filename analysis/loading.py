@@ -1,18 +1,23 @@
 """A finished run as records: what tables, figures and studies are made from.
 
-The ledger's chain and the run's digest are checked before anything is believed; a run that is not finished is
-refused. Nothing is computed here beyond what the files hold.
+The ledger's chain and the run's digest are checked before anything is believed, and both archives against what the
+ledger ends with; a run that is not finished is refused. Nothing is computed here beyond what the files hold.
 """
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.choices import Scale
 from tacevo.costs import Spending
+from tacevo.descriptors import scaled
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Operator, Reason, Stage
 from tacevo.rundir import RunDirectory
+from tacevo.store import content_hash
+
+#: How many of the best networks tables and figures look at, as the paper does (its section IV).
+TOP = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,9 +42,6 @@ class Trained:
     niche: int
     #: `new`, `improved` or `rejected`, as in `tacevo.archive.AddStatus`.
     status: str
-    curiosity: float
-    #: In the prompt archive; None where the candidate does not compete in it.
-    prompt_niche: int | None
 
     @property
     def inserted(self) -> bool:
@@ -89,8 +91,7 @@ class Generation:
     trained: int
     #: The archive's best fitness after it; None before anything was trained.
     best: float | None
-    #: Best and median fitness of its own candidates; None where none was trained.
-    generation_best: float | None
+    #: Median fitness of its own candidates; None where none was trained.
     generation_median: float | None
     #: Occupied part of the niches, in [0, 1].
     coverage: float
@@ -130,8 +131,8 @@ class Run:
     #: The resolved configuration, as run.json has it.
     config: Mapping[str, Json]
     facts: DataFacts
-    #: Package versions, as run.json has them.
-    versions: Mapping[str, str]
+    #: Hash of the centroids of both archives.
+    centroids: str
     #: Ids of the instructions, in the order of the prompt indices.
     instructions: tuple[str, ...]
     candidates: tuple[Candidate, ...]
@@ -155,6 +156,20 @@ class Run:
         """Give the elites, best fitness first; the earlier candidate where two are equal."""
         return tuple(sorted(self.elites, key=lambda elite: (elite.fitness, elite.id)))
 
+    def best(self, count: int = TOP) -> tuple[Candidate, ...]:
+        """Give the best elites that are networks of their own, at most `count`: those that a study would choose.
+
+        An elite with the source of the baseline or of a better elite is passed over, as in
+        `tacevo.study_documents.networks_of`.
+        """
+        candidates = {candidate.id: candidate for candidate in self.candidates}
+        chosen: dict[str | None, Candidate] = {}
+        for elite in self.ranked():
+            candidate = candidates[elite.id]
+            if candidate.source != self.baseline.source:
+                chosen.setdefault(candidate.source, candidate)
+        return tuple(chosen.values())[:count]
+
 
 def load_run(path: Path) -> Run:
     """Read the folder of a finished run.
@@ -163,37 +178,38 @@ def load_run(path: Path) -> Run:
         RunError: it is no run, is not finished, or was damaged or edited; the message names the file.
     """
     directory = RunDirectory(path)
-    lines = directory.read_ledger()
+    lines = directory.read_finished()
     run = directory.read_run()
-    if not lines or run.get("digest") != lines[-1]["hash"]:
-        raise RunError(f"{path} is not finished, or its digest was edited; the command that began it continues it")
     spent = directory.read_spending()
     with directory.believed():
-        archive, prompts = (_read_json(path / name) for name in ("archive.json", "prompts.json"))
+        _refuse_edited(path, run, lines[0])
+        archive, prompts = directory.read_archives(lines)
+        candidates = tuple(_candidate(line, spent) for line in lines if line["kind"] == "candidate")
         return Run(
             path=path,
             name=path.resolve().name,
             digest=run["digest"],
             config=run["config"],
             facts=DataFacts.from_json(lines[0]["data"]),
-            versions=run["versions"],
+            centroids=lines[0]["centroids"],
             instructions=tuple(entry["id"] for entry in run["task"]["instructions"]),
-            candidates=tuple(_candidate(line, spent) for line in lines if line["kind"] == "candidate"),
+            candidates=candidates,
             generations=tuple(_generation(line) for line in lines if line["kind"] == "generation"),
-            elites=tuple(_elite(entry) for entry in archive["elites"]),
+            elites=_elites(archive["elites"], candidates, Scale(run["config"]["archive"]["eff_ratio_scale"])),
             bounds=None if archive["bounds"] is None else _bounds(archive["bounds"]),
             prompt_trials=tuple(_trial(entry) for entry in prompts["trials"]),
         )
 
 
-def _read_json(path: Path) -> dict[str, Json]:
-    try:
-        value: dict[str, Json] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise RunError(f"{path} is missing; the command that began the run writes it anew") from error
-    except ValueError as error:
-        raise RunError(f"{path} is damaged: {error}; the command that began the run writes it anew") from error
-    return value
+def _refuse_edited(path: Path, run: Mapping[str, Json], header: Mapping[str, Json]) -> None:
+    """Hold configuration and task in run.json against the ledger's first line, as far as that has them."""
+    config = {**run["config"], "numerics": run["config"]["numerics"]["kind"]}
+    told = {
+        key: {name: config[key].get(name) for name in value} if isinstance(value, dict) else config[key]
+        for key, value in header["config"].items()
+    }
+    if told != header["config"] or content_hash(run["task"]) != header["task"]:
+        raise RunError(f"{path}/run.json was edited: its configuration or task is not that of the ledger; restore it")
 
 
 def _candidate(line: Mapping[str, Json], spent: Mapping[str, Spending]) -> Candidate:
@@ -228,19 +244,26 @@ def _trained(line: Mapping[str, Json]) -> Trained:
         validation_losses=tuple(line["validation_losses"]),
         niche=line["niche"],
         status=line["status"],
-        curiosity=line["curiosity"],
-        prompt_niche=line.get("prompt_niche"),
     )
 
 
 def _generation(line: Mapping[str, Json]) -> Generation:
-    names = ("generation", "temperature", "candidates", "trained", "best", "generation_best", "generation_median")
+    names = ("generation", "temperature", "candidates", "trained", "best", "generation_median")
     return Generation(**{name: line[name] for name in (*names, "coverage", "qd_score", "prompt_coverage")})
 
 
-def _elite(entry: Mapping[str, Json]) -> Elite:
-    arch_div, eff_ratio = entry["descriptors"]
-    return Elite(id=entry["id"], niche=entry["niche"], fitness=entry["fitness"], descriptors=(arch_div, eff_ratio))
+def _elites(entries: Sequence[Mapping[str, Json]], candidates: Sequence[Candidate], scale: Scale) -> tuple[Elite, ...]:
+    """Read the elites; their descriptors are those of the ledger, which the hash of an archive does not cover."""
+    measured = {candidate.id: candidate.measured for candidate in candidates if candidate.measured}
+    return tuple(
+        Elite(
+            id=entry["id"],
+            niche=entry["niche"],
+            fitness=entry["fitness"],
+            descriptors=(measured[entry["id"]].arch_div, scaled(measured[entry["id"]].eff_ratio, scale)),
+        )
+        for entry in entries
+    )
 
 
 def _bounds(value: Mapping[str, Json]) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from analysis.anatomy import Anatomy
-from analysis.loading import Run
-from analysis.motifs import TOP, count_motifs
+from analysis.loading import TOP, Run
+from analysis.motifs import count_motifs
 from analysis.tables import Percent, Table, percent
 from tacevo.plurals import listed
 
@@ -53,6 +53,7 @@ def motifs_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) 
         columns=("motif", "baseline", f"top {counts.top}", "archive", "trained", "in the paper"),
         rows=rows,
         notes=(
+            f"Top {counts.top}: the elites of the lowest validation loss, each source once, without the baseline.",
             f"Archive: of {counts.archive} elites. Trained: of {counts.trained} candidates from generation 1 on.",
             "A motif that is no more frequent among the best than among all that were trained explains nothing.",
             "In the paper: named there for the best networks of this task; its counts were not published.",
@@ -61,8 +62,8 @@ def motifs_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) 
 
 
 def anatomies_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
-    """Show how the baseline and the best elites are built."""
-    named = [("baseline", run.baseline.id), *((elite.id, elite.id) for elite in run.ranked()[:top])]
+    """Show how the baseline and the best networks are built."""
+    named = [("baseline", run.baseline.id), *((best.id, best.id) for best in run.best(top))]
     columns = ("network", "convolutions", "1x1", "strided", "pooling", "head", "activations", "normalisation")
     return Table(
         name=f"anatomies_{run.task}",

@@ -5,12 +5,9 @@ from dataclasses import dataclass
 
 from analysis.anatomy import Anatomy, read_anatomy
 from analysis.attention import AttentionKind
-from analysis.loading import Run
+from analysis.loading import TOP, Run
 from tacevo.errors import RunError
 from tacevo.records import Profile
-
-#: How many of the best elites the paper studies (its section IV).
-TOP = 4
 
 #: Says whether a network has a motif: the network, then the baseline.
 Rule = Callable[[Anatomy, Anatomy], bool]
@@ -30,7 +27,7 @@ class Found:
 
     motif: str
     baseline: bool
-    #: Of the best elites, of all elites, and of all trained candidates of generation 1 on.
+    #: Of the best networks (`Run.best`), of all elites, and of all trained candidates of generation 1 on.
     top: int
     archive: int
     trained: int
@@ -163,30 +160,30 @@ def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anato
 
 
 def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
-    """Count the motifs of the best elites against those of the whole archive and of all that was trained.
+    """Count the motifs of the best networks against those of the whole archive and of all that was trained.
 
     Args:
         run: the run.
         anatomies: of its trained candidates, by id.
-        top: how many of the best elites to count apart.
+        top: how many of the best networks to count apart; see `Run.best`.
     """
     baseline = anatomies[run.baseline.id]
     motifs = {name: motifs_of(anatomy, baseline) for name, anatomy in anatomies.items()}
-    elites = [elite.id for elite in run.ranked()]
+    elites, best = [elite.id for elite in run.elites], [candidate.id for candidate in run.best(top)]
     later = [it.id for it in run.candidates if it.trained is not None and it.generation > 0]
 
     def counted(names: Sequence[str], motif: Motif) -> int:
         return sum(motif.name in motifs[name] for name in names)
 
     return MotifCounts(
-        top=len(elites[:top]),
+        top=len(best),
         archive=len(elites),
         trained=len(later),
         found=tuple(
             Found(
                 motif=motif.name,
                 baseline=motif.name in motifs[run.baseline.id],
-                top=counted(elites[:top], motif),
+                top=counted(best, motif),
                 archive=counted(elites, motif),
                 trained=counted(later, motif),
             )

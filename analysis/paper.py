@@ -37,6 +37,8 @@ class Illustration:
     #: Beside the document, e.g. `force/lineage.pdf`.
     file: str
     caption: str
+    #: For references, e.g. `fig:run1:lineage_force`.
+    label: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,5 +99,5 @@ def _chapter(chapter: Chapter) -> str:
 
 
 def _figure(figure: Illustration) -> str:
-    inside = rf"\centering\includegraphics{{{figure.file}}}\caption{{{in_latex(figure.caption)}}}"
-    return rf"\begin{{figure}}[htbp]{inside}\end{{figure}}"
+    caption = rf"\caption{{{in_latex(figure.caption)}}}\label{{{figure.label}}}"
+    return rf"\begin{{figure}}[htbp]\centering\includegraphics{{{figure.file}}}{caption}\end{{figure}}"

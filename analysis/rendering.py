@@ -8,6 +8,7 @@ import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from analysis.rounding import finite, shown
@@ -58,12 +59,12 @@ def as_markdown(table: Table) -> str:
     return "\n\n".join([f"**{_in_markdown(table.caption)}**", body, *map(_in_markdown, table.notes)]) + "\n"
 
 
-def as_latex(table: Table) -> str:
+def as_latex(table: Table, *, prefix: str = "") -> str:
     r"""Write a table for LaTeX, which needs `booktabs` and `array`.
 
     Text of more than `LONG` characters is broken into lines. The table spans both columns of a paper (`table*`) where a
     row has more than `NARROW` characters; where it has more than `WIDE`, its columns stand in several parts below each
-    other, each of which begins with the first column. Its label is `tab:` and its name.
+    other, each of which begins with the first column. Its label is `tab:`, the prefix, and its name.
     """
     columns = _columns(table)
     parts = _parts([column.width for column in columns])
@@ -72,7 +73,7 @@ def as_latex(table: Table) -> str:
     tabulars = "\n\\par\\medskip\n".join(_tabular([columns[place] for place in part]) for part in parts)
     notes = [rf"\par\smallskip\parbox{{\linewidth}}{{\raggedright {in_latex(note)}}}" for note in table.notes]
     head = [rf"\begin{{{floating}}}[htbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
-    label = rf"\label{{tab:{table.name}}}"
+    label = rf"\label{{tab:{prefix}{table.name}}}"
     return "\n".join([*head, label, r"\footnotesize", tabulars, *notes, rf"\end{{{floating}}}"]) + "\n"
 
 
@@ -105,14 +106,20 @@ def in_latex(text: str) -> str:
 WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_latex, ".csv": as_csv}
 
 
-def write_table(table: Table, folder: Path) -> tuple[Path, ...]:
+def write_table(table: Table, folder: Path, *, prefix: str = "") -> tuple[Path, ...]:
     """Write a table in every format, each file whole; older ones are replaced.
+
+    Args:
+        table: what to write.
+        folder: where to.
+        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
 
     Raises:
         StoreError: a file cannot be written.
         ValueError: a cell is NaN or infinite; nothing was written.
     """
-    texts = {folder / f"{table.name}{ending}": write(table) for ending, write in WRITERS.items()}
+    writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
+    texts = {folder / f"{table.name}{ending}": write(table) for ending, write in writers.items()}
     for path, text in texts.items():
         write_durably(path, text)
     return tuple(texts)

@@ -7,8 +7,7 @@ from analysis.results import Network, Score, Study
 from analysis.study_checks import check_study
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Recipe
-from tacevo.rundir import RunDirectory
-from tacevo.scores import StudyDirectory, studies_of
+from tacevo.studydir import StudyDirectory
 from tacevo.terms import Terms
 
 #: Rows that a message names.
@@ -34,23 +33,6 @@ def load_study(path: Path) -> Study:
         raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
     check_study(study)
     return study
-
-
-def study_of(run: Path) -> Study:
-    """Read the only finished study of a run as it is now; one from before the run was extended does not count.
-
-    Raises:
-        RunError: there is none or more than one, or `load_study` refuses it.
-    """
-    digest = RunDirectory(run).read_run().get("digest")
-    found = [(directory, directory.read()) for directory in studies_of(run)]
-    finished = [directory for directory, said in found if said.get("digest") and said.get("run") == digest]
-    if not finished:
-        raise RunError(f"expected one finished study in {run}; there is none; `tacevo study run={run}` makes one")
-    if len(finished) > 1:
-        names = ", ".join(str(directory.path) for directory in finished)
-        raise RunError(f"expected one finished study in {run}; there is {names}; give the folder of the one you mean")
-    return load_study(finished[0].path)
 
 
 def refuse_mixed(studies: Sequence[Study]) -> None:

@@ -11,7 +11,6 @@ from analysis.loading import Run
 from tacevo.archive import find_centroids
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.rundir import RunDirectory
 from tacevo.store import Store, content_hash
 
 #: Corners of a convex polygon in order, shape (corners, 2).
@@ -40,7 +39,7 @@ def load_niches(run: Run, store: Path | None = None) -> Niches:
     root = store or Path(run.config["store"]["root"])
     archive = run.config["archive"]
     networks, prompts = (_centroids(root, archive, archive[key]) for key in ("niches", "prompt_niches"))
-    if content_hash([networks, prompts]) != RunDirectory(run.path).read_ledger()[0]["centroids"]:
+    if content_hash([networks, prompts]) != run.centroids:
         raise RunError(
             f"the niches in {root} are not those that {run.path} was searched with, and computing them on this "
             "machine gives others; name the run's own stores with --store"

@@ -1,6 +1,7 @@
 """Tables and pictures as files, each written whole."""
 
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 
 from analysis.gallery import Picture
@@ -9,19 +10,25 @@ from analysis.rendering import write_table
 from analysis.style import render
 from analysis.tables import Table
 from tacevo.store import write_durably
+from tacevo.studydir import NAME
 
 #: Is told that the file or files of a name are there.
 Told = Callable[[str], object]
 
 
-def write_tables(tables: Iterable[Table], folder: Path) -> None:
+def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> None:
     """Write tables in every format; older ones of the same names are replaced.
+
+    Args:
+        tables: what to write.
+        folder: where to.
+        prefix: of their labels in LaTeX.
 
     Raises:
         StoreError: a file cannot be written.
     """
     for table in tables:
-        write_table(table, folder)
+        write_table(table, folder, prefix=prefix)
 
 
 def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], told: Told) -> None:
@@ -43,20 +50,44 @@ def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[
         told(picture.name)
 
 
+def remove_outdated(folder: Path, names: Collection[str], *, task: str, endings: Collection[str]) -> list[str]:
+    """Remove what an earlier command wrote there of studies that are gone or refused now, lest it be taken for current.
+
+    Args:
+        folder: of tables or of figures.
+        names: of those that are current; other files than those of a study of this task are left alone.
+        task: the run's.
+        endings: of the files that the command writes.
+
+    Returns:
+        The names of the removed files.
+    """
+    pattern = re.compile(rf".+_{re.escape(task)}_{NAME}")
+    found = [path for path in sorted(folder.iterdir()) if path.suffix in endings and pattern.fullmatch(path.stem)]
+    gone = [path for path in found if path.stem not in names]
+    for path in gone:
+        path.unlink()
+    return [path.name for path in gone]
+
+
 def write_chapter(
     title: str, tables: Sequence[Table], pictures: Sequence[Picture], folder: Path, told: Told
 ) -> Chapter:
-    """Write what a chapter holds into a folder of its own, beside the document.
+    """Write what a chapter holds into a folder of its own, beside the document; labels begin with the folder's name.
 
     Raises:
         StoreError: a file cannot be written.
     """
-    write_tables(tables, folder)
+    prefix = f"{folder.name}:"
+    write_tables(tables, folder, prefix=prefix)
     write_pictures(pictures, folder, (".pdf",), told)
     return Chapter(
         title=title,
         tables=tuple(f"{folder.name}/{table.name}.tex" for table in tables),
         figures=tuple(
-            Illustration(file=f"{folder.name}/{picture.name}.pdf", caption=picture.caption) for picture in pictures
+            Illustration(
+                file=f"{folder.name}/{picture.name}.pdf", caption=picture.caption, label=f"fig:{prefix}{picture.name}"
+            )
+            for picture in pictures
         ),
     )

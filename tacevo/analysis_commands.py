@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacevo.commandline import DIFFERENT, DONE, Parser
-from tacevo.errors import ConfigError, DataError, SandboxError
+from tacevo.errors import ConfigError, DataError, RunError, SandboxError
 
 if TYPE_CHECKING:
     from analysis.collection import Collection
     from analysis.gallery import Picture
+    from analysis.loading import Run
     from analysis.paper import Chapter
     from analysis.tables import Table
 
@@ -72,28 +73,40 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
 
 
 def _tables(options: argparse.Namespace) -> int:
+    from analysis.rendering import WRITERS, as_markdown
+    from analysis.writing import remove_outdated, write_tables
+
+    if options.paper:
+        return _paper_tables(options)
+    if options.run is None:
+        raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
+    found = _collect(options.run, options.store)
+    tables, remarks = _own_tables(found, options)
+    folder = Path(options.output or found.run.path / "tables")
+    print("\n".join(map(as_markdown, tables)))
+    write_tables(tables, folder)
+    gone = remove_outdated(folder, {table.name for table in tables}, task=found.run.task, endings=WRITERS)
+    _say([*remarks, *map(_removed, gone)])
+    print(f"tables: {folder}")
+    return _status([found])
+
+
+def _paper_tables(options: argparse.Namespace) -> int:
+    """Print the paper's own tables; beside them a run, whose studies they do not speak of."""
+    from analysis.loading import load_run
     from analysis.rendering import as_markdown
     from analysis.writing import write_tables
 
-    if options.run is None and not options.paper:
-        raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
-    found = [] if options.run is None else [_collect(options.run, options.store)]
-    remarks: list[str] = []
-    if options.paper:
-        tables, folder = _published(found), options.output
-    else:
-        tables, remarks = _own_tables(found[0], options)
-        folder = options.output or found[0].run.path / "tables"
+    tables = _published([] if options.run is None else [load_run(Path(options.run))])
     print("\n".join(map(as_markdown, tables)))
-    if folder is not None:
-        write_tables(tables, Path(folder))
-        print(f"tables: {folder}")
-    _say(remarks)
-    return _status(found)
+    if options.output is not None:
+        write_tables(tables, Path(options.output))
+        print(f"tables: {options.output}")
+    return DONE
 
 
 def _figures(options: argparse.Namespace) -> int:
-    from analysis.writing import write_pictures
+    from analysis.writing import remove_outdated, write_pictures
 
     found = _collect(options.run, options.store)
     pictures, remarks = _pictures(found, options)
@@ -101,7 +114,9 @@ def _figures(options: argparse.Namespace) -> int:
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
     with _shown("figures", len(pictures)) as told:
         write_pictures(pictures, folder, endings, told)
-    _say(remarks)
+    names = {picture.name for picture in pictures}
+    gone = remove_outdated(folder, names, task=found.run.task, endings=[f".{name}" for name in _FORMATS])
+    _say([*remarks, *map(_removed, gone)])
     print(f"figures: {folder}")
     return _status([found])
 
@@ -124,14 +139,17 @@ def _report(options: argparse.Namespace) -> int:
 
 def _paper(options: argparse.Namespace) -> int:
     from analysis.paper import ENGINES, make_pdf, write_document
+    from analysis.studies import refuse_mixed
     from analysis.writing import write_chapter
 
     names = [Path(run).resolve().name for run in options.runs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
-    folder, found = Path(options.output), [_collect(run, options.store) for run in options.runs]
-    chapters = [write_chapter("The paper beside these runs", _published(found), [], folder / "published", _nobody)]
+    folder, found = Path(options.output), [_for_paper(_collect(run, options.store)) for run in options.runs]
+    refuse_mixed([compared.study for one in found for compared in one.studies])
+    published = _published([one.run for one in found])
+    chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
     # LaTeX reads no file whose name holds certain characters, so runs are numbered.
     chapters += [_chapter(one, folder / f"run{number}", options) for number, one in enumerate(found, start=1)]
     document = write_document(chapters, folder)
@@ -140,6 +158,19 @@ def _paper(options: argparse.Namespace) -> int:
     engines = " or ".join(command[0] for command, _ in ENGINES)
     print(f"PDF: {pdf}" if pdf else f"no PDF: no {engines} is installed; with one, this command makes it")
     return _status(found)
+
+
+def _for_paper(found: "Collection") -> "Collection":
+    """Take one study of a run, and say which are passed over."""
+    from analysis.collection import with_one_study
+
+    chosen = with_one_study(found)
+    names = {compared.name for compared in found.studies} - {compared.name for compared in chosen.studies}
+    _say(
+        f"passed over: {name}; the paper takes the run's largest study, {chosen.studies[0].name}"
+        for name in sorted(names)
+    )
+    return chosen
 
 
 def _chapter(found: "Collection", folder: Path, options: argparse.Namespace) -> "Chapter":
@@ -173,24 +204,22 @@ def _remarks(found: "Collection") -> list[str]:
     return remarks
 
 
-def _published(collections: "Sequence[Collection]") -> "tuple[Table, ...]":
+def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
     """Give the paper's own tables, and with runs the one that sets them beside it."""
     from analysis.published_tables import beside_published, published_tables
 
-    runs = [found.run for found in collections]
     return (*published_tables(), beside_published(runs)) if runs else published_tables()
 
 
 def _own_tables(found: "Collection", options: argparse.Namespace) -> "tuple[tuple[Table, ...], list[str]]":
-    """Give the tables of a run; where networks cannot be probed, say why those of motifs are missing."""
+    """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing."""
     from analysis.collection import tables_of
     from tacevo.profiles import recall_profiles
 
     try:
-        profiles = recall_profiles(found.run.path, options.store)
-    except SandboxError as error:
+        return tables_of(found, recall_profiles(found.run.path, options.store)), []
+    except (RunError, SandboxError) as error:
         return tables_of(found, None), [f"no tables of motifs: {error}"]
-    return tables_of(found, profiles), []
 
 
 def _pictures(found: "Collection", options: argparse.Namespace) -> "tuple[list[Picture], list[str]]":
@@ -207,7 +236,7 @@ def _pictures(found: "Collection", options: argparse.Namespace) -> "tuple[list[P
     except (ConfigError, DataError) as error:
         return pictures, [f"no sample images: {error}"]
     caption = f"Training images of the data set ({found.run.name})."
-    return [Picture(name="samples", caption=caption, draw=lambda: figure), *pictures], []
+    return [Picture(name=f"samples_{found.run.task}", caption=caption, draw=lambda: figure), *pictures], []
 
 
 def _status(collections: "Sequence[Collection]") -> int:
@@ -218,6 +247,10 @@ def _status(collections: "Sequence[Collection]") -> int:
 def _say(remarks: Iterable[str]) -> None:
     for remark in remarks:
         print(remark, file=sys.stderr)
+
+
+def _removed(name: str) -> str:
+    return f"removed {name}: its study is gone or left out"
 
 
 def _nobody(name: str) -> None:

@@ -1,8 +1,9 @@
 """The profiles of a finished run's networks: recalled from its store of probes, or probed anew in the sandbox."""
 
-import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
+from tacevo.choices import Confinement
 from tacevo.errors import RunError
 from tacevo.gate.admission import Admitted
 from tacevo.records import Mode, Profile
@@ -11,8 +12,11 @@ from tacevo.rundir import RunDirectory
 from tacevo.sandbox.confinement import require
 from tacevo.wiring import open_gate
 
+#: Insists on a level of confinement.
+Confine = Callable[[Confinement], None]
 
-def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
+
+def recall_profiles(path: Path, store: str | None, *, confine: Confine = require) -> dict[str, Profile]:
     """Give the profile of every trained candidate of a run, by id, in the order of its ledger.
 
     A probe that is missing, e.g. because an older version of this package made the run, is made and stored; the code of
@@ -21,6 +25,7 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
     Args:
         path: the run directory.
         store: where the stores lie, if not where the run had them.
+        confine: raises where candidates cannot be confined as strongly as the run asks; only a missing probe needs it.
 
     Raises:
         RunError: a candidate's file is not what was trained, or its source passes the probe no longer.
@@ -28,12 +33,13 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
     """
     directory = RunDirectory(path)
     config, task, _ = read_run(directory, store)
-    require(config.sandbox.require)
     with directory.believed():
         trained = {line["id"]: line["source"] for line in directory.read_ledger() if "fitness" in line}
-    sources = {name: _source(directory, name, digest) for name, digest in trained.items()}
+    sources = {name: directory.read_source(name, digest) for name, digest in trained.items()}
     distinct = dict.fromkeys(sources.values())
     with open_gate(config, task.contract, Mode.record) as (gate, executor):
+        if not all(map(gate.is_recorded, distinct)):
+            confine(config.sandbox.require)
         verdicts = dict(zip(distinct, executor.map(gate.measure, distinct), strict=True))
     found = {}
     for name, source in sources.items():
@@ -42,13 +48,3 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
             raise RunError(f"{name} of {path} was trained, but is turned away now: {verdict.reason}: {verdict.detail}")
         found[name] = verdict.profile
     return found
-
-
-def _source(directory: RunDirectory, name: str, digest: str) -> str:
-    """Read a candidate's source, and hold it against what its ledger line says was trained."""
-    source = directory.read_kept(name)
-    if source is None or hashlib.sha256(source.encode()).hexdigest() != digest:
-        raise RunError(
-            f"{directory.path}/candidates/{name}.py is missing, or is not what was trained; restore the file"
-        )
-    return source

@@ -49,7 +49,7 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
     """
     directory = RunDirectory(path)
     config, task, facts = read_run(directory, store)
-    recorded = finished_ledger(directory)
+    recorded = directory.read_finished()
     plan = build_plan(config, task, Mode.replay, seen=seen)
     with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay, seen=seen) as tools:
         ledger.commit(run_header(config, task, facts, plan))
@@ -59,20 +59,6 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)
         return Replayed(digest=ledger.digest, lines=ledger.committed, spent=total(verifier.spent))
-
-
-def finished_ledger(directory: RunDirectory) -> tuple[dict[str, Json], ...]:
-    """Read the ledger of a finished run.
-
-    Raises:
-        RunError: it is not finished, or something of it was damaged or edited.
-    """
-    lines = directory.read_ledger()
-    if not lines or directory.read_run().get("digest") != lines[-1]["hash"]:
-        raise RunError(
-            f"{directory.path} is not finished, or its digest was edited; the command that began it continues it"
-        )
-    return lines
 
 
 def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:

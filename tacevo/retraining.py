@@ -12,7 +12,7 @@ from tacevo.choices import Device, Numerics
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
-from tacevo.errors import DataError, DivergenceError, RunError
+from tacevo.errors import DataError, DivergenceError
 from tacevo.progress import Listener, View
 from tacevo.randomness import stream
 from tacevo.records import DataFacts, Json, Reason, Rejection, Training
@@ -61,7 +61,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         DivergenceError: the first difference.
         DataError: the run's data set is not there, or is another one.
         ConfigError: this machine cannot compute what the run's numerics ask for.
-        RunError: a candidate's source is missing, or run.json is damaged.
+        RunError: a candidate's source is missing or was edited, or run.json is damaged.
     """
     directory = RunDirectory(path)
     config, task, facts = read_run(directory, store)
@@ -73,7 +73,7 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         view.say(f"equal bits are not promised: {doubt}")
     lines = evaluated(directory.read_ledger())
     chosen = sampled(lines, count, config.seed)
-    sources = [_source(directory, line) for line in chosen]
+    sources = [directory.read_source(line["id"], line["source"]) for line in chosen]
     data = load_same(config, facts, view)
     with open_trainer(config, task, data) as (train, executor):
         for number, (line, result) in enumerate(zip(chosen, executor.map(train, sources), strict=True), start=1):
@@ -187,13 +187,6 @@ def _insist_on_equal(line: Mapping[str, Json], result: Training | Rejection, dou
     if "not_portable" in line:
         reasons.append(f"the candidate uses {', '.join(line['not_portable'])}, whose bits depend on the CPU")
     raise DivergenceError("; ".join([f"{line['id']} differs in {found}", *reasons]))
-
-
-def _source(directory: RunDirectory, line: Mapping[str, Json]) -> str:
-    source = directory.read_kept(line["id"])
-    if source is None:
-        raise RunError(f"{directory.path}/candidates has no {line['id']}.py; restore the folder")
-    return source
 
 
 def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue: Catalogue | None = None) -> Dataset:

@@ -11,10 +11,11 @@ summary.md      what was found
 
 import contextlib
 import fcntl
+import hashlib
 import json
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,13 +24,16 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json, Rejection
-from tacevo.store import sweep, write_durably
+from tacevo.store import content_hash, sweep, write_durably
 
 #: Layout of run.json.
 SCHEMA = 1
 
 #: A candidate's file holds its source, or the answer that was rejected.
 _ENDINGS = {".py", ".rejected.txt"}
+
+#: What the ledger's hash of the prompt archive covers of a trial.
+_TRIAL = ("prompt", "temperature", "inserted", "curiosity")
 
 #: Packages whose version may change a result or a number's meaning.
 PACKAGES = (
@@ -133,6 +137,19 @@ class RunDirectory:
         """Read the ledger, checked (`tacevo.ledger.read_ledger`)."""
         return read_ledger(self.ledger)
 
+    def read_finished(self) -> tuple[dict[str, Json], ...]:
+        """Read the ledger of a finished run.
+
+        Raises:
+            RunError: it is not finished, or something of it was damaged or edited.
+        """
+        lines = self.read_ledger()
+        if not lines or self.read_run().get("digest") != lines[-1]["hash"]:
+            raise RunError(
+                f"{self.path} is not finished, or its digest was edited; the command that began it continues it"
+            )
+        return lines
+
     def read_elites(self) -> list[str]:
         """Read the ids of the network archive's elites; none before the first generation is complete.
 
@@ -146,6 +163,28 @@ class RunDirectory:
             return []
         except (ValueError, KeyError, TypeError) as error:
             raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+
+    def read_archives(self, ledger: Sequence[Mapping[str, Json]]) -> tuple[dict[str, Json], dict[str, Json]]:
+        """Read archive.json and prompts.json of a finished run, held against the last generation of its ledger.
+
+        Args:
+            ledger: see `read_finished`.
+
+        Raises:
+            RunError: a file is missing, or is not what the ledger says: its occupants of the niches, or its bounds.
+        """
+        archive, prompts = self._read_json("archive.json"), self._read_json("prompts.json")
+        with self.believed():
+            last = next(line for line in reversed(ledger) if line["kind"] == "generation")
+            elites = [
+                (entry["niche"], {"name": entry["id"], "objective": -entry["fitness"]}) for entry in archive["elites"]
+            ]
+            trials = [(entry["niche"], {name: entry[name] for name in _TRIAL}) for entry in prompts["trials"]]
+            if not _is_recorded(elites, last["archive"]) or archive["bounds"] != last["bounds"]:
+                raise self._edited("archive.json")
+            if not _is_recorded(trials, last["prompt_archive"]):
+                raise self._edited("prompts.json")
+        return archive, prompts
 
     def keep_candidate(self, name: str, source: str) -> None:
         """Keep the source of an admitted candidate."""
@@ -162,6 +201,34 @@ class RunDirectory:
             if path.exists():
                 return path.read_text(encoding="utf-8", errors="replace")
         return None
+
+    def read_source(self, name: str, sha256: str) -> str:
+        """Read the source of an admitted candidate.
+
+        Args:
+            name: its id.
+            sha256: of the source, as its ledger line has it.
+
+        Raises:
+            RunError: the file is missing, or is not what was admitted.
+        """
+        source = self.read_kept(name)
+        if source is None or hashlib.sha256(source.encode()).hexdigest() != sha256:
+            raise RunError(f"{self.path}/candidates/{name}.py is missing or was edited; restore the file")
+        return source
+
+    def _read_json(self, name: str) -> dict[str, Json]:
+        try:
+            value: dict[str, Json] = json.loads((self.path / name).read_text(encoding="utf-8"))
+        except (FileNotFoundError, ValueError) as error:
+            raise self._edited(name) from error
+        return value
+
+    def _edited(self, name: str) -> RunError:
+        return RunError(
+            f"{self.path / name} is missing, damaged or edited: it is not what the ledger ends with; the command that "
+            "began the run writes it anew"
+        )
 
     def _keep(self, name: str, ending: str, text: str) -> None:
         """Write a candidate's file unless it stands there; one of another kind was left by a killed run."""
@@ -201,6 +268,15 @@ class RunDirectory:
                 if "id" in entry:
                     spent[entry["id"]] = Spending.from_json(entry)
         return spent
+
+
+def _is_recorded(occupants: Sequence[tuple[int, Json]], recorded: str) -> bool:
+    """Tell whether these occupants of niches have the hash that a ledger gives them."""
+    by_niche = {str(niche): occupant for niche, occupant in occupants}
+    try:
+        return len(by_niche) == len(occupants) and content_hash(by_niche) == recorded
+    except ValueError:  # NaN, which JSON cannot hold and Python's reader lets through
+        return False
 
 
 def rejected_text(rejection: Rejection, answer: str) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Recipe, Rejection, to_json
-from tacevo.scores import SCHEMA
+from tacevo.studydir import SCHEMA
 from tacevo.terms import Terms
 from tacevo.training.full import FullTraining
 

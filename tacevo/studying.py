@@ -4,9 +4,8 @@ Every training is in the store as soon as it ends, so a study that was stopped g
 processes with one store may work on the same one. The order of the work enters no file.
 """
 
-import hashlib
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,14 +19,14 @@ from tacevo.progress import Listener, StudyView
 from tacevo.proposals import Task
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Kind, Limits, Mode, Recipe, Rejection
-from tacevo.replaying import finished_ledger, read_run
+from tacevo.replaying import read_run
 from tacevo.retraining import load_same
 from tacevo.rundir import RunDirectory, machine, versions
 from tacevo.sandbox.confinement import require
-from tacevo.scores import StudyDirectory, describes, studies_of
-from tacevo.store import Seen, content_hash, sweep_stores
+from tacevo.store import Seen, sweep_stores
 from tacevo.study_config import StudyConfig
 from tacevo.study_documents import networks_of, score_line, study_header
+from tacevo.studydir import StudyDirectory, describes, name_study, studies_of
 from tacevo.terms import Margin, Terms
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.numerics import check_machine
@@ -130,7 +129,7 @@ def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen 
         RunError: a file is damaged.
     """
     digests = {}
-    before = {line["hash"] for line in finished_ledger(RunDirectory(path))[:-1]}
+    before = {line["hash"] for line in RunDirectory(path).read_finished()[:-1]}
     for directory in studies_of(path):
         name, recorded = directory.path.name, directory.read()
         if recorded.get("digest") is None:
@@ -184,11 +183,12 @@ def _plan(
     """Work out which networks of a finished run are to be trained, how, and on which terms they are judged."""
     directory = RunDirectory(path)
     config, task, facts = read_run(directory, store)
-    ledger = finished_ledger(directory)
+    ledger = directory.read_finished()
     training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
     config = replace(config, training=training)
     with directory.believed():
-        networks = networks_of(ledger, directory.read_elites(), elites)
+        archive, _ = directory.read_archives(ledger)
+        networks = networks_of(ledger, [entry["id"] for entry in archive["elites"]], elites)
         header = study_header(
             run=ledger[-1]["hash"],
             config=directory.read_run()["config"],
@@ -201,25 +201,15 @@ def _plan(
     jobs = [
         _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, "study", index))
         for network in networks
-        for source in [_source(directory, network)]
+        for source in [directory.read_source(network["id"], network["source"])]
         for index in range(seeds)
     ]
     return _Plan(config=config, task=task, facts=facts, header=header, jobs=tuple(jobs))
 
 
-def _source(directory: RunDirectory, network: Mapping[str, Json]) -> str:
-    """Read the source of a network, and hold it against the ledger."""
-    source = directory.read_kept(network["id"])
-    if source is None or hashlib.sha256(source.encode()).hexdigest() != network["source"]:
-        raise RunError(f"{directory.path}/candidates/{network['id']}.py is missing or was edited; restore it")
-    return source
-
-
 def _directory(run: Path, plan: _Plan) -> StudyDirectory:
-    """Name the folder of a study after what it is, so that the same command finds it again."""
-    elites, seeds, epochs = len(plan.header["networks"]) - 1, plan.header["seeds"], plan.config.training.epochs
-    name = f"elites{elites}-seeds{seeds}-epochs{epochs}-{content_hash(plan.header)[:8]}"
-    return StudyDirectory(run / "studies" / name)
+    """Give the folder of a study; the same command finds it again."""
+    return StudyDirectory(run / "studies" / name_study(plan.header, epochs=plan.config.training.epochs))
 
 
 def _described(plan: _Plan) -> dict[str, Json]:

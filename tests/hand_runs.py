@@ -53,9 +53,7 @@ def trained(
         stage=None,
         reason=None,
         measured=Measured(parameters=10, flops=10, arch_div=descriptors[0], eff_ratio=descriptors[1]),
-        trained=Trained(
-            fitness=fitness, validation_losses=(fitness,), niche=0, status=status, curiosity=0.5, prompt_niche=None
-        ),
+        trained=Trained(fitness=fitness, validation_losses=(fitness,), niche=0, status=status),
         spent=spent,
         sent_back=sent_back,
     )
@@ -99,7 +97,6 @@ def closed(
         candidates=candidates,
         trained=trained,
         best=best,
-        generation_best=best,
         generation_median=best,
         coverage=coverage,
         qd_score=1.0,
@@ -123,7 +120,7 @@ def run(
         digest="0" * 64,
         config={**CONFIG, "archive": {**CONFIG["archive"], **(archive or {})}},
         facts=FACTS,
-        versions={},
+        centroids="",
         instructions=tuple(instructions),
         candidates=tuple(candidates),
         generations=tuple(generations),

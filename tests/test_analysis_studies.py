@@ -1,6 +1,5 @@
 """Promise: a study is read whole or refused, with the rows named."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +8,12 @@ import numpy as np
 import pytest
 
 from analysis.results import Study
-from analysis.studies import load_study, refuse_mixed, study_of
+from analysis.studies import load_study, refuse_mixed
 from tacevo.choices import MarginKind
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Kind, Limits, Recipe
-from tacevo.scores import StudyDirectory
 from tacevo.study_documents import study_header
+from tacevo.studydir import StudyDirectory
 from tacevo.terms import Margin, Terms
 
 FACTS = DataFacts(
@@ -148,21 +147,6 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
     scores.write_text(scores.read_text().replace('"mse":1.1', '"mse":NaN'))
     with pytest.raises(RunError, match="variant 1, seed 1: the line does not match its hash"):
         load_study(path)
-
-
-def test_only_finished_study_of_a_run_is_found(tmp_path: Path) -> None:
-    """One that is begun, or is about a shorter run, does not count; none and two are refused with what there is."""
-    (tmp_path / "run.json").write_text(json.dumps({"schema": 1, "digest": "r" * 64}))
-    outdated = written(tmp_path / "studies" / "outdated") / "study.json"
-    outdated.write_text(outdated.read_text().replace("r" * 64, "q" * 64))
-    StudyDirectory(tmp_path / "studies" / "begun").begin({}, {})
-    with pytest.raises(RunError, match=r"expected one finished study in .*; there is none"):
-        study_of(tmp_path)
-    first = written(tmp_path / "studies" / "first")
-    assert study_of(tmp_path) == load_study(first)
-    written(tmp_path / "studies" / "second")
-    with pytest.raises(RunError, match=r"there is .*first, .*second; give the folder of the one"):
-        study_of(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,12 @@ def run(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return Path("run")
 
 
+def study_of(run: Path) -> Path:
+    """Give the folder of the only study of a run."""
+    (path,) = run.glob("studies/*")
+    return path
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     """Read all files of a folder."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
@@ -44,15 +50,9 @@ def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture
     """Each has its three files; those of the study are among them, and the Markdown is what is printed."""
     assert main(["tables", str(run)]) == 0
     printed, written = capsys.readouterr().out, contents(run / "tables")
-    names = {Path(name).stem for name in written}
-    assert {
-        "generations_force",
-        "gate_force",
-        "motifs_force",
-        "health_force",
-        "verdicts_force",
-        "scores_force",
-    } <= names
+    names, study = {Path(name).stem for name in written}, study_of(run).name
+    of_study = {f"verdicts_force_{study}", f"scores_force_{study}"}
+    assert {"generations_force", "gate_force", "motifs_force", "health_force", *of_study} <= names
     assert set(written) == {f"{name}{ending}" for name in names for ending in (".tex", ".md", ".csv")}
     assert all(content.decode() in printed for name, content in written.items() if name.endswith(".md"))
     assert printed.endswith("tables: run/tables\n")
@@ -67,20 +67,58 @@ def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_tables_of_the_paper_stand_beside_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With a run, its own results are set beside the published ones."""
+    """With a run, its own results are set beside the published ones; its studies, which are not, are not read."""
+    (study_of(run) / "scores.jsonl").write_text("damaged")
     assert main(["tables", str(run), "--paper"]) == 0
-    assert "Searches of this project beside the published ones" in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "Searches of this project beside the published ones" in told.out
+    assert told.err == ""
 
 
 def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The samples, the search's and the study's; drawn again, they are the same bytes."""
     assert main(["figures", str(run), "--format", "svg"]) == 0
     first = contents(run / "figures")
-    assert {"samples.svg", "network_map.svg", "lineage.svg", "seed_boxes.svg"} <= set(first)
+    expected = ["samples_force", "network_map_force", "lineage_force", f"seed_boxes_force_{study_of(run).name}"]
+    assert {f"{name}.svg" for name in expected} <= set(first)
     assert {Path(name).suffix for name in first} == {".svg"}
     assert main(["figures", str(run), "--format", "svg"]) == 0
     assert contents(run / "figures") == first
     assert capsys.readouterr().out.endswith("figures: run/figures\n")
+
+
+@pytest.mark.parametrize(("command", "folder"), [("tables", "tables"), ("figures", "figures")])
+def test_what_was_written_of_a_study_goes_with_it(
+    command: str, folder: str, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A table of a study that is refused now would look current; the files of the user and other tasks stay."""
+    assert main([command, str(run)]) == 0
+    own = run / folder / f"verdicts_grating_{study_of(run).name}.md"
+    own.write_text("of another run's task")
+    (run / folder / "notes_force.md").write_text("mine")
+    before = set(contents(run / folder))
+    assert main([command, str(run)]) == 0
+    assert set(contents(run / folder)) == before
+    (study_of(run) / "scores.jsonl").write_text("edited")
+    capsys.readouterr()
+    assert main([command, str(run)]) == 1
+    gone = before - set(contents(run / folder))
+    assert gone
+    assert gone == {name for name in before if f"_force_{study_of(run).name}." in name}
+    told = capsys.readouterr().err
+    assert all(f"removed {name}: its study is gone or left out" in told for name in gone)
+
+
+def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is told of a network that was not trained; the reason is said, and all other tables come."""
+    path = run / "candidates" / "g00s00.py"
+    path.write_text(path.read_text() + "# edited\n")
+    assert main(["tables", str(run)]) == 0
+    told = capsys.readouterr()
+    assert "no tables of motifs: " in told.err
+    assert "g00s00.py is missing or was edited" in told.err
+    assert "The generations of run" in told.out
+    assert "Motifs of" not in told.out
 
 
 def test_report_is_one_file(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -107,6 +145,35 @@ def test_paper_without_latex_is_a_document(
     asked = [part.partition("}")[0] for word in ("\\input{", "graphics{") for part in text.split(word)[1:]]
     assert len(asked) > 20
     assert all((Path("out") / name).is_file() for name in asked)
+
+
+def test_paper_takes_the_largest_study_of_a_run(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A first, quick study does not stand beside the one that counts; which is passed over is said."""
+    monkeypatch.setenv("PATH", os.fspath(run))
+    quick = study_of(run).name
+    assert main(["study", f"run={run}", "elites=1", "seeds=5", "epochs=1"]) == 0
+    assert main(["paper", str(run), "-o", "out"]) == 0
+    assert f"passed over: {quick}; the paper takes the run's largest study, elites1-seeds5-" in capsys.readouterr().err
+    names = set(contents(Path("out")))
+    assert not any(quick in name for name in names)
+    assert any("verdicts_force_elites1-seeds5-" in name for name in names)
+
+
+def test_paper_refuses_studies_that_were_made_otherwise(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two runs of one task, studied with unlike numbers of seeds: the rows are named, and nothing is written."""
+    monkeypatch.setenv("PATH", os.fspath(run))
+    other = Path(shutil.copytree(run, "other"))
+    assert main(["paper", str(run), str(other), "-o", "alike"]) == 0
+    shutil.rmtree(other / "studies")
+    assert main(["study", f"run={other}", "elites=1", "seeds=5", "epochs=1"]) == 0
+    assert main(["paper", str(run), str(other), "-o", "out"]) == 2
+    said = capsys.readouterr().err
+    assert "the studies of force differ in seeds: 4 for baseline, variant 1 of run" in said
+    assert not Path("out").exists()
 
 
 def test_two_runs_of_one_name_are_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,8 +219,8 @@ def test_data_that_cannot_be_had_cost_the_samples_only(run: Path, capsys: pytest
     (run / "run.json").write_text(json.dumps(described))
     assert main(["figures", str(run), "--format", "svg"]) == 0
     assert "no sample images: " in capsys.readouterr().err
-    assert not (run / "figures" / "samples.svg").exists()
-    assert (run / "figures" / "network_map.svg").exists()
+    assert not (run / "figures" / "samples_force.svg").exists()
+    assert (run / "figures" / "network_map_force.svg").exists()
 
 
 def _cut(run: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hand_runs import closed, run, trained
 from studies import study_of
 
-from analysis.collection import Collection, Compared, pictures_of, tables_of
+from analysis.collection import Collection, Compared, pictures_of, tables_of, with_one_study
 from analysis.comparison import compare
 from analysis.loading import Elite, Run
 from analysis.tessellation import Niches
@@ -46,15 +46,16 @@ def test_run_has_every_picture() -> None:
     """Those of the search first, those of the study last."""
     found = pictures_of(collection(Kind.classification, searched=searched()))
     assert [picture.name for picture in found] == [
-        "fitness_evolution", "trainable", "archive_growth", "temperature", "network_map", "prompt_map",
-        "prompt_productivity", "lineage", "training_curves", "seed_boxes", "confusion_matrices"
+        "fitness_evolution_force", "trainable_force", "archive_growth_force", "temperature_force", "network_map_force",
+        "prompt_map_force", "prompt_productivity_force", "lineage_force", "training_curves_force",
+        "seed_boxes_grating_study1", "confusion_matrices_grating_study1"
     ]  # fmt: skip
     assert all(picture.caption.endswith(".") for picture in found)
 
 
 def test_regression_has_no_confusion() -> None:
     """Its figure of seeds stands alone."""
-    assert "confusion_matrices" not in names(collection(Kind.regression, searched=searched()))
+    assert not any("confusion" in name for name in names(collection(Kind.regression, searched=searched())))
 
 
 def test_what_a_run_never_had_is_not_drawn() -> None:
@@ -62,36 +63,52 @@ def test_what_a_run_never_had_is_not_drawn() -> None:
     bare = replace(searched(), elites=(), instructions=(), candidates=())
     bare = replace(bare, config={**bare.config, "prompts": {"policy": "none"}})
     found = [picture.name for picture in pictures_of(collection(searched=bare))]
-    assert found == ["fitness_evolution", "trainable", "archive_growth", "temperature", "network_map"]
+    expected = ["fitness_evolution", "trainable", "archive_growth", "temperature", "network_map"]
+    assert found == [f"{name}_force" for name in expected]
 
 
 def test_files_of_several_studies_do_not_overwrite_each_other() -> None:
-    """Each name ends in its study's, and none comes twice."""
-    found = names(collection(Kind.regression, Kind.regression, searched=searched()))
-    assert {"seed_boxes_study1", "seed_boxes_study2"} <= set(found)
+    """Each name ends in its study's, of one study as of two, and none comes twice."""
+    assert "seed_boxes_force_study1" in names(collection(Kind.regression, searched=searched()))
+    both = collection(Kind.regression, Kind.regression, searched=searched())
+    found = [picture.name for picture in pictures_of(both)]
+    assert {"seed_boxes_force_study1", "seed_boxes_force_study2"} <= set(found)
     assert len(found) == len(set(found))
+    tables = [table.name for table in tables_of(both, None)]
+    assert len(tables) == len(set(tables))
 
 
 def test_words_above_the_boxes_are_those_of_the_comparison() -> None:
     """The verdict and Holm's p stand above each variant."""
     found = collection(Kind.regression, searched=searched())
-    (boxes,) = (picture for picture in pictures_of(found) if picture.name == "seed_boxes")
+    (boxes,) = (picture for picture in pictures_of(found) if picture.name == "seed_boxes_force_study1")
     (axes,) = boxes.draw().axes
     assert [text.get_text() for text in axes.texts] == ["", "worse\np = 0.029"]
 
 
 def test_lineage_leads_from_the_baseline_to_the_best() -> None:
     """Nobody else is in it."""
-    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "lineage")
+    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "lineage_force")
     (axes,) = drawn.draw().axes
     assert [text.get_text() for text in axes.texts if text.get_text().startswith("g")] == ["g00s00", "g01s00"]
 
 
 def test_curves_show_the_baseline_once() -> None:
     """Also where it is an elite itself."""
-    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "training_curves")
+    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "training_curves_force")
     (axes,) = drawn.draw().axes
     assert [line.get_label() for line in axes.lines] == ["baseline", "g01s00"]
+
+
+def test_largest_study_is_the_one_of_a_paper() -> None:
+    """Epochs before seeds before networks; what the studies found does not matter."""
+    small, large = collection(Kind.regression, Kind.regression, searched=searched()).studies
+    longer = replace(small, study=replace(small.study, recipe=replace(small.study.recipe, epochs=90)))
+    more = replace(large, study=replace(large.study, seeds=90))
+    both = replace(collection(searched=searched()), studies=(longer, more))
+    assert with_one_study(both).studies == (longer,)
+    assert with_one_study(replace(both, studies=(small, more))).studies == (more,)
+    assert with_one_study(replace(both, studies=())).studies == ()
 
 
 @pytest.mark.parametrize("kind", list(Kind))
@@ -105,8 +122,9 @@ def test_study_without_a_comparison_keeps_its_scores_and_boxes() -> None:
     """Too few seeds to compare are enough to be shown; the caption speaks of no p."""
     found = collection(Kind.regression, searched=searched())
     alone = replace(found, studies=tuple(replace(compared, comparisons=None) for compared in found.studies))
-    assert {"scores_force", "metrics_force"} <= set(names(alone))
-    assert not {"verdicts_force", "effects_force"} & set(names(alone))
-    (boxes,) = (picture for picture in pictures_of(alone) if picture.name == "seed_boxes")
+    kinds = {name.partition("_")[0] for name in names(alone)}
+    assert {"scores", "metrics"} <= kinds
+    assert not {"verdicts", "effects"} & kinds
+    (boxes,) = (picture for picture in pictures_of(alone) if picture.name.startswith("seed_boxes"))
     assert boxes.caption.endswith("the baseline's median.")
     assert boxes.draw().axes

@@ -213,6 +213,8 @@ def test_tables_show_the_figures() -> None:
         "coverage": Percent(0.75),
         "elites": 3,
         "growth": 1,
+        "new": 0,
+        "improved": 1,
         "repeated": 2,
         "unchanged": 1,
     }

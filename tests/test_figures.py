@@ -29,6 +29,7 @@ from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
 from analysis.figures.prompts import prompt_productivity
 from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.lineage import lineage as find_lineage
 from analysis.loading import Elite, PromptTrial
 from analysis.results import Study
 from analysis.style import house_style, render
@@ -80,7 +81,7 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
     "prompt_map": (lambda: prompt_map(RUN, CENTROIDS), 3.5),
     "prompt_productivity": (lambda: prompt_productivity(by_prompt(RUN)), 3.5),
-    "lineage": (lambda: lineage(SLOTS[:4], RUN.instructions), 3.5),
+    "lineage": (lambda: lineage(find_lineage(RUN, "g01s01")), 3.5),
     "training_curves": (lambda: training_curves([SLOTS[0], SLOTS[2]]), 3.5),
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
     "confusion_matrix": (lambda: confusion_matrices(confused(), ["baseline"], seed=0), 3.5),
@@ -218,6 +219,28 @@ def test_map_draws_every_niche() -> None:
     assert points(axes, "*") == [(0.4, 14.0)]
 
 
+def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
+    """Its niche is the one at the edge; nothing of the map, the star included, vanishes, and the legend says why."""
+    best = replace(ELITES[1], descriptors=(0.4, 25.0))
+    drawn = network_map(replace(RUN, elites=(ELITES[0], best)), CENTROIDS)
+    axes, _ = drawn.axes
+    assert points(axes, "X") == points(axes, "*") == [(0.4, 20.0)]
+    assert points(axes, "o") == [(0.2, 11.0)]
+    assert "outside the bounds" in texts(drawn)
+    assert "outside the bounds" not in texts(network_map(RUN, CENTROIDS))
+
+
+@pytest.mark.parametrize(("losses", "scale"), [((0.1, 1.0), "log"), ((0.2, 1.0), "linear"), ((0.0, 1.0), "linear")])
+def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale: str) -> None:
+    """Logarithmic from a factor of 10 on, else from 0 up, in the curves as in the evolution."""
+    high, low = trained(0, 0, losses[1]), trained(1, 0, losses[0])
+    told = replace(RUN, generations=tuple(closed(place, loss) for place, loss in enumerate(losses)))
+    for drawn in (training_curves([high, low]), fitness_evolution(told)):
+        (axes,) = drawn.axes
+        assert axes.get_yscale() == scale
+        assert scale == "log" or axes.get_ylim()[0] == 0
+
+
 def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
     """A single elite, an axis without extent, a loss of 0, an empty archive."""
     one = replace(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=((0.3, 0.3), (10.0, 20.0)))
@@ -277,9 +300,9 @@ def test_instruction_without_a_trial_has_a_line_and_no_point() -> None:
 
 def test_lineage_names_what_made_each_ancestor() -> None:
     """Instruction or operator, and the loss; every known parent has its edge."""
-    drawn = lineage(SLOTS[:4], RUN.instructions)
+    drawn = lineage(find_lineage(RUN, "g01s01"))
     assert {"baseline", "refine", "crossover", "g01s01", "0.500"} <= set(texts(drawn))
-    assert sum(len(np.asarray(one.get_xdata())) == 2 for one in drawn.axes[0].lines) == 4
+    assert sum(len(np.asarray(one.get_xdata())) == 2 for one in drawn.axes[0].lines) == 3
 
 
 def test_names_of_users_are_no_formulas() -> None:
@@ -289,7 +312,7 @@ def test_names_of_users_are_no_formulas() -> None:
     study = replace(confused(), names=(name, "b", "c"))
     for drawn in (
         prompt_productivity(by_prompt(named)),
-        lineage(SLOTS[:4], named.instructions),
+        lineage(find_lineage(named, "g01s00")),
         confusion_matrices(study, ["baseline"], seed=0),
     ):
         assert render(drawn, ".svg")
@@ -299,7 +322,7 @@ def test_names_of_users_are_no_formulas() -> None:
 def test_long_lineage_shows_its_end_and_says_so() -> None:
     """The latest ancestors stay, the number of the others is told."""
     many = [trained(number, 0, parents=(f"g{number - 1:02}s00",)) for number in range(ROWS + 5)]
-    found = texts(lineage(many, ("refine",)))
+    found = texts(lineage(find_lineage(run(many, [closed(0)]), many[-1].id)))
     assert "made by (5 left out)" in found
     assert many[-1].id in found
     assert many[4].id not in found

@@ -5,7 +5,8 @@ import pytest
 from hand_runs import closed, run, trained, turned_away
 from numpy.typing import NDArray
 
-from analysis.health import alarms, health_table
+from analysis.health import alarms
+from analysis.health_tables import health_table
 from analysis.loading import Candidate, Run
 from analysis.occupation import effective_niches, occupation, reachable
 from tacevo.records import Reason, Stage

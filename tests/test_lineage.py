@@ -3,7 +3,8 @@
 import pytest
 from hand_runs import closed, run, trained
 
-from analysis.lineage import ancestors, lineage, lineage_table
+from analysis.lineage import ancestors, lineage
+from analysis.lineage_tables import lineage_table
 from analysis.loading import Run
 from tacevo.errors import RunError
 

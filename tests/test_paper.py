@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from analysis.gallery import Picture
-from analysis.paper import Chapter, Illustration, document, make_pdf, write_document
-from analysis.tables import Table
+from analysis.paper import ENGINES, Chapter, Illustration, document, make_pdf, write_document
+from analysis.tables import Between, Percent, PValue, Table
 from analysis.writing import write_chapter
 from tacevo.errors import RunError
 
@@ -18,8 +18,8 @@ CHAPTER = Chapter(
     title="force_1 & more",
     tables=("run1/gate_force.tex",),
     figures=(
-        Illustration(file="run1/lineage.pdf", caption="100 % of g01"),
-        Illustration(file="run1/samples.pdf", caption="Samples."),
+        Illustration(file="run1/lineage.pdf", caption="100 % of g01", label="fig:run1:lineage"),
+        Illustration(file="run1/samples.pdf", caption="Samples.", label="fig:run1:samples"),
     ),
 )
 
@@ -42,6 +42,7 @@ def test_document_holds_everything() -> None:
     text = document([CHAPTER])
     assert r"\section*{force\_1 \& more}" in text
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
+    assert r"\label{fig:run1:lineage}" in text
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/samples.pdf}" in text
     assert r"\input{run1/gate_force.tex}" in text
     assert re.findall(r"\\begin\{(.*?)\}", text) == ["document", "figure", "figure"]
@@ -57,6 +58,34 @@ def test_chapter_names_the_files_that_it_wrote(tmp_path: Path) -> None:
     assert all(
         (tmp_path / file).is_file() for file in ("run1/gate.tex", "run1/gate.md", "run1/gate.csv", "run1/lineage.pdf")
     )
+
+
+def test_chapters_of_one_task_share_no_label(tmp_path: Path) -> None:
+    """Two runs have tables and figures of the same names; a reference still means one thing."""
+    table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
+    picture = Picture(name="lineage", caption="c.", draw=lambda: Figure(figsize=(3.5, 1)))
+    chapters = [write_chapter("t", [table], [picture], tmp_path / name, lambda name: None) for name in ("run1", "run2")]
+    texts = [(tmp_path / chapter.tables[0]).read_text() for chapter in chapters]
+    labels = re.findall(r"\\label\{(.*?)\}", "".join([*texts, document(chapters)]))
+    assert sorted(labels) == ["fig:run1:lineage", "fig:run2:lineage", "tab:run1:gate", "tab:run2:gate"]
+
+
+@pytest.mark.skipif(not any(shutil.which(command[0]) for command, _ in ENGINES), reason="no LaTeX is installed")
+def test_latex_sets_the_document(tmp_path: Path) -> None:
+    """Every kind of cell and of character, a table in parts, a figure: the real thing makes a page of it."""
+    every = "".join(map(chr, range(32, 127))) + "\N{MINUS SIGN}\N{EN DASH}±\N{MULTIPLICATION SIGN}·≤≥²"
+    cells = ("text " * 20, 1, 0.5, PValue(0.0001), Percent(0.5), Between(0.5, 0.4, 0.6), None, every)
+    wide = Table(name="wide", caption=every, columns=tuple(f"column {place}" for place in range(8)), rows=(cells,))
+    narrow = Table(name="narrow", caption="c", columns=("x",), rows=(("[1]",), ("*",)), notes=(every,))
+    empty = Table(name="empty", caption="c", columns=("x",), rows=())
+    picture = Picture(name="lineage", caption=every, draw=lambda: Figure(figsize=(3.5, 1)))
+    tables = [wide, narrow, empty]
+    chapters = [write_chapter(every, tables, [picture], tmp_path / name, lambda name: None) for name in ("a", "b")]
+    pdf = make_pdf(write_document(chapters, tmp_path), shutil.which)
+    assert pdf is not None
+    assert pdf.read_bytes().startswith(b"%PDF")
+    log = pdf.with_suffix(".log")
+    assert not log.exists() or "multiply defined" not in log.read_text(errors="replace")
 
 
 def test_without_latex_there_is_no_pdf(tmp_path: Path) -> None:

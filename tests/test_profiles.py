@@ -10,7 +10,8 @@ from smallest import ARCHIVES, UNTRACKED
 from analysis.loading import load_run
 from analysis.motifs import read_anatomies
 from tacevo.app import main
-from tacevo.errors import RunError
+from tacevo.choices import Confinement
+from tacevo.errors import RunError, SandboxError
 from tacevo.profiles import recall_profiles
 from tacevo.rundir import RunDirectory
 
@@ -53,6 +54,18 @@ def test_recorded_probes_are_believed(folder: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in (folder / "cache" / "probes").rglob("*.json")} == before
 
 
+def test_only_a_missing_probe_needs_the_sandbox(folder: Path) -> None:
+    """What is recorded is read on a machine that can confine nothing; what is not, is never run there."""
+
+    def refuse(level: Confinement) -> None:
+        raise SandboxError(f"no {level} here")
+
+    assert recall_profiles(folder / "run", None, confine=refuse)
+    next((folder / "cache" / "probes").rglob("*.json")).unlink()
+    with pytest.raises(SandboxError, match="no process here"):
+        recall_profiles(folder / "run", None, confine=refuse)
+
+
 def test_missing_probes_are_made_alike(folder: Path) -> None:
     """As for a run of an older version; and in a store that lies elsewhere."""
     before = recall_profiles(folder / "run", None)
@@ -65,7 +78,7 @@ def test_edited_source_is_refused(folder: Path) -> None:
     """What was trained is what is looked at."""
     path = folder / "run" / "candidates" / "g00s00.py"
     path.write_text(path.read_text() + "# edited\n")
-    with pytest.raises(RunError, match=r"g00s00\.py is missing, or is not what was trained"):
+    with pytest.raises(RunError, match=r"g00s00\.py is missing or was edited"):
         recall_profiles(folder / "run", None)
 
 

@@ -1,5 +1,6 @@
 """Promise: a run directory belongs to one process at a time, is written whole, and is refused where it is damaged."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import Ledger
 from tacevo.records import Json, Reason, Rejection, Stage
-from tacevo.rundir import PACKAGES, RunDirectory, gpu, machine, versions
+from tacevo.rundir import PACKAGES, SCHEMA, RunDirectory, gpu, machine, versions
 
 #: Locks a run directory, says so, and waits until it is killed.
 HOLDER = """
@@ -117,6 +118,33 @@ def test_damaged_archive_is_an_error(content: Json, directory: RunDirectory) -> 
     directory.write_json("archive.json", content)
     with pytest.raises(RunError, match=r"archive.json is damaged"):
         directory.read_elites()
+
+
+def test_source_is_what_was_admitted(directory: RunDirectory) -> None:
+    """One that was edited, or whose file is gone, is refused by its name."""
+    source = "class A: ...\n"
+    digest = hashlib.sha256(source.encode()).hexdigest()
+    directory.keep_candidate("g00s01", source)
+    assert directory.read_source("g00s01", digest) == source
+    directory.keep_candidate("g00s01", source + "# better\n")
+    for name in ("g00s01", "g00s02"):
+        with pytest.raises(RunError, match=rf"candidates/{name}\.py is missing or was edited; restore the file"):
+            directory.read_source(name, digest)
+
+
+def test_run_is_finished_where_the_digest_is_the_last_hash(directory: RunDirectory) -> None:
+    """Not before its ledger has a line, and not with another digest."""
+    directory.write_json("run.json", {"schema": SCHEMA, "digest": None})
+    directory.ledger.touch()
+    with pytest.raises(RunError, match="is not finished, or its digest was edited"):
+        directory.read_finished()
+    with Ledger(directory.ledger) as ledger:
+        ledger.commit({"kind": "run"})
+        digest = ledger.digest
+    with pytest.raises(RunError, match="is not finished, or its digest was edited"):
+        directory.read_finished()
+    directory.write_json("run.json", {"schema": SCHEMA, "digest": digest})
+    assert [line["kind"] for line in directory.read_finished()] == ["run"]
 
 
 def test_ledger_is_read_from_the_directory(directory: RunDirectory) -> None:

@@ -15,14 +15,14 @@ import pytest
 from smallest import ARCHIVES, UNTRACKED
 
 from analysis.loading import load_run
-from analysis.studies import study_of
+from analysis.studies import load_study
 from tacevo.app import main
 from tacevo.composition import compose
 from tacevo.errors import RunError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json
-from tacevo.scores import SCHEMA, StudyDirectory, studies_of
 from tacevo.store import Store, check_entry
+from tacevo.studydir import SCHEMA, StudyDirectory, studies_of
 from tacevo.wiring import load_data
 
 pytestmark = pytest.mark.timeout(300)
@@ -65,6 +65,12 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.glob("run/studies/*/*")}
 
 
+def only(folder: Path) -> Path:
+    """Give the folder of the only study."""
+    (path,) = folder.glob("run/studies/*")
+    return path
+
+
 def forget(folder: Path) -> None:
     """Remove the study and its trainings."""
     shutil.rmtree(folder / "run" / "studies")
@@ -78,9 +84,8 @@ def trainings(folder: Path) -> int:
 
 def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
     """The analysis ranks the archive as the study chose; each network is tested with each seed."""
-    study, run = study_of(studied / "run"), load_run(studied / "run")
-    best = next(elite for elite in run.ranked() if elite.id != run.baseline.id)
-    assert [network.id for network in study.networks] == [run.baseline.id, best.id]
+    study, run = load_study(only(studied)), load_run(studied / "run")
+    assert [network.id for network in study.networks] == [run.baseline.id, *(best.id for best in run.best(1))]
     assert (study.run, study.fingerprint) == (run.digest, run.facts.fingerprint)
     assert [(score.network, score.seed) for score in study.scores] == [
         (name, seed) for name in ("baseline", "variant 1") for seed in (0, 1)
@@ -269,7 +274,7 @@ def test_network_that_comes_to_no_end_is_told_and_the_rest_is_finished(
     assert "failed: variant 1, seed 1: out_of_time" in output
     assert output.splitlines()[-1].startswith("digest: ")
     with pytest.raises(RunError, match=r"is incomplete: baseline, seed 0; .* came to no end \(out_of_time\)"):
-        study_of(folder / "run")
+        load_study(only(folder))
     assert main(["replay", "run"]) == 0
 
 
@@ -294,10 +299,10 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
     output = capsys.readouterr()
     assert "is about the run before it was extended, and is passed over" in output.err
     assert "every score is as recorded" not in output.out
-    with pytest.raises(RunError, match="there is none"):
-        study_of(folder / "longer")
     assert main(["study", "run=longer", *STUDY[1:]]) == 0
-    assert study_of(folder / "longer").run == load_run(folder / "longer").digest
+    runs = [load_study(directory.path).run for directory in studies_of(folder / "longer")]
+    assert len(runs) == 2
+    assert runs.count(load_run(folder / "longer").digest) == 1
 
 
 @pytest.mark.parametrize(
@@ -334,6 +339,16 @@ def test_unfinished_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[s
         file.write("# better\n")
     assert main(["study", *STUDY]) == 2
     assert "g00s00.py is missing or was edited" in capsys.readouterr().err
+
+
+def test_edited_archive_chooses_no_network(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without its best elite, another one would be studied as the best."""
+    path = folder / "run" / "archive.json"
+    archive = json.loads(path.read_text())
+    archive["elites"].sort(key=lambda elite: elite["fitness"])
+    path.write_text(json.dumps({**archive, "elites": archive["elites"][1:]}))
+    assert main(["study", *STUDY]) == 2
+    assert "archive.json is missing, damaged or edited" in capsys.readouterr().err
 
 
 def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

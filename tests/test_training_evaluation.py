@@ -1,5 +1,6 @@
 """Promise: an evaluation depends on its key alone, labels stay in the parent, and no answer of a child is believed."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -180,6 +181,17 @@ def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
     }
     assert len(keys) == 8
     assert evaluator(never, tmp_path, device=Device.cpu).key(SOURCE, 0) == base.key(SOURCE, 0)
+
+
+def test_question_of_a_search_stays_what_it_was(tmp_path: Path) -> None:
+    """Key and message are pinned byte by byte: another one would train every recorded candidate again."""
+    recorder = Recorder()
+    search = evaluator(recorder.run, tmp_path)
+    search.evaluate(SOURCE, 0)
+    ((header, payload),) = recorder.sent
+    assert search.key(SOURCE, 0) == "b87fc6e42afd5b586f5db1aed2dd132db44554380d4323d0f9c36586ab5c1c9b"
+    sent = hashlib.sha256(json.dumps(header).encode() + payload).hexdigest()
+    assert sent == "0feb1811df050dce7212799bfd1b84d53702245ceb01a50362347b0bec0608e9"
 
 
 def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_test_images_do_not_choose_the_epoch() -> None:
 
 
 def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> None:
-    """What is sent does not change with the labels of validation and test images, nor tells which images are which."""
+    """What is sent does not change with the labels of validation and test images, and does not contain them."""
     first, second = Recorder(), Recorder()
     evaluator(first.run, tmp_path / "a").evaluate(SOURCE, 0)
     others = (
@@ -106,8 +106,8 @@ def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> Non
     evaluator(second.run, tmp_path / "b", data=others).evaluate(SOURCE, 0)
     ((header, payload),) = first.sent
     assert first.sent == second.sent
-    assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
-    assert header["validation"] == 8
+    assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation", "groups"}
+    assert (header["validation"], header["groups"]) == (8, [5, 3])
     labels: NDArray[np.float32] = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
     assert all(row.tobytes() not in payload for row in labels)
 
@@ -199,4 +199,4 @@ def test_training_without_data_is_an_error(tmp_path: Path) -> None:
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:
     """A change of the question would train every recorded study again; make one on purpose only."""
     key = evaluator(Recorder().run, tmp_path, data=None).key("class Net: pass\n", 7)
-    assert key == "238d5c16114b4b0375f01a51ce563da2229f0cc2cb636fc58f8fa20cb6a0b9d0"
+    assert key == "040c3cd39797dff9f802a27573b999ba2ef2acb58e0c601934ac7bf762e295ba"

@@ -1,5 +1,6 @@
 """Promise: a training follows from its job alone, learns, and names what the candidate did wrong."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from training_jobs import CONTRACT, RECIPE, SOURCE, examples, header_of, payload_of
+from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, payload_of
 
 from tacevo.records import Contract, Json, Kind, Limits, Loss, Reason, Recipe, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
@@ -101,9 +102,9 @@ def test_whatever_a_candidate_raises_becomes_a_failure(error: Exception, reason:
     assert caught.value.reason is reason
 
 
-def sent_by(source: str, **changes: Any) -> list[tuple[Json, bytes]]:
+def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Json, bytes]]:
     """Run the trainer in this process; give the frames that it sends."""
-    data = examples()
+    data = data or examples()
     frames: list[tuple[Json, bytes]] = []
     header = {**header_of(source, data), **changes}
     run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
@@ -193,6 +194,21 @@ def test_classification_trains() -> None:
 
 def _fields(contract: Contract) -> dict[str, Any]:
     return {name: getattr(contract, name) for name in Contract.__slots__}
+
+
+def test_groups_share_no_batch() -> None:
+    """A network that normalises by the batch, in eval mode too, predicts one group without any trace of the other."""
+    source = SOURCE.replace("nn.ReLU()", "nn.BatchNorm1d(32, track_running_stats=False), nn.ReLU()")
+    data = examples()
+    images = data.images.copy()
+    images[data.validation[5:]] = 255 - images[data.validation[5:]]
+    other = replace(data, images=images)
+
+    def predicted(data: Data, **header: Json) -> list[bytes]:
+        return [payload[: 5 * 2 * 4] for _, payload in sent_by(source, data, **header)]
+
+    assert predicted(data, groups=[5, 3]) == predicted(other, groups=[5, 3])
+    assert predicted(data) != predicted(other)
 
 
 def test_single_small_batch_is_kept() -> None:

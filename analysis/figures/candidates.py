@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from analysis.figures.axes import on_loss_axis
+from analysis.lineage import Ancestor
 from analysis.loading import Candidate
 from analysis.rounding import shown
 from analysis.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
@@ -44,25 +46,24 @@ _LINES = (
 
 
 @house_style()
-def lineage(ancestors: Sequence[Candidate], instructions: Sequence[str]) -> Figure:
+def lineage(ancestors: Sequence[Ancestor]) -> Figure:
     """Draw a network and its ancestors, one below the other, each with what it was made by and its fitness.
 
     Args:
         ancestors: in the order of the search; the network itself is the last.
-        instructions: ids, in the order of the prompt indices.
     """
-    rows = ancestors[-ROWS:]
+    rows = [ancestor.candidate for ancestor in ancestors[-ROWS:]]
     height = _HEAD + _ROW * len(rows) + _FOOT
     figure = Figure(figsize=(WIDTHS["single"], height))
     axes = figure.add_axes((0.03, _FOOT / height, 0.3, _ROW * len(rows) / height))
     places = {candidate.id: (candidate.generation, row) for row, candidate in enumerate(rows)}
-    for candidate in rows:
+    for candidate, ancestor in zip(rows, ancestors[-ROWS:], strict=True):
         colour, marker, dashes = _OPERATORS[candidate.operator]
         generation, row = places[candidate.id]
         for before, above in (places[parent] for parent in candidate.parents if parent in places):
             axes.plot([before, generation], [above, row], color=colour, linestyle=dashes, linewidth=0.9)
         axes.plot(generation, row, marker, color=colour, zorder=3, clip_on=False)
-        made = candidate.operator.value if candidate.prompt is None else instructions[candidate.prompt]
+        made = ancestor.instruction or candidate.operator.value
         fitness = "" if candidate.trained is None else shown(candidate.trained.fitness)
         _write(axes, row, candidate.id, made.replace("_", " "), fitness)
     hidden = len(ancestors) - len(rows)
@@ -82,15 +83,14 @@ def training_curves(networks: Sequence[Candidate]) -> Figure:
         networks: trained, at most six, the baseline first.
     """
     figure, (axes,) = new_figure("single", 2.4)
-    lowest, highest = float("inf"), 0.0
+    drawn: list[float] = []
     for candidate, (colour, marker, dashes) in zip(networks, _LINES, strict=False):
         losses = candidate.trained.validation_losses if candidate.trained else ()
         label = candidate.operator.value if candidate.operator is Operator.baseline else candidate.id
         axes.plot(range(1, len(losses) + 1), losses, color=colour, marker=marker, linestyle=dashes, label=label)
-        lowest, highest = min(lowest, *losses), max(highest, *losses)
-    if 0 < 10 * lowest <= highest:
-        axes.set_yscale("log")
-    axes.set(xlabel="epoch", ylabel="validation loss")
+        drawn += losses
+    on_loss_axis(axes, drawn)
+    axes.set_xlabel("epoch")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.legend(loc="outside upper center", ncols=3)
     return figure

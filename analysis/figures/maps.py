@@ -29,23 +29,31 @@ _OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
     """Draw the network archive over its descriptors, each niche in the colour of its elite's fitness.
 
+    An elite outside fixed bounds stands at their edge, where its niche was looked up, and has a mark of its own.
+
     Args:
         run: the run.
         centroids: of the network archive, shape (niches, 2), in [0, 1].
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     fitness = {elite.niche: elite.fitness for elite in run.elites}
-    polygons = _placed(centroids, _extent(run))
-    filled = _fill(axes, polygons, fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
-    _points(axes, [elite.descriptors for elite in run.elites])
+    extent = _extent(run)
+    places = {elite.id: _clipped(elite.descriptors, extent) for elite in run.elites}
+    moved = {elite.id for elite in run.elites if places[elite.id] != elite.descriptors}
+    filled = _fill(axes, _placed(centroids, extent), fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
+    _points(axes, [place for name, place in places.items() if name not in moved])
     if run.elites:
-        best = run.ranked()[0].descriptors
+        best = places[run.ranked()[0].id]
         axes.plot(*best, "*", color=VERMILLION, markersize=8, label="best", clip_on=False, **_OUTLINED)
         bar = figure.colorbar(filled, label="validation loss of the elite", pad=0.02)
         if isinstance(filled.norm, LogNorm):
             bar.ax.yaxis.set_major_locator(FixedLocator(list(np.geomspace(*filled.get_clim(), 5))))
             bar.ax.yaxis.set_minor_locator(NullLocator())
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    if moved:
+        outside = [places[name] for name in sorted(moved)]
+        marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **_OUTLINED}
+        axes.plot(*zip(*outside, strict=True), "X", label="outside the bounds", **marks)
     scale = run.config["archive"]["eff_ratio_scale"]
     ratio = "Efficiency Ratio" if scale == "linear" else r"$\log_{10}$ Efficiency Ratio"
     axes.set(xlabel="Architectural Diversity", ylabel=ratio)
@@ -118,6 +126,12 @@ def _extent(run: Run) -> Extent:
         return (0.0, 1.0), (0.0, 1.0)
     first, second = ((low, high) if high > low else (low - 0.5, low + 0.5) for low, high in run.bounds)
     return first, second
+
+
+def _clipped(point: tuple[float, float], extent: Extent) -> tuple[float, float]:
+    """Move a point into the bounds, as the archive does before it looks up its niche."""
+    x, y = (min(max(value, low), high) for value, (low, high) in zip(point, extent, strict=True))
+    return x, y
 
 
 def _loss_scale(losses: Sequence[float]) -> Normalize:

@@ -9,12 +9,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.dynamics import Progress
+from analysis.figures.axes import on_loss_axis
 from analysis.loading import Run
 from analysis.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from tacevo.records import Stage
-
-#: Of losses: from this ratio of largest to smallest on, they stand on a logarithmic axis.
-LOG_FROM = 10.0
 
 #: How candidates that a stage turned away are drawn: label, colour, hatching.
 _STAGES = {
@@ -34,9 +32,7 @@ def fitness_evolution(run: Run) -> Figure:
     median = _values([entry.generation_median for entry in run.generations])
     axes.plot(generations, median, color=VERMILLION, linestyle="--", marker="s", label="median of the generation")
     axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
-    together = np.concatenate([best, median])
-    _losses(axes, together[np.isfinite(together)])
-    axes.set_ylabel("validation loss")
+    on_loss_axis(axes, [value for entry in run.generations for value in (entry.best, entry.generation_median)])
     _generations(axes)
     figure.legend(loc="outside upper center", ncols=2)
     return figure
@@ -101,14 +97,6 @@ def temperature(run: Run) -> Figure:
 def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
     """Put NaN, which is not drawn, where nothing was trained."""
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-
-
-def _losses(axes: Axes, values: NDArray[np.float64]) -> None:
-    """Choose the axis of losses."""
-    if len(values) and values.min() > 0 and values.max() >= LOG_FROM * values.min():
-        axes.set_yscale("log")
-    else:
-        axes.set_ylim(bottom=0)
 
 
 def _generations(axes: Axes) -> None:

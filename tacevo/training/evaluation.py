@@ -4,7 +4,7 @@ An evaluation is a pure function of source, data, contract, recipe, seed and num
 under exactly these. The validation labels stay here: the child predicts, the parent computes the loss.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,7 +73,7 @@ class Setting:
         }
 
     def train(
-        self, run: Run, source: str, seed: int, *, examples: Examples, predicted: NDArray[np.int64]
+        self, run: Run, source: str, seed: int, *, examples: Examples, predicted: Sequence[NDArray[np.int64]]
     ) -> Finished | Died:
         """Have a candidate trained in a sandbox.
 
@@ -82,8 +82,12 @@ class Setting:
             source: text that defines the contract's class.
             seed: of the initial weights, the order of batches and dropout.
             examples: to train on.
-            predicted: rows of the images to predict after each epoch, without their labels.
+            predicted: rows of the images to predict after each epoch, without their labels, in groups of which no
+                two share a batch.
         """
+        # Came later, and so enters messages only where there are several groups; a search has one.
+        groups = {"groups": [len(rows) for rows in predicted]} if len(predicted) > 1 else {}
+        rows = np.concatenate(predicted)
         header = {
             "source": source,
             "contract": to_json(self.contract),
@@ -92,10 +96,11 @@ class Setting:
             "mean": list(examples.mean),
             "deviation": list(examples.deviation),
             "train": len(examples.train),
-            "validation": len(predicted),
+            "validation": len(rows),
+            **groups,
             **self._sent_device(),
         }
-        payload = examples.train.tobytes() + predicted.tobytes() + examples.train_targets.tobytes()
+        payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
         return run("train", header, payload, self.recipe.limits)
 
     def _sent_device(self) -> dict[str, str]:
@@ -176,7 +181,7 @@ class Evaluator:
         examples, setting = self._examples, self._setting
         if examples is None:
             raise DataError(f"evaluation {self.key(source, seed)[:12]} is not recorded; load the data set to train it")
-        outcome = setting.train(self._run, source, seed, examples=examples, predicted=examples.validation)
+        outcome = setting.train(self._run, source, seed, examples=examples, predicted=[examples.validation])
         targets = examples.validation_targets
         verdict = judge(outcome, setting.contract, setting.recipe.epochs, targets, setting.device)
         return {"rejection" if isinstance(verdict, Rejection) else "training": to_json(verdict)}

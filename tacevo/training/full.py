@@ -1,7 +1,8 @@
 """The full training of a study: all epochs, then the test metrics of the epoch with the lowest validation loss.
 
-The child predicts validation and test images alike after every epoch, and is told neither which are which nor any of
-their labels; the parent chooses the epoch. So "the weights of the best validation epoch" needs no trust in the child.
+The child predicts validation and test images after every epoch, in batches of their own, and is told none of their
+labels; the parent chooses the epoch. So "the weights of the best validation epoch" needs no trust in the child, and a
+network that normalises by the batch lets no test image touch a validation loss.
 """
 
 from collections.abc import Mapping
@@ -20,7 +21,7 @@ from tacevo.training.evaluation import Examples, Run, Setting
 from tacevo.training.metrics import Confusion, classification_metrics, confusion, regression_metrics
 
 #: Enters every key; raise it with a change of the trainer, of `assess` or of a metric that may change an answer.
-FULL_VERSION = 1
+FULL_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +124,7 @@ class FullEvaluator:
         if self._examples is None:
             raise DataError(f"training {self.key(source, seed)[:12]} is not recorded; load the data set to train it")
         examples, held_out = self._examples
-        predicted = np.concatenate([examples.validation, held_out.rows])
+        predicted = [examples.validation, held_out.rows]
         outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
         verdict = assess(outcome, self._setting, examples.validation_targets, held_out)
         return {"rejection" if isinstance(verdict, Rejection) else "full": to_json(verdict)}

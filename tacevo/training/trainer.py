@@ -2,8 +2,8 @@
 
 It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
 validation labels never come here, so a candidate cannot know how well it does. In the full training of a study the
-test images are among the validation images, as unlabelled as those. Nothing that leaves here is trusted: the candidate
-shares this process.
+test images are a second group of images to predict, as unlabelled as those. Nothing that leaves here is trusted: the
+candidate shares this process.
 """
 
 import math
@@ -33,7 +33,8 @@ class _Job(NamedTuple):
     mean: torch.Tensor
     deviation: torch.Tensor
     train: NDArray[np.int64]
-    validation: NDArray[np.int64]
+    #: In groups of which no two share a batch.
+    predicted: tuple[NDArray[np.int64], ...]
     targets: torch.Tensor
     device: torch.device
 
@@ -47,7 +48,8 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
 
     Args:
         header: `source`, `contract`, `recipe`, `seed`; `mean` and `deviation` per channel, in units of the stored
-            values; `train` and `validation`, the numbers of images; `device`, `cpu` where it is left out.
+            values; `train` and `validation`, the numbers of images; `groups`, into how many images each the latter
+            are divided, one group where it is left out; `device`, `cpu` where it is left out.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S).
@@ -80,7 +82,7 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
         mean=torch.tensor(header["mean"])[:, None, None],
         deviation=torch.tensor(header["deviation"])[:, None, None],
         train=rows[:count],
-        validation=rows[count:],
+        predicted=tuple(np.split(rows[count:], np.cumsum(header.get("groups", [header["validation"]]))[:-1])),
         targets=torch.from_numpy(targets.copy()).to(device),
         device=device,
     )
@@ -137,11 +139,11 @@ def _step(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, positions: N
 
 
 def _predict(job: _Job, model: nn.Module) -> bytes:
-    """Predict every validation image, in batches of the training's size; float32, row-major."""
+    """Predict the images of every group, in batches of the training's size; float32, row-major."""
     model.eval()
     size = job.recipe.batch_size
     with torch.no_grad():
-        parts = [_forward(job, model, job.validation[i : i + size]) for i in range(0, len(job.validation), size)]
+        parts = [_forward(job, model, rows[i : i + size]) for rows in job.predicted for i in range(0, len(rows), size)]
     return torch.cat(parts).cpu().contiguous().numpy().tobytes()
 
 

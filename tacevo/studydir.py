@@ -7,16 +7,19 @@ Both are written whole, so that several processes may end the same study at once
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tacevo.errors import RunError
 from tacevo.ledger import GENESIS, Ledger, seal
 from tacevo.records import Json
-from tacevo.store import canonical, sweep, write_durably
+from tacevo.store import canonical, content_hash, sweep, write_durably
 
 #: Layout of both files.
 SCHEMA = 2
+
+#: What `name_study` gives, as a regular expression.
+NAME = r"elites\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
 
 
 class StudyDirectory:
@@ -125,6 +128,16 @@ class StudyDirectory:
 
     def _write(self, study: dict[str, Json]) -> None:
         write_durably(self.path / "study.json", json.dumps(study, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def name_study(header: Mapping[str, Json], *, epochs: int) -> str:
+    """Name the folder of a study after what it is; see `NAME`.
+
+    Args:
+        header: the first line of its scores.
+        epochs: of its trainings.
+    """
+    return f"elites{len(header['networks']) - 1}-seeds{header['seeds']}-epochs{epochs}-{content_hash(header)[:8]}"
 
 
 def studies_of(run: Path) -> list[StudyDirectory]:

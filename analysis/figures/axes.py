@@ -1,0 +1,23 @@
+"""Axes that several figures share."""
+
+from collections.abc import Iterable
+
+from matplotlib.axes import Axes
+
+#: From this ratio of the largest to the smallest loss on, losses stand on a logarithmic axis.
+LOG_FROM = 10.0
+
+
+def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
+    """Name and scale the upright axis of validation losses.
+
+    Args:
+        axes: where they are drawn.
+        losses: all that is drawn; None, where nothing was trained, is not.
+    """
+    values = [loss for loss in losses if loss is not None]
+    axes.set_ylabel("validation loss")
+    if values and min(values) > 0 and max(values) >= LOG_FROM * min(values):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)

@@ -1,0 +1,162 @@
+"""Promise: a run is read as its ledger has it, or refused; what counts as its best networks is one rule."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hand_runs import closed, run, trained
+from motif_cases import baseline
+from smallest import SMALLEST, UNTRACKED
+
+from analysis.gallery import run_pictures
+from analysis.loading import Elite, Run, load_run
+from analysis.motif_tables import anatomies_table
+from analysis.motifs import count_motifs
+from analysis.tessellation import load_niches
+from tacevo.app import main
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.study_documents import networks_of
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of one tiny search with elites and trials of prompts."""
+    folder = tmp_path_factory.mktemp("searched")
+    sizes = ["search.generations=1", "search.candidates=4", "search.initial=2"]
+    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
+    assert main(["search", *SMALLEST, UNTRACKED, "proposals.mutation_probability=1", *sizes, *where]) == 0
+    return folder
+
+
+@pytest.fixture
+def spoilt(searched: Path, tmp_path: Path) -> Path:
+    """Give a copy of the run, to be spoilt."""
+    return Path(shutil.copytree(searched / "run", tmp_path / "run"))
+
+
+def test_elites_are_those_of_the_ledger(searched: Path) -> None:
+    """Each with the fitness and the descriptors of its candidate, and as archive.json has it."""
+    found = load_run(searched / "run")
+    recorded = json.loads((searched / "run" / "archive.json").read_text())["elites"]
+    assert [(elite.id, elite.niche, elite.fitness) for elite in found.elites] == [
+        (entry["id"], entry["niche"], entry["fitness"]) for entry in recorded
+    ]
+    assert [list(elite.descriptors) for elite in found.elites] == [entry["descriptors"] for entry in recorded]
+    assert len(found.elites) > 1
+    assert found.prompt_trials
+
+
+def _elite(field: str, value: Json) -> Callable[[Json], None]:
+    """Change a field of the first elite."""
+    return lambda archive: archive["elites"][0].update({field: value})
+
+
+def _trial(field: str, value: Json) -> Callable[[Json], None]:
+    """Change a field of the first trial."""
+    return lambda prompts: prompts["trials"][0].update({field: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "edit"),
+    [
+        ("archive.json", _elite("fitness", 1e-9)),
+        ("archive.json", _elite("fitness", float("nan"))),
+        ("archive.json", _elite("id", "g09s09")),
+        ("archive.json", _elite("niche", 99)),
+        ("archive.json", lambda archive: archive["elites"].pop()),
+        ("archive.json", lambda archive: archive["elites"].insert(0, {**archive["elites"][0], "fitness": 1e-9})),
+        ("archive.json", lambda archive: archive["bounds"].update({"low": [-9.0, -9.0]})),
+        ("prompts.json", _trial("inserted", None)),
+        ("prompts.json", _trial("curiosity", 2.0)),
+        ("prompts.json", _trial("prompt", 999)),
+        ("prompts.json", lambda prompts: prompts["trials"].clear()),
+    ],
+)
+def test_edited_archive_is_refused(name: str, edit: Callable[[Json], None], spoilt: Path) -> None:
+    """Fitness, id, niche, bounds and trials are all held against the ledger's last generation."""
+    content = json.loads((spoilt / name).read_text())
+    edit(content)
+    (spoilt / name).write_text(json.dumps(content))
+    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+        load_run(spoilt)
+
+
+@pytest.mark.parametrize("content", [None, "", "{"])
+@pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
+def test_archive_that_is_no_json_is_refused(name: str, content: str | None, spoilt: Path) -> None:
+    """Also where it is missing."""
+    (spoilt / name).unlink()
+    if content is not None:
+        (spoilt / name).write_text(content)
+    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+        load_run(spoilt)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda described: described["config"]["training"].update({"epochs": 99}),
+        lambda described: described["config"]["numerics"].update({"kind": "fast"}),
+        lambda described: described["config"].update({"seed": 99}),
+        lambda described: described["task"]["instructions"][0].update({"id": "mine"}),
+    ],
+)
+def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Path) -> None:
+    """Tables of a set-up that the ledger contradicts would be wrong."""
+    described = json.loads((spoilt / "run.json").read_text())
+    edit(described)
+    (spoilt / "run.json").write_text(json.dumps(described))
+    with pytest.raises(RunError, match=r"run\.json was edited: its configuration or task is not that of the ledger"):
+        load_run(spoilt)
+
+
+def family() -> Run:
+    """Give a run whose baseline is its best elite, with a copy of it, and twins among the others."""
+    slots = [
+        trained(0, 0, 0.1),
+        trained(1, 0, 0.3, source="twin"),
+        trained(1, 1, 0.2, source="twin"),
+        trained(1, 2, 0.15, source="g00s00"),
+        *(trained(2, slot, 0.3 + slot) for slot in range(4)),
+    ]
+    elites = [
+        Elite(id=slot.id, niche=niche, fitness=slot.trained.fitness, descriptors=(0.0, 0.0))
+        for niche, slot in enumerate(slots)
+        if slot.trained
+    ]
+    return run(slots, [closed(0), closed(1), closed(2)], elites=elites)
+
+
+def test_best_networks_are_those_of_a_study() -> None:
+    """Neither the baseline nor a copy of it nor a better elite's twin is among them, also where there are too few."""
+    hand = family()
+    ledger = [
+        {
+            "kind": "candidate",
+            "id": slot.id,
+            "source": slot.source,
+            "fitness": slot.trained and slot.trained.fitness,
+            "parameters": 1,
+            "flops": 1,
+        }
+        for slot in hand.candidates
+    ]
+    assert [best.id for best in hand.best(4)] == ["g01s01", "g02s00", "g02s01", "g02s02"]
+    for count in (1, 4, 9):
+        chosen = networks_of(ledger, [elite.id for elite in hand.elites], count)
+        assert [best.id for best in hand.best(count)] == [network["id"] for network in chosen[1:]]
+
+
+def test_tables_and_figures_look_at_the_same_networks(searched: Path) -> None:
+    """The top of the motifs, the anatomies and the training curves are the study's variants."""
+    hand = family()
+    best = [network.id for network in hand.best()]
+    anatomies = dict.fromkeys([slot.id for slot in hand.candidates], baseline("force"))
+    assert count_motifs(hand, anatomies).top == len(best)
+    assert [row[0] for row in anatomies_table(hand, anatomies).rows] == ["baseline", *best]
+    niches = load_niches(load_run(searched / "run"))
+    (curves,) = (one for one in run_pictures(hand, niches) if one.name == "training_curves_force")
+    assert [line.get_label() for line in curves.draw().axes[0].lines] == ["baseline", *best]
