@@ -108,7 +108,7 @@ class RunDirectory:
             schema = run["schema"]
         except FileNotFoundError as error:
             raise RunError(f"{self.path} is not the folder of a run: it has no run.json") from error
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RunError(
                 f"{path} is damaged: {type(error).__name__}: {error}; restore it, or delete it, and the "
                 "`tacevo search` command that began the run writes it anew"
