@@ -102,6 +102,15 @@ def in_latex(text: str) -> str:
 WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_latex, ".csv": as_csv}
 
 
+def table_texts(table: Table) -> dict[str, str]:
+    """Write a table in every format, by the name of its file.
+
+    Raises:
+        ValueError: a cell is NaN or infinite.
+    """
+    return {f"{table.name}{ending}": write(table) for ending, write in WRITERS.items()}
+
+
 def write_table(table: Table, folder: Path) -> tuple[Path, ...]:
     """Write a table in every format, each file whole; older ones are replaced.
 
@@ -109,10 +118,10 @@ def write_table(table: Table, folder: Path) -> tuple[Path, ...]:
         StoreError: a file cannot be written.
         ValueError: a cell is NaN or infinite; nothing was written.
     """
-    texts = {folder / f"{table.name}{ending}": write(table) for ending, write in WRITERS.items()}
-    for path, text in texts.items():
-        write_durably(path, text)
-    return tuple(texts)
+    texts = table_texts(table)
+    for name, text in texts.items():
+        write_durably(folder / name, text)
+    return tuple(folder / name for name in texts)
 
 
 def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bool]]:

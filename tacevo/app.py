@@ -16,7 +16,8 @@ from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
 from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
 from tacevo.data_commands import add_data
-from tacevo.errors import DivergenceError, TacevoError
+from tacevo.errors import BundleError, DivergenceError, TacevoError
+from tacevo.publish_commands import add_publish, in_bundle, verify_bundle
 from tacevo.study_commands import add_study
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ examples:
   tacevo search experiment=demo seed=1        another one
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
+  tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
   tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
@@ -48,8 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError):
             sys.stdout.close()
         return DONE
-    except DivergenceError as error:
-        print(f"different: {error}", file=sys.stderr)
+    except (BundleError, DivergenceError) as error:
+        print(f"{'refused' if isinstance(error, BundleError) else 'different'}: {error}", file=sys.stderr)
         return DIFFERENT
     except TacevoError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -107,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     search.set_defaults(command=_search)
 
     _add_replay(commands)
+    add_publish(commands)
     add_study(commands)
     add_analysis(commands)
 
@@ -140,10 +143,15 @@ def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
         "replay",
         help="run a recorded search again from its stores and compare",
         description="Run a recorded search and its finished studies again, without model, training or data set, and "
-        "compare every line; with --retrain, train the candidates of the search again, too.",
+        "compare every line; with --retrain, train the candidates of the search again, too. A published run is "
+        "replayed from what it holds, with every table.",
     )
-    replay.add_argument("run", metavar="RUN", help="the folder of a run")
-    replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    replay.add_argument("run", metavar="RUN", help="the folder of a run, or a file that `tacevo publish` wrote")
+    replay.add_argument(
+        "--store",
+        metavar="DIR",
+        help="where its stores lie, if they were moved; for a published run, where --retrain keeps images",
+    )
     replay.add_argument(
         "--retrain",
         nargs="?",
@@ -215,30 +223,35 @@ def _as_typed(command: str) -> str:
 def _replay(options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from tacevo.bundle import opened
     from tacevo.costs import in_words
     from tacevo.progress import PlainView
     from tacevo.replaying import replay
     from tacevo.studying import replay_studies
 
-    with PlainView(Console(stderr=True)) as view:
-        replayed = replay(Path(options.run), options.store, view)
-        studies = replay_studies(Path(options.run), options.store, view)
-        trained = None if options.retrain is None else _retrain(options, view)
+    with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
+        verified = None if found.root is None else verify_bundle(found, view)
+        replayed = replay(found.run, options.store, view) if verified is None else verified.replayed
+        studies = replay_studies(found.run, options.store, view) if verified is None else verified.studies
+        trained = None if options.retrain is None else _retrain(found.run, options, view)
     print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
     for name, digest in studies.items():
         print(f"study {name}: every score is as recorded, digest {digest}")
+    if verified is not None:
+        print(in_bundle(verified))
+        print(f"bundle digest: {found.digest}")
     if trained is not None:
         print(trained)
     print(f"digest: {replayed.digest}")
     return DONE
 
 
-def _retrain(options: argparse.Namespace, view: "View") -> str:
+def _retrain(run: Path, options: argparse.Namespace, view: "View") -> str:
     """Train candidates of a run again; say what was compared."""
     from tacevo.retraining import describe, retrain
 
-    return describe(retrain(Path(options.run), options.store, options.retrain or None, view))
+    return describe(retrain(run, options.store, options.retrain or None, view))
 
 
 def _count(text: str) -> int:

@@ -62,7 +62,7 @@ class Opened:
     run: Path
     #: The folder of its stores.
     store: Path
-    #: The folder of all members of a bundle but those of `run`; None for a run folder.
+    #: The folder of all members of a bundle, where those of `run` lie a folder deeper; None for a run folder.
     root: Path | None = None
     #: Of a bundle: SHA-256 of its manifest, which stands for every byte of it.
     digest: str | None = None
@@ -86,8 +86,21 @@ def opened(path: Path) -> Iterator[Opened]:
             found = Opened(run=path, store=Path(run["config"]["store"]["root"]))
         yield found
         return
-    with tempfile.TemporaryDirectory(prefix="tacevo-") as made, _named(Path(made), path):
-        yield _unpacked(path, Path(made))
+    with private_folder(path) as folder:
+        yield _unpacked(path, folder)
+
+
+@contextlib.contextmanager
+def private_folder(place: Path) -> Iterator[Path]:
+    """Give a temporary folder that stands for a place; messages of errors name that place instead.
+
+    It is this user's alone, and removed at the end, also where that is an error or Ctrl-C.
+    """
+    with tempfile.TemporaryDirectory(prefix="tacevo-") as folder:
+        try:
+            yield Path(folder)
+        except TacevoError as error:
+            raise type(error)(str(error).replace(folder, str(place))) from error
 
 
 def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
@@ -110,18 +123,18 @@ def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
 def _unpacked(source: Path, folder: Path) -> Opened:
     """Unpack and verify a bundle."""
     budget = Budget(source, source.stat().st_size)
-    members = folder / "members"
-    digests = unpack(source, members, _PLACES, budget)
+    digests = unpack(source, folder, _PLACES, budget)
     missing = sorted(_REQUIRED - digests.keys())
     if missing:
         raise BundleError(f"{source} lacks {', '.join(missing)}; it is no published run, or was damaged")
     digest = digests.pop(MANIFEST)
-    _check_manifest(source, (members / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
-    solid.unpack(members / STORE, folder / "store", budget)
-    run = folder / "named" / _name(members / "run")
+    _check_manifest(source, (folder / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
+    solid.unpack(folder / STORE, folder / "store", budget)
+    run = folder / "run" / _name(folder / "run")
+    (folder / "run").rename(folder / "moved")
     run.parent.mkdir()
-    (members / "run").rename(run)  # tables and figures bear the name of the run's folder
-    return Opened(run=run, store=folder / "store", root=members, digest=digest)
+    (folder / "moved").rename(run)  # tables and figures bear the name of the run's folder
+    return Opened(run=run, store=folder / "store", root=folder, digest=digest)
 
 
 def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> None:
@@ -150,18 +163,11 @@ def _name(run: Path) -> str:
     directory = RunDirectory(run)
     with directory.believed():
         name = directory.read_run()["name"]
-    if not (isinstance(name, str) and name.isprintable()) or "/" in name or name in {"", ".", ".."} or len(name) > 60:
+    if (
+        not (isinstance(name, str) and name.isprintable())
+        or "/" in name
+        or name in {"", ".", ".."}
+        or len(name.encode()) > 255
+    ):
         raise BundleError(f"{run}/run.json: the name of a run must be that of a folder; got {json.dumps(name)[:100]}")
     return name
-
-
-@contextlib.contextmanager
-def _named(folder: Path, source: Path) -> Iterator[None]:
-    """Let messages name places in the bundle, not in the temporary folder."""
-    try:
-        yield
-    except TacevoError as error:
-        text = str(error).replace(f"{folder}/store", f"{source}/{STORE}").replace(f"{folder}/members", str(source))
-        for run in (folder / "named").glob("*"):
-            text = text.replace(str(run), f"{source}/run")
-        raise type(error)(text) from error

@@ -12,7 +12,7 @@ from tacevo.sandbox.confinement import require
 from tacevo.wiring import open_gate
 
 
-def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
+def recall_profiles(path: Path, store: str | None, mode: Mode = Mode.record) -> dict[str, Profile]:
     """Give the profile of every trained candidate of a run, by id, in the order of its ledger.
 
     A probe that is missing, e.g. because an older version of this package made the run, is made and stored; the code of
@@ -21,8 +21,10 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
     Args:
         path: the run directory.
         store: where the stores lie, if not where the run had them.
+        mode: of the store of probes; with `replay`, no candidate's code runs, and a missing probe is an error.
 
     Raises:
+        CacheMissError: a probe is missing and the mode is `replay`.
         RunError: a candidate's file is not what was trained, or its source passes the probe no longer.
         SandboxError: a probe is missing and the sandbox is broken.
     """
@@ -30,12 +32,13 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
     config, task, _ = read_run(directory)
     if store is not None:
         config.store.root = store
-    require(config.sandbox.require)
+    if mode is not Mode.replay:
+        require(config.sandbox.require)
     with directory.believed():
         trained = {line["id"]: line["source"] for line in directory.read_ledger() if "fitness" in line}
     sources = {name: _source(directory, name, digest) for name, digest in trained.items()}
     distinct = dict.fromkeys(sources.values())
-    with open_gate(config, task.contract, Mode.record) as (gate, executor):
+    with open_gate(config, task.contract, mode) as (gate, executor):
         verdicts = dict(zip(distinct, executor.map(gate.measure, distinct), strict=True))
     found = {}
     for name, source in sources.items():

@@ -1,6 +1,7 @@
 """Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,8 +28,15 @@ class Replayed:
     digest: str
     #: Ledger lines that were compared.
     lines: int
-    #: What the recorded answers cost when they were had; the replay itself asks nobody.
-    spent: Spending
+    #: What the recorded answers of each candidate cost when they were had; the replay itself asks nobody.
+    spending: Mapping[str, Spending]
+    #: Names of the candidates' files that were compared.
+    files: frozenset[str]
+
+    @property
+    def spent(self) -> Spending:
+        """What all of them cost."""
+        return total(self.spending.values())
 
 
 def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Replayed:
@@ -60,7 +68,12 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)
-        return Replayed(digest=ledger.digest, lines=ledger.committed, spent=total(verifier.spent))
+        return Replayed(
+            digest=ledger.digest,
+            lines=ledger.committed,
+            spending=verifier.spending,
+            files=frozenset(verifier.files),
+        )
 
 
 def finished_ledger(directory: RunDirectory) -> tuple[dict[str, Json], ...]:
@@ -127,7 +140,9 @@ class _Verifier(Watcher):
         super().__init__(plan, view)
         self._directory = directory
         #: What each candidate's answers cost.
-        self.spent: list[Spending] = []
+        self.spending: dict[str, Spending] = {}
+        #: Names of the files that were compared.
+        self.files: list[str] = []
 
     def developed(self, outcome: Outcome) -> None:
         """Compare the source of an admitted candidate, or the answer of a rejected one.
@@ -136,13 +151,14 @@ class _Verifier(Watcher):
             DivergenceError: the file was edited, or is missing.
         """
         name = outcome.proposal.id
-        self.spent.append(spending_on(outcome.completions))
+        self.spending[name] = spending_on(outcome.completions)
         if outcome.admitted is not None:
-            expected = outcome.admitted.source
+            expected, ending = outcome.admitted.source, ".py"
         elif isinstance(outcome.result, Rejection) and outcome.completion is not None:
-            expected = rejected_text(outcome.result, outcome.completion.text)
+            expected, ending = rejected_text(outcome.result, outcome.completion.text), ".rejected.txt"
         else:
             return
+        self.files.append(f"{name}{ending}")
         if self._directory.read_kept(name) != expected:
             folder = self._directory.path / "candidates"
             raise DivergenceError(f"the file of {name} in {folder} is missing, or is not what was judged")
