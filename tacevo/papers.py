@@ -109,8 +109,8 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
                 fill(subject.description, 110),
                 "## Replay\n\n    tacevo replay THIS_FILE.zip\n\n"
                 + fill(
-                    "runs the search again from the recorded answers and evaluations, without network, training or data "
-                    "set, and compares every ledger line, both archives, every candidate's file, the summary, the "
+                    "runs the search again from the recorded answers and evaluations, without network, training or "
+                    "data set, and compares every ledger line, both archives, every candidate's file, the summary, the "
                     "studies and every table. Figures and these pages are held against their checksums only. A replay "
                     "shows that every number follows from the recorded answers and evaluations; that an evaluation is "
                     "what training gives is shown by",
@@ -122,8 +122,8 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
                 "## Data\n\n" + _data(run),
                 "## Environment\n\n"
                 + fill(
-                    f"Made with tacevo {versions['tacevo']}, Python {versions['python']}, torch {versions['torch']}, NumPy "
-                    f"{versions['numpy']} on {machine['cpu']} ({machine['architecture']}, {machine['system']}, "
+                    f"Made with tacevo {versions['tacevo']}, Python {versions['python']}, torch {versions['torch']}, "
+                    f"NumPy {versions['numpy']} on {machine['cpu']} ({machine['architecture']}, {machine['system']}, "
                     f"{machine['libc']}); {run['config']['numerics']['kind']} numerics on "
                     f"{run['config']['training']['device']}. run/run.json says it all. {lock}",
                     110,

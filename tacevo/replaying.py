@@ -17,7 +17,7 @@ from tacevo.proposals import Instruction, Task
 from tacevo.records import Contract, DataFacts, Json, Mode, Rejection
 from tacevo.rundir import RunDirectory, rejected_text
 from tacevo.search import Plan, SearchState, run_search
-from tacevo.store import Seen
+from tacevo.store import Seen, differences, shown, value_at
 from tacevo.wiring import build_plan, open_tools
 
 
@@ -121,8 +121,12 @@ def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> N
     """
     for name, content in archive_files(plan, state).items():
         path = directory.path / name
-        if not path.exists() or _read_json(path) != content:
-            raise DivergenceError(f"{path} is missing, or is not what the search gives")
+        recorded = _read_json(path) if path.exists() else None
+        if recorded != content:
+            field = differences(recorded, content)[0]
+            was, now = (json.dumps(value_at(value, field) if field else None) for value in (recorded, content))
+            values = f": field {shown(field)!r} was recorded as {was[:200]} and is now {now[:200]}" if field else ""
+            raise DivergenceError(f"{path} is missing, or is not what the search gives{values}")
 
 
 def _read_json(path: Path) -> Json | None:
