@@ -27,6 +27,7 @@ _TYPES = {
 
 #: What the members that a reader looks for first are.
 _DESCRIPTIONS = {
+    "manifest-sha256.txt": "SHA-256 of every other file",
     "run/ledger.jsonl": "Every decision of the search, one line each, chained by hashes",
     "run/run.json": "Resolved configuration, task, data facts, versions, machine",
     "run/summary.md": "What the search found",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tacevo import solid
-from tacevo.bundle import LOCK, RUN_FILES, STORE, private_folder, sealed
+from tacevo.bundle import LOCK, MANIFEST, RUN_FILES, STORE, private_folder, sealed
 from tacevo.confdir import conf_root
 from tacevo.crate import metadata
 from tacevo.errors import ConfigError, RunError
@@ -207,7 +207,7 @@ def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str,
         "CITATION.cff": citation(subject, terms),
         **({} if lock is None else {LOCK: lock}),
     }
-    texts["ro-crate-metadata.json"] = metadata(subject, terms, [*members, *texts])
+    texts["ro-crate-metadata.json"] = metadata(subject, terms, [*members, *texts, MANIFEST])
     return {name: text.encode() for name, text in texts.items()}
 
 

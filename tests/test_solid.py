@@ -1,4 +1,4 @@
-"""Promise: store entries come back from one packed file as they were, and a file of anybody's is read a line at a time."""
+"""Promise: store entries come back from one packed file as they were; one of anybody's is read a line at a time."""
 
 import json
 import lzma
@@ -55,8 +55,10 @@ def test_file_that_ends_early_is_refused(tmp_path: Path) -> None:
     """Wherever it does."""
     data = pack(ENTRIES)
     for length in range(0, len(data), 7):
-        (tmp_path / "x.xz").write_bytes(data[:length])
-        refused(tmp_path / "x.xz", "is damaged|does not begin with a header|holds . entries|ends within a line")
+        path = tmp_path / str(length) / "x.xz"
+        path.parent.mkdir()
+        path.write_bytes(data[:length])
+        refused(path, "is damaged|does not begin with a header|holds . entries|ends within a line")
 
 
 def test_bytes_behind_the_end_are_refused(tmp_path: Path) -> None:
