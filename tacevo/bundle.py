@@ -161,8 +161,11 @@ def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> 
 def _name(run: Path) -> str:
     """Read the name of a run, which becomes that of a folder."""
     directory = RunDirectory(run)
-    with directory.believed():
-        name = directory.read_run()["name"]
+    try:
+        with directory.believed():
+            name = directory.read_run()["name"]
+    except RunError as error:
+        raise BundleError(str(error)) from error
     if (
         not (isinstance(name, str) and name.isprintable())
         or "/" in name

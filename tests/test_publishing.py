@@ -166,8 +166,8 @@ def test_only_the_named_study_is_published(published: Path, tmp_path: Path) -> N
     store = f"store.root={tmp_path / 'cache'}"
     assert main(["study", f"run={tmp_path / 'run'}", "elites=1", "seeds=2", "epochs=1", store]) == 0
     (study,) = (tmp_path / "run" / "studies").glob("*seeds2*")
-    publish = ["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip"), "--store", str(tmp_path / "cache")]
-    assert main([*publish, str(study)]) == 0
+    publish = ["publish", str(tmp_path / "run"), str(study), "-o", str(tmp_path / "x.zip")]
+    assert main([*publish, "--store", str(tmp_path / "cache")]) == 0
     members = members_of(tmp_path / "x.zip")
     assert {name.split("/")[2] for name in members if name.startswith("run/studies/")} == {study.name}
     assert sum(entry["kind"] == "studies" for entry in entries_of(members)) == 4
