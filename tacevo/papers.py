@@ -68,9 +68,10 @@ class Subject:
     def description(self) -> str:
         """Say in a few sentences what it is, and what answered."""
         config = self.run["config"]
+        studies = "1 study" if len(self.studies) == 1 else f"{len(self.studies)} studies"
         return (
             f"A finished architecture search for tactile perception: task {self.run['task']['name']}, seed "
-            f"{config['seed']}, {counted(self.candidates, 'candidate')}, {counted(len(self.studies), 'study')}. "
+            f"{config['seed']}, {counted(self.candidates, 'candidate')}, {studies}. "
             f"{origin_of_answers(config)} {origin_of_data(config)} "
             f"The digest of its ledger is {self.run['digest']}."
         )
