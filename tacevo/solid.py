@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tacevo.errors import BundleError
 from tacevo.records import Json
-from tacevo.store import KINDS, canonical, entry_file
+from tacevo.store import KINDS, canonical, sealed_entry
 from tacevo.zipping import CHUNK, Budget
 
 #: Layout of the file.
@@ -118,6 +118,7 @@ def _entry(place: str, line: bytes) -> tuple[str, str]:
         known = entry.keys() == {"kind", "request", "answer"} and entry["kind"] in KINDS
         if not known:
             raise KeyError("an entry has a known kind, a request and an answer")
-        return entry_file(entry["kind"], entry["request"], entry["answer"])
+        name, sealed = sealed_entry(entry["kind"], entry["request"], entry["answer"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise BundleError(f"{place} is no entry of a store: {type(error).__name__}: {error}") from error
+    return name, canonical(sealed)

@@ -136,7 +136,8 @@ class Store:
 
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
-        place, text = entry_file(self._kind, request, answer)
+        place, entry = sealed_entry(self._kind, request, answer)
+        text = json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         write_durably(self._folder.parent / place, text)
 
     def entries(self) -> Iterator[Json]:
@@ -183,16 +184,15 @@ class Store:
         )
 
 
-def entry_file(kind: str, request: Json, answer: Json) -> tuple[str, str]:
-    """Give where an entry stands below the root of the stores, e.g. `probes/0a/0a1b....json`, and its text.
+def sealed_entry(kind: str, request: Json, answer: Json) -> tuple[str, dict[str, Json]]:
+    """Give where an entry stands below the root of the stores, e.g. `probes/0a/0a1b....json`, and all that it holds.
 
     Raises:
         ValueError: a number is NaN or infinite.
     """
     key = _key(kind, request)
     entry = {"schema": SCHEMA, "kind": kind, "key": key, "request": request, "answer": answer}
-    entry["checksum"] = content_hash(entry)
-    return f"{kind}/{key[:2]}/{key}.json", json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return f"{kind}/{key[:2]}/{key}.json", {**entry, "checksum": content_hash(entry)}
 
 
 def write_durably(path: Path, content: str | bytes) -> None:

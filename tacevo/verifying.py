@@ -78,8 +78,8 @@ def check_sizes(run: Path) -> None:
     lines = finished_ledger(directory)
     with directory.believed():
         search = directory.read_run()["config"]["search"]
-        generations, candidates = search["generations"], search["candidates"]
-        expected = 1 + (1 + search["initial"] + 1) + generations * (candidates + 1)
+        initial, generations, candidates = (int(search[key]) for key in ("initial", "generations", "candidates"))
+        expected = 1 + (1 + initial + 1) + generations * (candidates + 1)
     if len(lines) != expected:
         raise RunError(f"{run}/ledger.jsonl has {len(lines)} lines; the configuration in run.json gives {expected}")
     for study in studies_of(run):

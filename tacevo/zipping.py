@@ -25,8 +25,8 @@ MOST_MEMBERS = 50_000
 #: What all members, and what is packed in them, may take on the disk: about four times a run of 10,000 candidates.
 MOST_BYTES = 2 * 1024**3
 
-#: What a file may unpack to, as a multiple of its own size. A run of 1,000 candidates comes to 12, one of 86 to 14; deflate
-#: could make a thousand of it, LZMA many thousands.
+#: What a file may unpack to, as a multiple of its own size. A run of 1,000 candidates comes to 12, one of 86 to 14;
+#: deflate could make a thousand of it, LZMA many thousands.
 MOST_RATIO = 200
 
 #: A small file may unpack to this much whatever its ratio, which tells little of a few repeated lines.

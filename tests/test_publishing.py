@@ -55,6 +55,22 @@ def test_nothing_tells_of_the_machine(published: Path) -> None:
     assert [name for name, data in members.items() if host in data.split()] == []
 
 
+def test_settings_of_one_machine_are_left_out(published: Path, tmp_path: Path) -> None:
+    """Paths, addresses and a tracker, none of which decides a result; the bundle can be replayed as any."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    run["config"]["tracking"] = {"kind": "mlflow", "uri": "http://secret-host:5000", "experiment": "tacevo"}
+    run["config"]["llm"] |= {"base_url": "http://secret-host:8000/v1", "prices": "/home/secret-user/prices.yaml"}
+    run["config"]["data"]["root"] = "/home/secret-user/images"
+    run["config"]["task"] |= {"baseline": "/home/secret-user/baseline.py"}
+    (tmp_path / "run" / "run.json").write_text(json.dumps(run))
+    assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
+    members = members_of(tmp_path / "x.zip")
+    assert [name for name, data in members.items() if b"secret" in data] == []
+    assert json.loads(members["run/run.json"])["config"]["data"]["root"] == "images"
+    assert main(["replay", str(tmp_path / "x.zip")]) == 0
+
+
 def test_headers_tell_nothing_either(published: Path) -> None:
     """One time, one mode, one system, sorted names."""
     with zipfile.ZipFile(published / "run.zip") as archive:

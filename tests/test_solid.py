@@ -33,7 +33,7 @@ def refused(path: Path, words: str) -> None:
 
 
 def test_entries_come_back(tmp_path: Path) -> None:
-    """Byte for byte as a store writes them."""
+    """In the place and with all that a store writes, key and checksum too."""
     for entry in ENTRIES:
         Store(tmp_path / "before", entry["kind"]).write(entry["request"], entry["answer"])
     paths = sorted((tmp_path / "before").rglob("*.json"))
