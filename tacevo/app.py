@@ -15,6 +15,7 @@ from tacevo import __version__
 from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
 from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
+from tacevo.continue_commands import add_continue
 from tacevo.data_commands import add_data
 from tacevo.errors import BundleError, DivergenceError, TacevoError
 from tacevo.publish_commands import add_publish, in_bundle, verify_bundle
@@ -29,7 +30,9 @@ examples:
   tacevo search experiment=demo seed=1        another one
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
+  tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
   tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
+  tacevo continue NAME.zip search.generations=30   take it up where it ended
   tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
@@ -110,6 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_replay(commands)
     add_publish(commands)
+    add_continue(commands)
     add_study(commands)
     add_analysis(commands)
 
@@ -144,7 +148,8 @@ def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="run a recorded search again from its stores and compare",
         description="Run a recorded search and its finished studies again, without model, training or data set, and "
         "compare every line; with --retrain, train the candidates of the search again, too. A published run is "
-        "replayed from what it holds, with every table.",
+        "replayed from what it holds, with every table. With --diff, run nothing again, and hold the run against "
+        "another one.",
     )
     replay.add_argument("run", metavar="RUN", help="the folder of a run, or a file that `tacevo publish` wrote")
     replay.add_argument(
@@ -160,6 +165,7 @@ def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
         metavar="N",
         help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
     )
+    replay.add_argument("--diff", metavar="OTHER", help="say where this run and another one part; 1 is the status then")
     replay.set_defaults(command=_replay)
 
 
@@ -221,6 +227,8 @@ def _as_typed(command: str) -> str:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    if options.diff is not None:
+        return _diff(options)
     from rich.console import Console
 
     from tacevo.bundle import opened
@@ -245,6 +253,19 @@ def _replay(options: argparse.Namespace) -> int:
         print(trained)
     print(f"digest: {replayed.digest}")
     return DONE
+
+
+def _diff(options: argparse.Namespace) -> int:
+    """Hold two runs against each other."""
+    if options.retrain is not None or options.store is not None:
+        options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
+    from tacevo.bundle import opened
+    from tacevo.comparing import compare, describe, read_recorded
+
+    with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
+        found = compare(read_recorded(one.run), read_recorded(other.run))
+    print(describe(found))
+    return DONE if found.is_equal else DIFFERENT
 
 
 def _retrain(run: Path, options: argparse.Namespace, view: "View") -> str:

@@ -1,7 +1,8 @@
 """Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,12 +11,12 @@ from tacevo.config import RunConfig
 from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
-from tacevo.errors import DivergenceError, RunError
+from tacevo.errors import CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Instruction, Task
 from tacevo.records import Contract, DataFacts, Json, Mode, Rejection
-from tacevo.rundir import RunDirectory, rejected_text
+from tacevo.rundir import RunDirectory, deviations, rejected_text, versions
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.store import Seen, differences, shown, value_at
 from tacevo.wiring import build_plan, open_tools
@@ -56,6 +57,16 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         RunError: this is no run directory, or its ledger is damaged.
     """
     directory = RunDirectory(path)
+    with directory.believed():
+        others = deviations(directory.read_run()["versions"], versions())
+    for other in others:
+        view.say(f"another version: {other}")
+    with _doubting(others):
+        return _replay(directory, store, view, seen)
+
+
+def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen | None) -> Replayed:
+    """Run the search again, and compare."""
     config, task, facts = read_run(directory)
     if store is not None:
         config.store.root = store
@@ -74,6 +85,17 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
             spending=verifier.spending,
             files=frozenset(verifier.files),
         )
+
+
+@contextlib.contextmanager
+def _doubting(others: Sequence[str]) -> Iterator[None]:
+    """Say beside a failure of a replay which versions are others; where none is, it stays as it is."""
+    try:
+        yield
+    except (CacheMissError, ConfigError, DivergenceError) as error:
+        if not others:
+            raise
+        raise type(error)(f"{error}; this may come of another version: {', '.join(others)}") from error
 
 
 def finished_ledger(directory: RunDirectory) -> tuple[dict[str, Json], ...]:

@@ -107,8 +107,9 @@ def test_nan_is_refused(directory: RunDirectory) -> None:
 def test_elites_are_the_archives(directory: RunDirectory) -> None:
     """Before the first generation is complete there are none."""
     assert directory.read_elites() == []
-    directory.write_json("archive.json", {"elites": [{"id": "g00s00"}, {"id": "g01s02"}]})
+    directory.write_json("archive.json", {"elites": [{"niche": 0, "id": "g00s00"}, {"niche": 3, "id": "g01s02"}]})
     assert directory.read_elites() == ["g00s00", "g01s02"]
+    assert directory.read_niches() == {0: "g00s00", 3: "g01s02"}
 
 
 @pytest.mark.parametrize("content", [[], {}, {"elites": 1}, {"elites": [{}]}])
