@@ -173,5 +173,8 @@ def _is_new(source: Path, root: Path, name: str, data: bytes) -> bool:
         return True
     standing = check_entry(target, target.read_bytes(), kind, file.removesuffix(".json"))
     if content_hash(standing) != content_hash(entry):
-        raise StoreError(f"{target} has another answer than {source}; import into a store of its own (--store)")
+        raise StoreError(
+            f"{target} has another answer than {source}; import into a store of its own (--store, or "
+            "store.root of `tacevo continue`)"
+        )
     return False
