@@ -4,6 +4,7 @@ What it promises: the published run is replayed and compared before anything is 
 with its very lines, and the search is held against each of them; nothing is written to the published run or its stores.
 """
 
+import json
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from tacevo.replaying import finished_ledger, read_run
 from tacevo.retraining import load_same
 from tacevo.rundir import RunDirectory
 from tacevo.session import Result, record, require_means
-from tacevo.store import differences, shown
+from tacevo.store import differences, entry_text, shown
 from tacevo.wiring import open_tools
 
 #: Groups that say where a run is computed and written: those of the published run belong to another machine.
@@ -52,7 +53,7 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
     require_means(config)
     read = sorted(check(published))
     data = load_same(config, facts, view)
-    entries = {entry.relative_to(published.store).as_posix(): entry.read_bytes() for entry in read}
+    entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
     written, _ = take_in(published.store, entries, Path(config.store.root))
     view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
     tools = open_tools(config, task, facts, data, Mode.record)
@@ -85,6 +86,11 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
             f"{config.search.generations}"
         )
     return config
+
+
+def _readable(entry: Path) -> bytes:
+    """Write an entry as a store does; a bundle's are unpacked without line breaks."""
+    return entry_text(json.loads(entry.read_bytes())).encode()
 
 
 def _refuse_same_folder(config: RunConfig, published: Path) -> None:

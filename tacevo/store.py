@@ -137,7 +137,7 @@ class Store:
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
         place, entry = sealed_entry(self._kind, request, answer)
-        text = json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        text = entry_text(entry)
         write_durably(self._folder.parent / place, text)
 
     def entries(self) -> Iterator[Json]:
@@ -193,6 +193,11 @@ def sealed_entry(kind: str, request: Json, answer: Json) -> tuple[str, dict[str,
     key = _key(kind, request)
     entry = {"schema": SCHEMA, "kind": kind, "key": key, "request": request, "answer": answer}
     return f"{kind}/{key[:2]}/{key}.json", {**entry, "checksum": content_hash(entry)}
+
+
+def entry_text(entry: Json) -> str:
+    """Write an entry as its file has it, for people to read."""
+    return json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def write_durably(path: Path, content: str | bytes) -> None:
