@@ -106,6 +106,20 @@ def in_latex(text: str) -> str:
 WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_latex, ".csv": as_csv}
 
 
+def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
+    """Write a table in every format, by the name of its file.
+
+    Args:
+        table: what to write.
+        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
+
+    Raises:
+        ValueError: a cell is NaN or infinite.
+    """
+    writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
+    return {f"{table.name}{ending}": write(table) for ending, write in writers.items()}
+
+
 def write_table(table: Table, folder: Path, *, prefix: str = "") -> tuple[Path, ...]:
     """Write a table in every format, each file whole; older ones are replaced.
 
@@ -118,11 +132,10 @@ def write_table(table: Table, folder: Path, *, prefix: str = "") -> tuple[Path, 
         StoreError: a file cannot be written.
         ValueError: a cell is NaN or infinite; nothing was written.
     """
-    writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
-    texts = {folder / f"{table.name}{ending}": write(table) for ending, write in writers.items()}
-    for path, text in texts.items():
-        write_durably(path, text)
-    return tuple(texts)
+    texts = table_texts(table, prefix=prefix)
+    for name, text in texts.items():
+        write_durably(folder / name, text)
+    return tuple(folder / name for name in texts)
 
 
 def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bool]]:

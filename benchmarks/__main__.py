@@ -15,6 +15,7 @@ from rich.console import Console
 
 from benchmarks import confinement
 from benchmarks.llm import asking, memory_of_many
+from benchmarks.replay import synthetic_replays
 from benchmarks.timing import medians, report
 from tacevo.archive import Archive, Elite, Tessellation, insert
 from tacevo.checking import task_without_data
@@ -180,6 +181,7 @@ def main() -> None:
         pictures,
         workers,
         replaying,
+        synthetic_replays,
         tracking,
         asking,
         memory,

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import anthropic
 
-from benchmarks.timing import medians, report
+from benchmarks.timing import medians, report, resident
 from tacevo.llm.anthropic import connect
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.recording import RecordingLLM
@@ -80,15 +80,9 @@ def peak_of_many(first: str, url: str, root: Path) -> tuple[float, float]:
     """
     requests = [_request(number) for number in range(MANY)]
     _ask(first, Store(root / "first", "completions"), requests[:1], 1)
-    before = _resident("VmRSS")
+    before = resident("VmRSS")
     _ask(url, Store(root / "rest", "completions"), requests, MANY)
-    return before, _resident("VmHWM")
-
-
-def _resident(name: str) -> float:
-    """Read a figure of this process's memory, in MB."""
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith(name)) * 1024 / 1e6
+    return before, resident("VmHWM")
 
 
 def _request(number: int) -> Request:

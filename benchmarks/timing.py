@@ -3,6 +3,7 @@
 import statistics
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 
 def medians(rivals: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[str, float]:
@@ -30,3 +31,13 @@ def report(title: str, found: Mapping[str, float], *, unit: str, per_second: int
         return f"{title}: {ours} {mine:.3f} {unit}, {peer} {theirs:.3f} {unit}; ratio {theirs / mine:.2f}"
     rates = f"{ours} {per_second / mine:,.4g} {unit}/s, {peer} {per_second / theirs:,.4g} {unit}/s"
     return f"{title}: {rates}; ratio {theirs / mine:.2f}"
+
+
+def resident(name: str) -> float:
+    """Read a figure of this process's memory, in MB (1,000,000 bytes).
+
+    Args:
+        name: `VmRSS`, or `VmHWM` for its peak; unlike `ru_maxrss` that one knows nothing of the process before `exec`.
+    """
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name)) * 1024 / 1e6

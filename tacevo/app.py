@@ -15,8 +15,10 @@ from tacevo import __version__
 from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
 from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
+from tacevo.continue_commands import add_continue
 from tacevo.data_commands import add_data
-from tacevo.errors import DivergenceError, TacevoError
+from tacevo.errors import BundleError, DivergenceError, TacevoError
+from tacevo.publish_commands import add_publish, in_bundle, verify_bundle
 from tacevo.study_commands import add_study
 
 if TYPE_CHECKING:
@@ -28,6 +30,9 @@ examples:
   tacevo search experiment=demo seed=1        another one
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
+  tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
+  tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
+  tacevo continue NAME.zip search.generations=30   take it up where it ended
   tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
@@ -48,8 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError):
             sys.stdout.close()
         return DONE
-    except DivergenceError as error:
-        print(f"different: {error}", file=sys.stderr)
+    except (BundleError, DivergenceError) as error:
+        print(f"{'refused' if isinstance(error, BundleError) else 'different'}: {error}", file=sys.stderr)
         return DIFFERENT
     except TacevoError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -107,6 +112,8 @@ def _parser() -> argparse.ArgumentParser:
     search.set_defaults(command=_search)
 
     _add_replay(commands)
+    add_publish(commands)
+    add_continue(commands)
     add_study(commands)
     add_analysis(commands)
 
@@ -140,10 +147,16 @@ def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
         "replay",
         help="run a recorded search again from its stores and compare",
         description="Run a recorded search and its finished studies again, without model, training or data set, and "
-        "compare every line; with --retrain, train the candidates of the search again, too.",
+        "compare every line; with --retrain, train the candidates of the search again, too. A published run is "
+        "replayed from what it holds, with every table. With --diff, run nothing again, and hold the run against "
+        "another one.",
     )
-    replay.add_argument("run", metavar="RUN", help="the folder of a run")
-    replay.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    replay.add_argument("run", metavar="RUN", help="the folder of a run, or a file that `tacevo publish` wrote")
+    replay.add_argument(
+        "--store",
+        metavar="DIR",
+        help="where its stores lie, if they were moved; for a published run, where --retrain keeps images",
+    )
     replay.add_argument(
         "--retrain",
         nargs="?",
@@ -152,6 +165,7 @@ def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
         metavar="N",
         help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
     )
+    replay.add_argument("--diff", metavar="OTHER", help="say where this run and another one part; 1 is the status then")
     replay.set_defaults(command=_replay)
 
 
@@ -213,32 +227,52 @@ def _as_typed(command: str) -> str:
 
 
 def _replay(options: argparse.Namespace) -> int:
+    if options.diff is not None:
+        return _diff(options)
     from rich.console import Console
 
+    from tacevo.bundle import opened
     from tacevo.costs import in_words
     from tacevo.progress import PlainView
     from tacevo.replaying import replay
     from tacevo.studying import replay_studies
 
-    with PlainView(Console(stderr=True)) as view:
-        replayed = replay(Path(options.run), options.store, view)
-        studies = replay_studies(Path(options.run), options.store, view)
-        trained = None if options.retrain is None else _retrain(options, view)
+    with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
+        verified = None if found.root is None else verify_bundle(found, view)
+        replayed = replay(found.run, options.store, view) if verified is None else verified.replayed
+        studies = replay_studies(found.run, options.store, view) if verified is None else verified.studies
+        trained = None if options.retrain is None else _retrain(found.run, options, view)
     print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
     for name, digest in studies.items():
         print(f"study {name}: every score is as recorded, digest {digest}")
+    if verified is not None:
+        print(in_bundle(verified))
+        print(f"bundle digest: {found.digest}")
     if trained is not None:
         print(trained)
     print(f"digest: {replayed.digest}")
     return DONE
 
 
-def _retrain(options: argparse.Namespace, view: "View") -> str:
+def _diff(options: argparse.Namespace) -> int:
+    """Hold two runs against each other."""
+    if options.retrain is not None or options.store is not None:
+        options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
+    from tacevo.bundle import opened
+    from tacevo.comparing import compare, describe, read_recorded
+
+    with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
+        found = compare(read_recorded(one.run), read_recorded(other.run))
+    print(describe(found))
+    return DONE if found.is_equal else DIFFERENT
+
+
+def _retrain(run: Path, options: argparse.Namespace, view: "View") -> str:
     """Train candidates of a run again; say what was compared."""
     from tacevo.retraining import describe, retrain
 
-    return describe(retrain(Path(options.run), options.store, options.retrain or None, view))
+    return describe(retrain(run, options.store, options.retrain or None, view))
 
 
 def _count(text: str) -> int:

@@ -65,10 +65,16 @@ class Tessellation:
         Raises:
             ValueError: a coordinate is NaN or infinite, or there are not d of them.
         """
+        return self.niches_of([point])[0]
+
+    def niches_of(self, points: Sequence[Sequence[float]]) -> list[int]:
+        """Find the niches of points of shape (n, d) in one go; raises as `niche_of` does."""
         dimensions = self.centroids.shape[1]
-        if len(point) != dimensions or not all(math.isfinite(value) for value in point):
-            raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        return int(self._tree.query(point)[1])
+        for point in points:
+            if len(point) != dimensions or not all(math.isfinite(value) for value in point):
+                raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
+        found = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
+        return [int(niche) for niche in np.atleast_1d(found)]
 
 
 def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:
@@ -185,6 +191,7 @@ class NetworkArchive:
 def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: tuple[Placed, ...]) -> Archive:
     """Re-insert all candidates, in order, under other bounds."""
     archive = Archive()
-    for placed in history:
-        archive, _ = insert(archive, tessellation.niche_of(bounds.normalise(placed.point)), placed.elite)
+    niches = tessellation.niches_of([bounds.normalise(placed.point) for placed in history])
+    for niche, placed in zip(niches, history, strict=True):
+        archive, _ = insert(archive, niche, placed.elite)
     return archive

@@ -56,7 +56,7 @@ def _sandbox() -> str:
     with tempfile.TemporaryDirectory() as store:
         config.store.root = store  # nothing recorded may answer instead
         with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}) as sandbox:
-            verdict = build_gate(config, task.contract, sandbox, Mode.record).inspect(task.baseline)
+            verdict = build_gate(config, task.contract, sandbox.run, Mode.record).inspect(task.baseline)
     if isinstance(verdict, Rejection):
         raise SandboxError(
             f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"

@@ -5,6 +5,7 @@
     ├── DataError            a data set is missing, broken or does not fit the task
     ├── StoreError           a store entry is damaged or of an unknown schema
     ├── RunError             a run directory cannot be used as asked
+    ├── BundleError          a published run is damaged, was edited or could do harm
     ├── DivergenceError      a recomputed ledger line differs from the recorded one
     ├── LLMError
     │   ├── BudgetError      the next request could cost more than the user allows
@@ -35,6 +36,10 @@ class StoreError(TacevoError):
 
 class RunError(TacevoError):
     """A run directory is missing something, or holds another run."""
+
+
+class BundleError(TacevoError):
+    """A published run is refused; the message names the place in it."""
 
 
 class DivergenceError(TacevoError):

@@ -150,13 +150,24 @@ def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
     """Raise on the first field in which a recomputed line differs from the recorded one."""
     if recorded["hash"] == line["hash"]:
         return
-    was, now = _unsealed(recorded), _unsealed(line)
-    field = differences(was, now)[0]
-    before, after = (_brief(value_at(line, field)) for line in (was, now))
-    raise DivergenceError(f"{_place(recorded)}: field {shown(field)!r} was recorded as {before} and is now {after}")
+    field, (was, now) = first_difference(recorded, line)
+    raise DivergenceError(f"{place_of(recorded)}: field {field!r} was recorded as {was} and is now {now}")
 
 
-def _place(line: dict[str, Json]) -> str:
+def first_difference(one: dict[str, Json], other: dict[str, Json]) -> tuple[str, tuple[str, str]]:
+    """Name the first field in which two lines differ, with both values, shortened for a person.
+
+    Args:
+        one: a line whose content, the seal left out, is not the other's.
+        other: that one.
+    """
+    lines = unsealed(one), unsealed(other)
+    field = differences(*lines)[0]
+    was, now = (_brief(value_at(line, field)) for line in lines)
+    return shown(field), (was, now)
+
+
+def place_of(line: dict[str, Json]) -> str:
     """Say where a line stands, in the words of a run or of a study."""
     match line:
         case {"network": network, "seed": seed}:
@@ -169,7 +180,8 @@ def _place(line: dict[str, Json]) -> str:
             return f"the {line.get('kind', 'run')}'s header"
 
 
-def _unsealed(line: dict[str, Json]) -> dict[str, Json]:
+def unsealed(line: dict[str, Json]) -> dict[str, Json]:
+    """Give what a line says, without the hashes that seal it."""
     return {key: value for key, value in line.items() if key not in {"previous", "hash"}}
 
 

@@ -96,10 +96,27 @@ def import_file(source: Path, root: Path) -> tuple[int, int]:
     manifest = _manifest(source, members.pop(_MANIFEST, b""))
     if sorted(members) != manifest["entries"]:
         raise StoreError(f"{source} does not hold the entries that its manifest lists; export or copy it again")
-    new = {name: data for name, data in members.items() if _is_new(source, root, name, data)}
+    return take_in(source, members, root)
+
+
+def take_in(source: Path, entries: Mapping[str, bytes], root: Path) -> tuple[int, int]:
+    """Write store entries from elsewhere into the stores; every one is verified before the first is written.
+
+    Args:
+        source: where they come from, for messages.
+        entries: by their places in the stores, e.g. `probes/0a/0a....json`.
+        root: the folder of the stores.
+
+    Returns:
+        The number of entries that were written, and of those that stood there already.
+
+    Raises:
+        StoreError: an entry or its place in the stores is not as it should be; nothing was written.
+    """
+    new = {name: data for name, data in entries.items() if _is_new(source, root, name, data)}
     for name, data in new.items():
         write_durably(root / name, data)
-    return len(new), len(members) - len(new)
+    return len(new), len(entries) - len(new)
 
 
 def _packed(members: Mapping[str, bytes]) -> bytes:
@@ -156,5 +173,8 @@ def _is_new(source: Path, root: Path, name: str, data: bytes) -> bool:
         return True
     standing = check_entry(target, target.read_bytes(), kind, file.removesuffix(".json"))
     if content_hash(standing) != content_hash(entry):
-        raise StoreError(f"{target} has another answer than {source}; import into a store of its own (--store)")
+        raise StoreError(
+            f"{target} has another answer than {source}; import into a store of its own (--store, or "
+            "store.root of `tacevo continue`)"
+        )
     return False

@@ -16,7 +16,9 @@ from tacevo.wiring import open_gate
 Confine = Callable[[Confinement], None]
 
 
-def recall_profiles(path: Path, store: str | None, *, confine: Confine = require) -> dict[str, Profile]:
+def recall_profiles(
+    path: Path, store: str | None, *, mode: Mode = Mode.record, confine: Confine = require
+) -> dict[str, Profile]:
     """Give the profile of every trained candidate of a run, by id, in the order of its ledger.
 
     A probe that is missing, e.g. because an older version of this package made the run, is made and stored; the code of
@@ -25,9 +27,11 @@ def recall_profiles(path: Path, store: str | None, *, confine: Confine = require
     Args:
         path: the run directory.
         store: where the stores lie, if not where the run had them.
+        mode: of the store of probes; with `replay`, no candidate's code runs, and a missing probe is an error.
         confine: raises where candidates cannot be confined as strongly as the run asks; only a missing probe needs it.
 
     Raises:
+        CacheMissError: a probe is missing and the mode is `replay`.
         RunError: a candidate's file is not what was trained, or its source passes the probe no longer.
         SandboxError: a probe is missing and the sandbox is broken.
     """
@@ -37,8 +41,8 @@ def recall_profiles(path: Path, store: str | None, *, confine: Confine = require
         trained = {line["id"]: line["source"] for line in directory.read_ledger() if "fitness" in line}
     sources = {name: directory.read_source(name, digest) for name, digest in trained.items()}
     distinct = dict.fromkeys(sources.values())
-    with open_gate(config, task.contract, Mode.record) as (gate, executor):
-        if not all(map(gate.is_recorded, distinct)):
+    with open_gate(config, task.contract, mode) as (gate, executor):
+        if mode is not Mode.replay and not all(map(gate.is_recorded, distinct)):
             confine(config.sandbox.require)
         verdicts = dict(zip(distinct, executor.map(gate.measure, distinct), strict=True))
     found = {}

@@ -1,6 +1,8 @@
 """Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
 
+import contextlib
 import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,14 +11,14 @@ from tacevo.config import RunConfig, StoreConfig
 from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome
 from tacevo.documents import archive_files, run_header
-from tacevo.errors import DivergenceError, RunError
+from tacevo.errors import CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Instruction, Task
 from tacevo.records import Contract, DataFacts, Json, Mode, Rejection
-from tacevo.rundir import RunDirectory, rejected_text
+from tacevo.rundir import RunDirectory, deviations, rejected_text, versions
 from tacevo.search import Plan, SearchState, run_search
-from tacevo.store import Seen
+from tacevo.store import Seen, differences, shown, value_at
 from tacevo.wiring import build_plan, open_tools
 
 
@@ -27,8 +29,15 @@ class Replayed:
     digest: str
     #: Ledger lines that were compared.
     lines: int
-    #: What the recorded answers cost when they were had; the replay itself asks nobody.
-    spent: Spending
+    #: What the recorded answers of each candidate cost when they were had; the replay itself asks nobody.
+    spending: Mapping[str, Spending]
+    #: Names of the candidates' files that were compared.
+    files: frozenset[str]
+
+    @property
+    def spent(self) -> Spending:
+        """What all of them cost."""
+        return total(self.spending.values())
 
 
 def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Replayed:
@@ -48,6 +57,16 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         RunError: this is no run directory, or its ledger is damaged.
     """
     directory = RunDirectory(path)
+    with directory.believed():
+        others = deviations(directory.read_run()["versions"], versions())
+    for other in others:
+        view.say(f"another version: {other}")
+    with _doubting(others):
+        return _replay(directory, store, view, seen)
+
+
+def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen | None) -> Replayed:
+    """Run the search again, and compare."""
     config, task, facts = read_run(directory, store)
     recorded = directory.read_finished()
     plan = build_plan(config, task, Mode.replay, seen=seen)
@@ -58,7 +77,23 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)
-        return Replayed(digest=ledger.digest, lines=ledger.committed, spent=total(verifier.spent))
+        return Replayed(
+            digest=ledger.digest,
+            lines=ledger.committed,
+            spending=verifier.spending,
+            files=frozenset(verifier.files),
+        )
+
+
+@contextlib.contextmanager
+def _doubting(others: Sequence[str]) -> Iterator[None]:
+    """Say beside a failure of a replay which versions are others; where none is, it stays as it is."""
+    try:
+        yield
+    except (CacheMissError, ConfigError, DivergenceError) as error:
+        if not others:
+            raise
+        raise type(error)(f"{error}; this may come of another version: {', '.join(others)}") from error
 
 
 def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:
@@ -98,8 +133,12 @@ def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> N
     """
     for name, content in archive_files(plan, state).items():
         path = directory.path / name
-        if not path.exists() or _read_json(path) != content:
-            raise DivergenceError(f"{path} is missing, or is not what the search gives")
+        recorded = _read_json(path) if path.exists() else None
+        if recorded != content:
+            field = differences(recorded, content)[0]
+            was, now = (json.dumps(value_at(value, field) if field else None) for value in (recorded, content))
+            values = f": field {shown(field)!r} was recorded as {was[:200]} and is now {now[:200]}" if field else ""
+            raise DivergenceError(f"{path} is missing, or is not what the search gives{values}")
 
 
 def _read_json(path: Path) -> Json | None:
@@ -117,7 +156,9 @@ class _Verifier(Watcher):
         super().__init__(plan, view)
         self._directory = directory
         #: What each candidate's answers cost.
-        self.spent: list[Spending] = []
+        self.spending: dict[str, Spending] = {}
+        #: Names of the files that were compared.
+        self.files: list[str] = []
 
     def developed(self, outcome: Outcome) -> None:
         """Compare the source of an admitted candidate, or the answer of a rejected one.
@@ -126,13 +167,14 @@ class _Verifier(Watcher):
             DivergenceError: the file was edited, or is missing.
         """
         name = outcome.proposal.id
-        self.spent.append(spending_on(outcome.completions))
+        self.spending[name] = spending_on(outcome.completions)
         if outcome.admitted is not None:
-            expected = outcome.admitted.source
+            expected, ending = outcome.admitted.source, ".py"
         elif isinstance(outcome.result, Rejection) and outcome.completion is not None:
-            expected = rejected_text(outcome.result, outcome.completion.text)
+            expected, ending = rejected_text(outcome.result, outcome.completion.text), ".rejected.txt"
         else:
             return
+        self.files.append(f"{name}{ending}")
         if self._directory.read_kept(name) != expected:
             folder = self._directory.path / "candidates"
             raise DivergenceError(f"the file of {name} in {folder} is missing, or is not what was judged")

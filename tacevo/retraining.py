@@ -17,7 +17,7 @@ from tacevo.progress import Listener, View
 from tacevo.randomness import stream
 from tacevo.records import DataFacts, Json, Reason, Rejection, Training
 from tacevo.replaying import read_run
-from tacevo.rundir import RunDirectory, machine, versions
+from tacevo.rundir import RunDirectory, deviations, machine, versions
 from tacevo.sandbox.confinement import require
 from tacevo.training.numerics import check_machine
 from tacevo.wiring import load_data, open_trainer
@@ -156,16 +156,10 @@ def doubts_of(
         packages: versions of this environment, as `versions` gives them.
         hardware: this machine, as `machine` describes it.
     """
-    compared = [("versions", name, packages) for name in _COMPUTING]
-    if numerics is Numerics.fast:
-        compared += [("machine", name, hardware) for name in ("cpu", "architecture")]
-    if device is Device.cuda:
-        compared.append(("machine", "gpu", hardware))
-    return tuple(
-        f"{name} is {here[name]}; the run had {run[part][name]}"
-        for part, name, here in compared
-        if run[part][name] != here[name]
-    )
+    doubts = deviations({name: run["versions"][name] for name in _COMPUTING}, packages)
+    promised_by = ["cpu", "architecture"] if numerics is Numerics.fast else []
+    promised_by += ["gpu"] if device is Device.cuda else []
+    return doubts + deviations({name: run["machine"][name] for name in promised_by}, hardware)
 
 
 def _outcome(reason: Json) -> str:

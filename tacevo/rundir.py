@@ -24,7 +24,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json, Rejection
-from tacevo.store import content_hash, sweep, write_durably
+from tacevo.store import canonical, content_hash, sweep, write_durably
 
 #: Layout of run.json.
 SCHEMA = 1
@@ -112,7 +112,7 @@ class RunDirectory:
             schema = run["schema"]
         except FileNotFoundError as error:
             raise RunError(f"{self.path} is not the folder of a run: it has no run.json") from error
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RunError(
                 f"{path} is damaged: {type(error).__name__}: {error}; restore it, or delete it, and the "
                 "`tacevo search` command that began the run writes it anew"
@@ -150,17 +150,34 @@ class RunDirectory:
             )
         return lines
 
+    def begin_with(self, lines: Sequence[dict[str, Json]]) -> None:
+        """Let the ledger begin with the lines of another run's; one that stands here must begin with them already.
+
+        Raises:
+            RunError: it does not.
+        """
+        standing = self.read_ledger() if self.ledger.exists() else ()
+        if not standing:
+            write_durably(self.ledger, "".join(f"{canonical(line)}\n" for line in lines))
+        elif len(standing) < len(lines) or standing[len(lines) - 1]["hash"] != lines[-1]["hash"]:
+            raise RunError(f"run.dir={self.path} holds another run, or less of this one; choose another run.dir")
+
     def read_elites(self) -> list[str]:
-        """Read the ids of the network archive's elites; none before the first generation is complete.
+        """Read the ids of the network archive's elites, as `read_niches` does."""
+        return list(self.read_niches().values())
+
+    def read_niches(self) -> dict[int, str]:
+        """Read the ids of the network archive's elites, by niche; none before the first generation is complete.
 
         Raises:
             RunError: the file is damaged.
         """
         path = self.path / "archive.json"
         try:
-            return [elite["id"] for elite in json.loads(path.read_text(encoding="utf-8"))["elites"]]
+            elites = json.loads(path.read_text(encoding="utf-8"))["elites"]
+            return {elite["niche"]: elite["id"] for elite in elites}
         except FileNotFoundError:
-            return []
+            return {}
         except (ValueError, KeyError, TypeError) as error:
             raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
 
@@ -293,6 +310,18 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "absent"
     return found
+
+
+def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:
+    """Say in one line each which facts of a run's surroundings are others here.
+
+    Args:
+        recorded: of the run: of its `versions` or its `machine`, those that matter.
+        here: this environment's, of which those are looked up.
+    """
+    return tuple(
+        f"{name} is {here.get(name)}; the run had {was}" for name, was in recorded.items() if here.get(name) != was
+    )
 
 
 def machine() -> dict[str, Json]:

@@ -1,7 +1,8 @@
 """A whole run: its data, its directory, its ledger and the search between them; and its replay."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from tacevo.choices import Tracking
 from tacevo.composition import load_task, to_plain
 from tacevo.config import RunConfig
 from tacevo.costs import Spending, spending_on, total
-from tacevo.development import Outcome
+from tacevo.development import Outcome, Tools
 from tacevo.documents import archive_files, run_header
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
@@ -49,23 +50,59 @@ def search(config: RunConfig, view: View) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    require(config.sandbox.require)
-    check_machine(config.numerics.kind, config.training.device)
-    build_llm(config, Mode.record)  # a missing key is told before anything is made
+    require_means(config)
     data = load_data(config, view.data, view.say)
     task = load_task(config, data.facts)
+    return record(config, task, data.facts, open_tools(config, task, data.facts, data, Mode.record), view)
+
+
+def require_means(config: RunConfig) -> None:
+    """Tell what a search lacks here before anything is made.
+
+    Raises:
+        SandboxError: candidates cannot be confined as the configuration asks.
+        ConfigError: the machine cannot compute as it asks, or the model cannot be reached for want of a key.
+    """
+    require(config.sandbox.require)
+    check_machine(config.numerics.kind, config.training.device)
+    build_llm(config, Mode.record)
+
+
+def record(
+    config: RunConfig,
+    task: Task,
+    facts: DataFacts,
+    tools: AbstractContextManager[Tools],
+    view: View,
+    *,
+    begun: Sequence[dict[str, Json]] = (),
+) -> Result:
+    """Run a search with given effects into its run directory, or take up the one that was begun there.
+
+    Args:
+        config: the configuration.
+        task: the task.
+        facts: of the data set.
+        tools: the effects, opened when the directory is ready.
+        view: who is told.
+        begun: the ledger of another run that this one continues; its lines are held against the search as those of a
+            stopped run are.
+
+    Raises:
+        TacevoError: see its subclasses; what was computed so far is kept.
+    """
     plan = build_plan(config, task, Mode.record)
-    header = run_header(config, task, data.facts, plan)
+    header = run_header(config, task, facts, plan)
     directory = RunDirectory(_run_path(config, header))
-    with directory.locked(), Ledger(directory.ledger) as ledger:
+    with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
         directory.sweep()
         sweep_stores(Path(config.store.root))
-        _begin(directory, config, task, data.facts)
+        _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
-        with _mirrored(config, directory, view), open_tools(config, task, data.facts, data, Mode.record) as tools:
+        with _mirrored(config, directory, view), tools as opened:
             observer = _Recorder(directory, ledger, plan, view)
-            state = run_search(plan, tools, ledger, observer)
+            state = run_search(plan, opened, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
@@ -100,6 +137,13 @@ def track(path: Path, uri: str | None) -> str:
     if warning is not None:
         raise RunError(warning)
     return f"{path} is in MLflow: mlflow ui --backend-store-uri {without_password(place)}"
+
+
+def _opened(directory: RunDirectory, begun: Sequence[dict[str, Json]]) -> Ledger:
+    """Open the ledger, which begins with the lines of the run that is continued, if one is."""
+    if begun:
+        directory.begin_with(begun)
+    return Ledger(directory.ledger)
 
 
 def _run_path(config: RunConfig, header: dict[str, Json]) -> Path:

@@ -136,10 +136,9 @@ class Store:
 
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
-        key = self.key(request)
-        entry = {"schema": SCHEMA, "kind": self._kind, "key": key, "request": request, "answer": answer}
-        entry["checksum"] = content_hash(entry)
-        write_durably(self._path(key), json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+        place, entry = sealed_entry(self._kind, request, answer)
+        text = entry_text(entry)
+        write_durably(self._folder.parent / place, text)
 
     def entries(self) -> Iterator[Json]:
         """Give every entry, checked, in the order of their keys.
@@ -183,6 +182,22 @@ class Store:
             f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {shown(fields[0])!r} differs. "
             "Replay with the configuration of the recording, or record anew with llm.mode=record."
         )
+
+
+def sealed_entry(kind: str, request: Json, answer: Json) -> tuple[str, dict[str, Json]]:
+    """Give where an entry stands below the root of the stores, e.g. `probes/0a/0a1b....json`, and all that it holds.
+
+    Raises:
+        ValueError: a number is NaN or infinite.
+    """
+    key = _key(kind, request)
+    entry = {"schema": SCHEMA, "kind": kind, "key": key, "request": request, "answer": answer}
+    return f"{kind}/{key[:2]}/{key}.json", {**entry, "checksum": content_hash(entry)}
+
+
+def entry_text(entry: Json) -> str:
+    """Write an entry as its file has it, for people to read."""
+    return json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def write_durably(path: Path, content: str | bytes) -> None:

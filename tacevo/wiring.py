@@ -31,7 +31,7 @@ from tacevo.sandbox.client import Sandbox
 from tacevo.search import Plan
 from tacevo.store import Seen, Store
 from tacevo.training import evaluation
-from tacevo.training.evaluation import Evaluator, Examples, Setting
+from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
 from tacevo.training.numerics import environment
 
@@ -187,19 +187,47 @@ def open_tools(
         mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
         seen: told of every store entry that is read.
     """
+    examples = None if data is None else _examples(data)
     with _workers(config, data) as (sandbox, executor):
-        gate = build_gate(config, task.contract, sandbox, mode, seen=seen)
-        store = _store(config, "evaluations", mode, seen)
-        evaluator = _evaluator(config, task, facts.fingerprint, sandbox, store=store, data=data)
-        seed = derived_seed(config.seed, "training")
-        yield Tools(
-            llm=build_llm(config, mode, seen=seen),
-            admit=gate.admit,
-            inspect=gate.inspect,
-            evaluate=lambda source: evaluator.evaluate(source, seed),
-            evaluation_key=lambda source: evaluator.key(source, seed),
-            executor=executor,
-        )
+        fingerprint, run = facts.fingerprint, sandbox.run
+        yield build_tools(config, task, fingerprint, run, executor=executor, examples=examples, mode=mode, seen=seen)
+
+
+def build_tools(
+    config: RunConfig,
+    task: Task,
+    fingerprint: str,
+    run: Run,
+    *,
+    executor: Executor,
+    examples: Examples | None,
+    mode: Mode,
+    seen: Seen | None = None,
+) -> Tools:
+    """Build the effects of a search over a sandbox that is open.
+
+    Args:
+        config: the run's configuration.
+        task: the task.
+        fingerprint: of the data set.
+        run: what runs a job in the sandbox.
+        executor: the threads that wait for it.
+        examples: to train on; None where every answer is recorded.
+        mode: as in `open_tools`.
+        seen: told of every store entry that is read.
+    """
+    gate = build_gate(config, task.contract, run, mode, seen=seen)
+    store = _store(config, "evaluations", mode, seen)
+    evaluator = _evaluator(config, task, fingerprint, run, store=store, examples=examples)
+    seed = derived_seed(config.seed, "training")
+    return Tools(
+        llm=build_llm(config, mode, seen=seen),
+        admit=gate.admit,
+        inspect=gate.inspect,
+        evaluate=lambda source: evaluator.evaluate(source, seed),
+        evaluation_key=lambda source: evaluator.key(source, seed),
+        executor=executor,
+    )
 
 
 @contextlib.contextmanager
@@ -213,7 +241,8 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
     """
     with _workers(config, data) as (sandbox, executor):
         store = _store(config, "evaluations", Mode.live, seen=None)
-        evaluator = _evaluator(config, task, data.facts.fingerprint, sandbox, store=store, data=data)
+        fingerprint, examples = data.facts.fingerprint, _examples(data)
+        evaluator = _evaluator(config, task, fingerprint, sandbox.run, store=store, examples=examples)
         seed = derived_seed(config.seed, "training")
         yield lambda source: evaluator.retrain(source, seed), executor
 
@@ -249,7 +278,7 @@ def open_studies(
 def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tuple[Gate, Executor]]:
     """Open the gate of a task alone, with the threads of its run; no process is started before something is probed."""
     with _workers(config, None) as (sandbox, executor):
-        yield build_gate(config, contract, sandbox, mode), executor
+        yield build_gate(config, contract, sandbox.run, mode), executor
 
 
 @contextlib.contextmanager
@@ -273,13 +302,13 @@ def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox,
 
 
 def _evaluator(
-    config: RunConfig, task: Task, fingerprint: str, sandbox: Sandbox, *, store: Store, data: Dataset | None
+    config: RunConfig, task: Task, fingerprint: str, run: Run, *, store: Store, examples: Examples | None
 ) -> Evaluator:
     return Evaluator(
-        run=sandbox.run,
+        run=run,
         store=store,
         contract=task.contract,
-        examples=None if data is None else _examples(data),
+        examples=examples,
         fingerprint=fingerprint,
         recipe=recipe_of(config),
         numerics=config.numerics.kind,
@@ -293,13 +322,11 @@ def _executor(executor: ExecutorConfig) -> Executor:
             return ThreadPoolExecutor(executor.workers, "worker")
 
 
-def build_gate(
-    config: RunConfig, contract: Contract, sandbox: Sandbox, mode: Mode, *, seen: Seen | None = None
-) -> Gate:
+def build_gate(config: RunConfig, contract: Contract, run: Run, mode: Mode, *, seen: Seen | None = None) -> Gate:
     """Build the gate of a task."""
     gate = config.gate
     return Gate(
-        run=sandbox.run,
+        run=run,
         answers=_store(config, "answers", mode, seen),
         store=_store(config, "probes", mode, seen),
         contract=contract,

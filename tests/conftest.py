@@ -9,6 +9,7 @@ from typing import Any
 import interruptions
 import pytest
 from hypothesis import settings
+from smallest import SMALLEST, UNTRACKED
 
 settings.register_profile("tacevo", deadline=None, derandomize=True)
 settings.load_profile("tacevo")
@@ -46,3 +47,17 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:  # a name, not an address
         return host == "localhost"
+
+
+@pytest.fixture(scope="session")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of a tiny run with a study (`run`, `cache`), published as `run.zip`; nothing may be changed."""
+    from tacevo.app import main
+
+    folder = tmp_path_factory.mktemp("published")
+    sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
+    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}"]
+    assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
+    assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
+    assert main(["publish", str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone"]) == 0
+    return folder

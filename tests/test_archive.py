@@ -170,3 +170,15 @@ def test_qd_score_sums_quality_exactly() -> None:
     """The sum does not hang on the order of the niches."""
     archive = Archive({niche: elite(str(niche), value) for niche, value in enumerate([1e16, 1.0, -1e16])})
     assert qd_score(archive, lambda objective: objective) == 1.0
+
+
+@given(st.lists(st.tuples(UNIT, UNIT), max_size=30))
+def test_niches_of_many_points_are_those_of_each(points: list[tuple[float, float]]) -> None:
+    """A rebuilt archive asks for all niches at once, and every one is what a newcomer at that point would get."""
+    assert QUARTERS.niches_of(points) == [QUARTERS.niche_of(point) for point in points]
+
+
+def test_one_bad_point_among_many_is_named() -> None:
+    """A coordinate that is no number is refused wherever it stands."""
+    with pytest.raises(ValueError, match=r"a point needs 2 finite coordinates; got \(nan, 0\.5\)"):
+        QUARTERS.niches_of([(0.5, 0.5), (math.nan, 0.5)])

@@ -138,7 +138,7 @@ def test_served_answers_get_the_verdicts_that_their_folder_states(
         config, judged = task_without_data(task, 32)
         config.store.root = str(tmp_path)
         with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
-            gate = build_gate(config, judged.contract, sandbox, Mode.record)
+            gate = build_gate(config, judged.contract, sandbox.run, Mode.record)
             mine = [completion for name, completion in given.items() if files[name]["task"] == task]
             admitted[task] = sum(isinstance(gate.admit(completion), Admitted) for completion in mine)
     assert admitted == Counter(file["task"] for file in files.values() if file["trains_at"]["32"])

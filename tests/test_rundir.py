@@ -108,8 +108,9 @@ def test_nan_is_refused(directory: RunDirectory) -> None:
 def test_elites_are_the_archives(directory: RunDirectory) -> None:
     """Before the first generation is complete there are none."""
     assert directory.read_elites() == []
-    directory.write_json("archive.json", {"elites": [{"id": "g00s00"}, {"id": "g01s02"}]})
+    directory.write_json("archive.json", {"elites": [{"niche": 0, "id": "g00s00"}, {"niche": 3, "id": "g01s02"}]})
     assert directory.read_elites() == ["g00s00", "g01s02"]
+    assert directory.read_niches() == {0: "g00s00", 3: "g01s02"}
 
 
 @pytest.mark.parametrize("content", [[], {}, {"elites": 1}, {"elites": [{}]}])
@@ -227,3 +228,31 @@ def test_spending_is_read_by_candidate_and_the_last_line_counts(directory: RunDi
 def test_directory_without_timings_has_no_spending(directory: RunDirectory) -> None:
     """Costs are for people; a run without them is a run."""
     assert directory.read_spending() == {}
+
+
+def sealed(*entries: dict[str, Json]) -> tuple[dict[str, Json], ...]:
+    """Seal entries into the lines of a ledger."""
+    with Ledger(None) as ledger:
+        return tuple(ledger.commit(entry) for entry in entries)
+
+
+def test_ledger_begins_with_the_lines_of_a_continued_run(directory: RunDirectory) -> None:
+    """They stand there as they were, and a longer ledger that begins with them is left as it is."""
+    lines = sealed({"kind": "run"}, {"kind": "generation", "generation": 0})
+    directory.begin_with(lines[:1])
+    assert directory.read_ledger() == lines[:1]
+    with Ledger(directory.ledger) as ledger:
+        ledger.commit({"kind": "run"})
+        ledger.commit({"kind": "generation", "generation": 0})
+    directory.begin_with(lines[:1])
+    assert directory.read_ledger() == lines
+
+
+@pytest.mark.parametrize("kinds", [["run"], ["run", "other"]])
+def test_ledger_with_other_or_fewer_lines_is_not_written_over(directory: RunDirectory, kinds: list[str]) -> None:
+    """A folder that holds another run, or a shorter one, is refused and keeps its lines."""
+    directory.begin_with(sealed(*({"kind": kind} for kind in kinds)))
+    before = directory.ledger.read_bytes()
+    with pytest.raises(RunError, match="holds another run, or less of this one; choose another"):
+        directory.begin_with(sealed({"kind": "run"}, {"kind": "generation"}))
+    assert directory.ledger.read_bytes() == before

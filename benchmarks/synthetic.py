@@ -1,0 +1,112 @@
+"""A finished run of any size that nobody trained: real requests, answers, gate and files over a made-up sandbox.
+
+The sources are those of the grammar provider. Every probe gives the baseline's measured profile with sizes that follow
+from the source, and every training predicts values that do; so stores and ledger are as large as those of a real run of
+as many candidates.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tacevo.choices import Numerics
+from tacevo.composition import compose, facts_without_data, load_task
+from tacevo.config import RunConfig
+from tacevo.development import Tools
+from tacevo.progress import View
+from tacevo.proposals import Task
+from tacevo.records import DataFacts, Json, Limits, Mode, Profile, to_json
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.session import Result, record
+from tacevo.training.evaluation import Examples, Run
+from tacevo.training.numerics import environment
+from tacevo.wiring import ENTRIES, build_gate, build_tools
+
+#: Images of the data set that is not there; few, since a made-up training predicts values for each.
+_TRAINED, _VALIDATED = 32, 8
+
+_FINGERPRINT = hashlib.sha256(b"a data set that is not there").hexdigest()
+
+
+def record_synthetic(folder: Path, generations: int, view: View) -> Result:
+    """Record a run of 50 candidates a generation, in `folder`/run with its stores in `folder`/cache.
+
+    Args:
+        folder: where to write.
+        generations: 20 for the paper's size.
+        view: who is told.
+    """
+    places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
+    size = [f"search.generations={generations}", "search.candidates=50", "executor.workers=1", "tracking=none"]
+    config = compose(["experiment=paper_force", *size, *places])
+    facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
+    task = load_task(config, facts)
+    return record(config, task, facts, _made_up(config, task, facts), view)
+
+
+@contextmanager
+def _made_up(config: RunConfig, task: Task, facts: DataFacts) -> Iterator[Tools]:
+    """Open the effects of a search over a sandbox that is made up."""
+    run = _sandbox(_profile_of_baseline(config, task), config.training.epochs, facts.outputs)
+    with ThreadPoolExecutor(1) as executor:
+        examples = _examples(facts)
+        yield build_tools(config, task, facts.fingerprint, run, executor=executor, examples=examples, mode=Mode.record)
+
+
+def _profile_of_baseline(config: RunConfig, task: Task) -> Profile:
+    """Probe the baseline in a real sandbox, once."""
+    with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}) as sandbox:
+        judged = build_gate(config, task.contract, sandbox.run, Mode.record).inspect(task.baseline)
+    if not hasattr(judged, "profile"):
+        raise RuntimeError(f"the baseline was turned away: {judged}")
+    return judged.profile
+
+
+def _sandbox(baseline: Profile, epochs: int, outputs: int) -> Run:
+    """Answer probes and trainings with frames that follow from the source alone."""
+
+    def run(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+        rng = np.random.default_rng(list(hashlib.sha256(header["source"].encode()).digest()))
+        if entry == "probe":
+            return Finished((Frame({"profile": to_json(_resized(baseline, rng))}, b""),))
+        return Finished(tuple(_trained(rng, epochs, outputs)))
+
+    return run
+
+
+def _resized(profile: Profile, rng: np.random.Generator) -> Profile:
+    """Give a profile other sizes, so that candidates spread over the archive."""
+    channels = tuple(int(value) for value in rng.integers(8, 256, size=len(profile.graph.channels)))
+    return replace(
+        profile,
+        parameters=int(profile.parameters * rng.uniform(0.2, 2.0)),
+        flops=int(profile.flops * rng.uniform(0.2, 2.0)),
+        graph=replace(profile.graph, channels=channels),
+    )
+
+
+def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Frame]:
+    """Give the frames of a training whose losses fall."""
+    spread = rng.uniform(0.05, 0.3)
+    for epoch in range(epochs):
+        values = (0.5 + rng.normal(size=(_VALIDATED, outputs)) * spread / (1 + epoch)).astype(np.float32)
+        yield Frame({"train_loss": float(spread / (1 + epoch))}, values.tobytes())
+    yield Frame({"weights_sha256": hashlib.sha256(rng.bytes(32)).hexdigest()}, b"")
+
+
+def _examples(facts: DataFacts) -> Examples:
+    """Give labels that are all alike, for images that are not there."""
+    return Examples(
+        train=np.arange(_TRAINED),
+        validation=np.arange(_TRAINED, _TRAINED + _VALIDATED),
+        train_targets=np.full((_TRAINED, facts.outputs), 0.5, np.float32),
+        validation_targets=np.full((_VALIDATED, facts.outputs), 0.5, np.float32),
+        mean=(0.0,) * facts.in_channels,
+        deviation=(1.0,) * facts.in_channels,
+        fingerprint=facts.fingerprint,
+    )

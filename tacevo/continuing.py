@@ -1,0 +1,115 @@
+"""`tacevo continue RUN search.generations=30`: a published run taken up where it ended.
+
+What it promises: the published run is replayed and compared before anything is asked; the ledger of the new run begins
+with its very lines, and the search is held against each of them; nothing is written to the published run or its stores.
+"""
+
+import json
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+
+from tacevo.bundle import Opened
+from tacevo.composition import compose, from_plain, to_plain
+from tacevo.config import RunConfig, identity
+from tacevo.errors import ConfigError
+from tacevo.packing import take_in
+from tacevo.plurals import counted
+from tacevo.progress import View
+from tacevo.records import Json, Mode
+from tacevo.replaying import read_run
+from tacevo.retraining import load_same
+from tacevo.rundir import RunDirectory
+from tacevo.session import Result, record, require_means
+from tacevo.store import differences, entry_text, shown
+from tacevo.wiring import open_tools
+
+#: Groups that say where a run is computed and written: those of the published run belong to another machine.
+_HERE = ("store", "run", "tracking", "executor")
+
+
+#: Holds a published run against what its stores give, and names the store entries that it needs.
+Check = Callable[[Opened], Collection[Path]]
+
+
+def continue_run(published: Opened, overrides: Sequence[str], view: View, *, check: Check) -> Result:
+    """Take up a finished run where it ended, in a run directory of its own.
+
+    Args:
+        published: the run.
+        overrides: settings as `tacevo search` takes them, among them `search.generations`.
+        view: who is told.
+        check: raises where the published run is not as it should be.
+
+    Raises:
+        ConfigError: an override would make it another run, or not a longer one.
+        DataError: the data set is not there, or is another one.
+        TacevoError: what `check` raises, and as `tacevo.session.search`.
+    """
+    directory = RunDirectory(published.run)
+    settings, task, facts = read_run(directory)
+    recorded = directory.read_finished()
+    config = continued(settings, overrides)
+    _refuse_same_folder(config, published.run)
+    require_means(config)
+    read = sorted(check(published))
+    data = load_same(config, facts, view)
+    entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
+    written, _ = take_in(published.store, entries, Path(config.store.root))
+    view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
+    tools = open_tools(config, task, facts, data, Mode.record)
+    return record(config, task, facts, tools, view, begun=recorded)
+
+
+def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Lay overrides over a run's configuration.
+
+    What belongs to a machine (store, run directory, tracking, workers) is not the published run's but the default here.
+
+    Args:
+        published: the run's configuration.
+        overrides: as `tacevo search` takes them.
+
+    Raises:
+        ConfigError: an override would make it another run, or not a longer one; the message names the key.
+    """
+    chosen, plain = to_plain(compose(overrides)), to_plain(published)
+    plain |= {group: chosen[group] for group in _HERE}
+    for override in overrides:
+        _lay(override, chosen, plain)
+    config = from_plain(plain)
+    changed = differences(identity(published), identity(config))
+    if changed:
+        raise ConfigError(f"{shown(changed[0])} decides what a run finds; continued with another, it is another run")
+    if config.search.generations <= published.search.generations:
+        raise ConfigError(
+            f"search.generations needs more than the {published.search.generations} that the run has; got "
+            f"{config.search.generations}"
+        )
+    return config
+
+
+def _readable(entry: Path) -> bytes:
+    """Write an entry as a store does; a bundle's are unpacked without line breaks."""
+    return entry_text(json.loads(entry.read_bytes())).encode()
+
+
+def _refuse_same_folder(config: RunConfig, published: Path) -> None:
+    if config.run.dir is not None and Path(config.run.dir).resolve() == published.resolve():
+        raise ConfigError(f"run.dir={config.run.dir} is the published run, which is left as it is; name another folder")
+
+
+def _lay(override: str, chosen: dict[str, Json], plain: dict[str, Json]) -> None:
+    """Take what an override sets, a key or a group, from the composed settings.
+
+    Raises:
+        ConfigError: it sets something that a continued run takes from the published one.
+    """
+    key = override.partition("=")[0]
+    *groups, name = key.split(".")
+    if (groups or [name])[0] not in plain or key == "task" or groups[:1] == ["task"]:
+        raise ConfigError(
+            f"{key} cannot be set here: a continued run has the task and the experiment of the published one"
+        )
+    for group in groups:
+        chosen, plain = chosen[group], plain[group]
+    plain[name] = chosen[name]

@@ -1,0 +1,103 @@
+"""The command `tacevo publish`, and what it and `tacevo replay` need of the analysis.
+
+What they do is imported when they run, so that help is quick.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tacevo.commandline import DONE, Parser
+
+if TYPE_CHECKING:
+    from analysis.collection import Collection
+    from tacevo.bundle import Opened
+    from tacevo.progress import View
+    from tacevo.verifying import Verified
+
+
+def add_publish(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe the command."""
+    publish = commands.add_parser(
+        "publish",
+        help="one file with which anybody can replay a run",
+        description="Replay a finished run and its studies, and write all that a replay elsewhere needs, with tables, "
+        "figures, licence and checksums, into one file: an RO-Crate.",
+    )
+    publish.add_argument("run", metavar="RUN", help="the folder of a run")
+    publish.add_argument(
+        "studies", metavar="STUDY", nargs="*", help="the folder of a study of it (default: all finished ones)"
+    )
+    publish.add_argument("-o", "--output", required=True, metavar="FILE", help="e.g. run.zip")
+    publish.add_argument("--store", metavar="DIR", help="where the stores of the run lie, if they were moved")
+    publish.add_argument(
+        "--license", default="CC-BY-4.0", metavar="SPDX", help="of what is published (default: CC-BY-4.0)"
+    )
+    publish.add_argument("--author", action="append", default=[], metavar="NAME", help="may be given several times")
+    publish.add_argument("--date", metavar="YYYY-MM-DD", help="of publication (default: the day the run ended)")
+    publish.set_defaults(command=_publish, interrupted="nothing was written; the same command begins again")
+
+
+def verify_bundle(bundle: "Opened", view: "View") -> "Verified":
+    """Verify a bundle (`tacevo.verifying`) with the tables of the analysis."""
+    from tacevo.verifying import verify
+
+    return verify(bundle, table_files, view)
+
+
+def in_bundle(verified: "Verified") -> str:
+    """Say what of a bundle was compared beside its search and studies, for a person."""
+    return (
+        f"summary, costs and {verified.tables} files of tables follow from the records, byte for byte; all "
+        f"{verified.entries} store entries were needed\n"
+        f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, no more was "
+        "compared"
+    )
+
+
+def table_files(run: Path, store: Path) -> dict[str, bytes]:
+    """Make every table of a run, from its records and recorded probes alone; give contents by file name."""
+    from analysis.collection import tables_of
+    from analysis.rendering import table_texts
+    from tacevo.profiles import recall_profiles
+    from tacevo.records import Mode
+
+    tables = tables_of(_collect(run, store), recall_profiles(run, str(store), mode=Mode.replay))
+    return {name: text.encode() for table in tables for name, text in table_texts(table).items()}
+
+
+def figure_files(run: Path, store: Path) -> dict[str, bytes]:
+    """Draw every figure that follows from a run's records; give contents by file name."""
+    from analysis.collection import pictures_of
+    from analysis.style import render
+
+    return {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures_of(_collect(run, store))}
+
+
+def _publish(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.plurals import counted
+    from tacevo.progress import PlainView
+    from tacevo.publishing import Request, publish
+
+    request = Request(
+        run=Path(options.run),
+        studies=tuple(map(Path, options.studies)),
+        store=None if options.store is None else Path(options.store),
+        licence=options.license,
+        authors=tuple(options.author),
+        published=options.date,
+    )
+    with PlainView(Console(stderr=True)) as view:
+        done = publish(request, Path(options.output), make_tables=table_files, draw_figures=figure_files, view=view)
+    print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
+    print(f"run: {done.run}")
+    print(f"bundle digest: {done.digest}")
+    return DONE
+
+
+def _collect(run: Path, store: Path) -> "Collection":
+    from analysis.collection import collect
+
+    return collect(run, store)

@@ -1,0 +1,198 @@
+"""Whether the records of a published run follow from each other: its search, its studies, its tables.
+
+Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made anew from the records (figures,
+which depend on fonts and libraries, and the pages that describe the bundle) is held against its checksum only.
+"""
+
+import contextlib
+import csv
+import io
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.bundle import Opened
+from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
+from tacevo.progress import View
+from tacevo.replaying import Replayed, replay
+from tacevo.rundir import RunDirectory
+from tacevo.studydir import studies_of
+from tacevo.studying import replay_studies
+from tacevo.summary import summarise
+
+#: Makes every table of a run anew: its folder and that of its stores to contents by file name.
+MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verified:
+    """A bundle whose records were found to follow from each other."""
+
+    replayed: Replayed
+    #: Digest of each study, by name.
+    studies: Mapping[str, str]
+    #: Store entries, all of which were read.
+    entries: int
+    #: Files of tables that were made anew and compared.
+    tables: int
+    #: Files of figures; their checksums were right.
+    figures: int
+
+
+def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
+    """Replay a bundle from its own store entries, and hold everything that follows from them against it.
+
+    Args:
+        bundle: opened, hence complete and as its manifest says.
+        make_tables: makes the tables.
+        view: who is told.
+
+    Raises:
+        DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell.
+        BundleError: its records do not suit each other, or hold something that no run writes.
+    """
+    if bundle.root is None:
+        raise ValueError(f"{bundle.run} is no bundle")
+    with _refusing(bundle.root):
+        check_sizes(bundle.run)
+        read: set[Path] = set()
+        replayed = replay(bundle.run, str(bundle.store), view, seen=read.add)
+        studies = replay_studies(bundle.run, str(bundle.store), view, seen=read.add)
+        check_records(bundle.run, replayed)
+        _check_files(bundle, replayed, studies, read)
+        made = make_tables(bundle.run, bundle.store)
+        compare_tables(bundle.root / "tables", made)
+    figures = len(list(bundle.root.glob("figures/*")))
+    return Verified(replayed=replayed, studies=studies, entries=len(read), tables=len(made), figures=figures)
+
+
+def check_sizes(run: Path) -> None:
+    """See that a run's configuration and studies speak of as many candidates and scores as there are.
+
+    Otherwise a few digits could ask for more memory than there is.
+
+    Raises:
+        RunError: they do not.
+    """
+    directory = RunDirectory(run)
+    lines = directory.read_finished()
+    with directory.believed():
+        search = directory.read_run()["config"]["search"]
+        initial, generations, candidates = (int(search[key]) for key in ("initial", "generations", "candidates"))
+        expected = 1 + (1 + initial + 1) + generations * (candidates + 1)
+    if len(lines) != expected:
+        raise RunError(f"{run}/ledger.jsonl has {len(lines)} lines; the configuration in run.json gives {expected}")
+    for study in studies_of(run):
+        recorded, scores = study.read(), study.read_scores()
+        with directory.believed():
+            trainings = recorded["seeds"] * len(recorded["networks"])
+        if len(scores) != 1 + trainings:
+            raise RunError(f"{study.path}/study.json speaks of {trainings} trainings; it has {len(scores) - 1} scores")
+
+
+def check_records(run: Path, replayed: Replayed) -> None:
+    """Hold what stands beside a run's ledger and archives against its replay: costs and summary.
+
+    Raises:
+        DivergenceError: they are not what follows from the records.
+    """
+    directory = RunDirectory(run)
+    remedy = "the command that began the run writes it anew"
+    spending = directory.read_spending()
+    for name, spent in sorted(spending.items()):
+        if replayed.spending.get(name) != spent:
+            raise DivergenceError(
+                f"{run}/timings.jsonl: {name} was recorded with {spent} and its answers give "
+                f"{replayed.spending.get(name)}; {remedy}"
+            )
+    summary = summarise(directory.read_run(), directory.read_ledger(), directory.read_elites(), spending)
+    path = run / "summary.md"
+    recorded = path.read_text(encoding="utf-8") if path.exists() else ""
+    found = _first_line(recorded, summary)
+    if found is not None:
+        raise DivergenceError(f"{path}, {found}; {remedy}")
+
+
+def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
+    """Hold tables against those that were made anew.
+
+    Args:
+        folder: of the published ones.
+        made: contents by file name.
+
+    Raises:
+        DivergenceError: the first difference, with table, row and column.
+    """
+    there = {path.name for path in folder.glob("*")}
+    for name in sorted(there ^ made.keys()):
+        what = "is there, and does not follow from the records" if name in there else "is missing"
+        raise DivergenceError(f"table {name} {what}")
+    for name, content in sorted(made.items()):
+        found = table_difference((folder / name).read_bytes(), content, is_csv=name.endswith(".csv"))
+        if found is not None:
+            raise DivergenceError(f"table {name}, {found}")
+
+
+def table_difference(recorded: bytes, made: bytes, *, is_csv: bool) -> str | None:
+    """Name the first difference of two files of one table: row and column of a CSV file, else the line.
+
+    Rows are counted from 1, below the names of the columns.
+    """
+    if recorded == made:
+        return None
+    was, now = (content.decode("utf-8", errors="replace") for content in (recorded, made))
+    return (_first_cell(was, now) if is_csv else None) or _first_line(was, now) or "its bytes are not UTF-8"
+
+
+def _first_cell(was: str, now: str) -> str | None:
+    """Name the first cell that differs; None where the files differ in more than cells."""
+    try:
+        old, new = (list(csv.reader(io.StringIO(text, newline=""), strict=True)) for text in (was, now))
+    except csv.Error:
+        return None
+    for row, (before, after) in enumerate(zip(old, new, strict=False)):
+        for column, (left, right) in enumerate(zip(before, after, strict=False)):
+            if left != right:
+                place = f"row {row}, column {new[0][column]!r}" if row else f"name of column {column + 1}"
+                return f"{place}: recorded {left!r}, replayed {right!r}"
+    return None
+
+
+def _first_line(was: str, now: str) -> str | None:
+    """Name the first line that differs."""
+    old, new = was.split("\n"), now.split("\n")
+    for number, (left, right) in enumerate(zip(old, new, strict=False), start=1):
+        if left != right:
+            return f"line {number}: recorded {left[:200]!r}, replayed {right[:200]!r}"
+    return None if len(old) == len(new) else f"recorded {len(old)} lines, replayed {len(new)}"
+
+
+def _check_files(bundle: Opened, replayed: Replayed, studies: Mapping[str, str], read: set[Path]) -> None:
+    """See that a bundle has no candidate, study or store entry beside those that were compared.
+
+    Raises:
+        BundleError: it has.
+    """
+    found = {
+        "the ledger": ({path.name for path in bundle.run.glob("candidates/*")}, replayed.files),
+        "a study of this run": ({path.name for path in bundle.run.glob("studies/*")}, frozenset(studies)),
+        "the replay": (
+            {path.name for path in bundle.store.rglob("*.json")},
+            {path.name for path in read},
+        ),
+    }
+    for what, (there, known) in found.items():
+        for name in sorted(there - known):
+            raise BundleError(f"{bundle.root}: {name} is there, and belongs to nothing of {what}")
+
+
+@contextlib.contextmanager
+def _refusing(place: Path) -> Iterator[None]:
+    """Refuse a bundle whose records cannot be used at all, whatever is wrong with them."""
+    try:
+        yield
+    except (RunError, StoreError, CacheMissError, ConfigError) as error:
+        raise BundleError(str(error)) from error
+    # Checksums can be written anew around any content, and the readers of records take the form of these for granted.
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise BundleError(f"{place} holds a record that no run writes: {type(error).__name__}: {error}") from error

@@ -1,0 +1,76 @@
+"""Published runs taken apart, changed and put together again, as somebody would who means to deceive."""
+
+import hashlib
+import io
+import json
+import lzma
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from tacevo.bundle import MANIFEST, STORE, sealed
+from tacevo.ledger import GENESIS, seal
+from tacevo.records import Json
+from tacevo.store import canonical
+
+Members = dict[str, bytes]
+
+
+def members_of(bundle: Path) -> Members:
+    """Read every member."""
+    with zipfile.ZipFile(bundle) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def resealed(members: Mapping[str, bytes], target: Path) -> Path:
+    """Write a bundle with checksums that fit its members."""
+    data, _ = sealed({name: content for name, content in members.items() if name != MANIFEST})
+    target.write_bytes(data)
+    return target
+
+
+def zipped(members: Mapping[str, bytes], target: Path, change: Callable[[zipfile.ZipInfo], None] | None = None) -> Path:
+    """Write members as they are, whatever their names and checksums, with a change to every header but the first."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for place, (name, data) in enumerate(members.items()):
+            info = zipfile.ZipInfo(name)
+            info.create_system, info.external_attr = 3, 0o100644 << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            if change is not None and place:
+                change(info)
+            archive.writestr(info, data)
+    target.write_bytes(buffer.getvalue())
+    return target
+
+
+def honest(members: Mapping[str, bytes]) -> Members:
+    """Give members with a manifest that fits them."""
+    others = {name: data for name, data in members.items() if name != MANIFEST}
+    lines = [f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(others.items())]
+    return {**others, MANIFEST: "".join(lines).encode()}
+
+
+def entries_of(members: Mapping[str, bytes]) -> list[dict[str, Json]]:
+    """Read the store entries."""
+    return [json.loads(line) for line in lzma.decompress(members[STORE]).splitlines()[1:]]
+
+
+def with_entries(members: Mapping[str, bytes], entries: list[dict[str, Json]]) -> Members:
+    """Give members with other store entries."""
+    lines = [canonical({"schema": 1, "entries": len(entries)}), *map(canonical, entries)]
+    return {**members, STORE: lzma.compress(("\n".join(lines) + "\n").encode())}
+
+
+def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Json]], None]) -> Members:
+    """Give members whose ledger has another line, every hash after it made anew, and the digest with them."""
+    previous, lines = GENESIS, []
+    for place, text in enumerate(members["run/ledger.jsonl"].splitlines()):
+        entry = {key: value for key, value in json.loads(text).items() if key not in {"previous", "hash"}}
+        if place == number:
+            change(entry)
+        lines.append(seal(entry, previous))
+        previous = lines[-1]["hash"]
+    run = {**json.loads(members["run/run.json"]), "digest": previous}
+    ledger = "".join(f"{canonical(line)}\n" for line in lines)
+    return {**members, "run/ledger.jsonl": ledger.encode(), "run/run.json": json.dumps(run, indent=1).encode()}

@@ -1,0 +1,139 @@
+"""Promise: two runs are called equal only where their ledgers are, and else the first difference is named."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+
+from tacevo.comparing import Recorded, agreement, compare, describe, fitness_by_source, last_generation
+from tacevo.ledger import GENESIS, seal
+from tacevo.records import Json
+
+HEADER: dict[str, Json] = {"kind": "run", "config": {"seed": 0}, "centroids": "c"}
+
+
+def candidate(slot: int, fitness: float | None, **changes: Json) -> dict[str, Json]:
+    """Write a candidate's entry; its source follows from the slot, and it is trained where it has a fitness."""
+    entry = {"kind": "candidate", "generation": 1, "slot": slot, "id": f"g01s0{slot}", "source": f"source {slot}"}
+    return {**entry, **({} if fitness is None else {"fitness": fitness}), **changes}
+
+
+def close(best: float) -> dict[str, Json]:
+    """Write a generation's entry."""
+    return {"kind": "generation", "generation": 1, "best": best, "coverage": 0.5, "qd_score": 1.0}
+
+
+def recorded(*entries: dict[str, Json], header: Mapping[str, Json] = HEADER, **changes: object) -> Recorded:
+    """Give a run with a sealed ledger."""
+    lines: list[dict[str, Json]] = []
+    for entry in ({**header}, *entries):
+        lines.append(seal(entry, lines[-1]["hash"] if lines else GENESIS))
+    run = Recorded(
+        config={"seed": 0},
+        ledger=lines,
+        fitness=fitness_by_source(lines),
+        end=last_generation(lines),
+        elites={0: "source 0", 4: "source 1"},
+        studies={},
+    )
+    return replace(run, **changes)  # type: ignore[arg-type]
+
+
+RUN = recorded(candidate(0, 0.1), candidate(1, 0.2), candidate(2, 0.3), candidate(3, None), close(0.1))
+
+
+def test_run_equals_itself() -> None:
+    """Nothing differs, and all of it is said to be equal."""
+    found = compare(RUN, RUN)
+    assert found.is_equal
+    assert describe(found).startswith("the ledgers are equal: 6 lines\n")
+
+
+def test_first_difference_names_place_field_and_both_values() -> None:
+    """A later difference, and the hashes that follow from the first one, do not hide it."""
+    other = recorded(candidate(0, 0.1), candidate(1, 0.25), candidate(2, 0.9), candidate(3, None), close(0.1))
+    found = compare(RUN, other)
+    assert not found.is_equal
+    assert found.equal == 2
+    assert str(found.divergence) == (
+        "generation 1, slot 1: field 'fitness' is 0.2 in the first run and 0.25 in the second"
+    )
+    assert found.decision is None
+
+
+def test_beginning_of_a_run_is_not_the_run() -> None:
+    """A shorter ledger differs although no line of it does."""
+    longer = recorded(*(dict(line) for line in RUN.ledger[1:]), close(0.05))
+    found = compare(RUN, longer)
+    assert found.divergence is None
+    assert not found.is_equal
+    assert "the second run goes on where the other ends" in describe(found)
+    assert "the first run goes on where the other ends" in describe(compare(longer, RUN))
+
+
+def test_difference_behind_other_headers_is_named_too() -> None:
+    """Runs of other settings differ in their headers; where their decisions part is what one wants to know."""
+    header = {**HEADER, "config": {"seed": 1}}
+    found = compare(RUN, recorded(candidate(0, 0.1), candidate(1, 0.2), candidate(2, 0.4), close(0.1), header=header))
+    assert found.equal == 0
+    assert found.divergence is not None
+    assert found.divergence.field == "config.seed"
+    assert found.decision is not None
+    assert (found.decision.place, found.decision.field) == ("generation 1, slot 2", "fitness")
+
+
+def test_settings_that_differ_are_listed_but_not_where_the_runs_lie() -> None:
+    """A folder's name is no difference between runs."""
+    one = replace(RUN, config={"seed": 0, "llm": {"model": "a"}, "run": {"dir": "x"}, "store": {"root": "y"}})
+    other = replace(RUN, config={"seed": 0, "llm": {"model": "b"}, "run": {"dir": "z"}, "store": {"root": "w"}})
+    (setting,) = compare(one, other).settings
+    assert (setting.field, setting.values) == ("llm.model", ('"a"', '"b"'))
+
+
+def test_agreement_is_that_of_equal_sources_only() -> None:
+    """By hand: of three shared sources one is equal, the others are 0.1 and 0.3 apart; two that swap ranks give 1/2."""
+    found = agreement({"a": 1.0, "b": 2.0, "c": 3.0, "d": 9.0}, {"a": 1.0, "b": 2.1, "c": 3.3, "e": 0.0})
+    assert (found.shared, found.same) == (3, 1)
+    assert found.largest == pytest.approx(0.3)
+    assert found.median == pytest.approx(0.1)
+    assert found.rank_correlation == pytest.approx(1.0)
+    swapped = agreement({"a": 1.0, "b": 2.0, "c": 3.0}, {"a": 2.0, "b": 1.0, "c": 3.0})
+    assert swapped.rank_correlation == pytest.approx(0.5)  # 1 - 6 * (1 + 1) / (3 * 8)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [({}, {}), ({"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 3.0}), ({"a": 1, "b": 1, "c": 1},) * 2]
+)
+def test_ranks_that_say_nothing_are_undefined(one: dict[str, float], other: dict[str, float]) -> None:
+    """Too few sources, or all alike, have no rank correlation, and no warning comes of asking."""
+    assert agreement(one, other).rank_correlation is None
+
+
+def test_rejected_candidate_has_no_fitness_to_compare() -> None:
+    """Only what was trained counts."""
+    assert fitness_by_source(RUN.ledger) == {"source 0": 0.1, "source 1": 0.2, "source 2": 0.3}
+
+
+def test_archives_overlap_by_source_and_by_niche() -> None:
+    """By hand: niche 0 holds the same source, niche 4 another, and a source moved from niche 4 to 5."""
+    found = compare(RUN, replace(RUN, elites={0: "source 0", 4: "source 2", 5: "source 1"})).overlap
+    assert (found.elites, found.sources, found.niches) == ((2, 3), 2, (2, 1))
+
+
+def test_niches_of_other_centroids_are_not_compared() -> None:
+    """Niche 4 of one tessellation is not niche 4 of another."""
+    lines = [dict(line) for line in RUN.ledger[1:]]
+    found = compare(RUN, recorded(*lines, header={**HEADER, "centroids": "d"}))
+    assert found.overlap.niches is None
+    assert "the niches are others" in describe(found)
+
+
+def test_studies_of_one_kind_are_compared_row_by_row() -> None:
+    """The header, which names the run, is left out; a study that one run lacks is passed over."""
+    rows = [{"network": "best", "seed": seed, "metrics": {"mae": 0.1 * seed}} for seed in range(3)]
+    changed = [*rows[:2], {**rows[2], "metrics": {"mae": 0.7}}]
+    one = replace(RUN, studies={"s": [{"run": "x"}, *rows], "only here": [{}]})
+    (study,) = compare(one, replace(RUN, studies={"s": [{"run": "y"}, *changed]})).studies
+    assert (study.rows, study.same) == (3, 2)
+    assert study.first is not None
+    assert (study.first.place, study.first.field) == ("best, seed 2", "metrics.mae")

@@ -1,0 +1,182 @@
+"""Promise: a published run is continued by its own lines and under its own settings, and is itself left as it is."""
+
+import json
+from pathlib import Path
+
+import pytest
+from smallest import SMALLEST, UNTRACKED
+
+from tacevo.app import main
+from tacevo.composition import compose
+from tacevo.continuing import continued
+from tacevo.errors import ConfigError
+from tacevo.rundir import RunDirectory
+
+#: A real search of one generation, with stores of its own.
+TINY = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=3", "search.initial=2"]
+PUBLISHED = ["run.dir=theirs/run", "store.root=theirs/cache"]
+MORE = ["search.generations=2", UNTRACKED, "run.dir=mine"]
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of a finished run and its stores; no test writes there."""
+    folder = tmp_path_factory.mktemp("published")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["search", *TINY, *PUBLISHED]) == 0
+    return folder / "theirs"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def content(folder: Path) -> dict[Path, bytes]:
+    """Read every file of a folder."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_continued_run_begins_with_the_very_bytes_of_the_published_one(published: Path, folder: Path) -> None:
+    """The new ledger starts with the old one, ends later, replays from stores here, and nothing published changed."""
+    before = content(published)
+    command = ["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]
+    assert main(command) == 0
+    assert content(published) == before
+    old, new = (path / "ledger.jsonl" for path in (published / "run", folder / "mine"))
+    assert new.read_bytes().startswith(old.read_bytes())
+    assert len(new.read_bytes()) > len(old.read_bytes())
+    assert main(["replay", "mine"]) == 0
+    digest = RunDirectory(folder / "mine").read_run()["digest"]
+    assert main(command) == 0  # the same command again finds it finished
+    assert RunDirectory(folder / "mine").read_run()["digest"] == digest
+
+
+def test_continued_run_equals_one_that_was_never_stopped(published: Path, folder: Path) -> None:
+    """Where a run was cut makes no difference to a byte of its ledger."""
+    assert main(["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 0
+    assert main(["search", *TINY, "search.generations=2", "run.dir=whole"]) == 0
+    assert (folder / "mine" / "ledger.jsonl").read_bytes() == (folder / "whole" / "ledger.jsonl").read_bytes()
+    assert main(["replay", "mine", "--diff", "whole"]) == 0
+    assert main(["replay", "mine", "--diff", str(published / "run")]) == 1
+
+
+def test_bundle_is_verified_and_continued_without_its_publishers_folders(published: Path, folder: Path) -> None:
+    """One file is enough, it stays as it is, and an entry that a bundle's replay needs reaches the stores here."""
+    bundle = folder / "run.zip"
+    run, store = str(published / "run"), str(published / "cache")
+    assert main(["publish", run, "--store", store, "-o", str(bundle)]) == 0
+    before = bundle.read_bytes()
+    assert main(["continue", "run.zip", *MORE]) == 0
+    assert bundle.read_bytes() == before
+    old, new = (path / "ledger.jsonl" for path in (published / "run", folder / "mine"))
+    assert new.read_bytes().startswith(old.read_bytes())
+    assert main(["replay", "mine"]) == 0
+    assert main(["replay", "run.zip", "--diff", run]) == 0
+    theirs, ours = content(published / "cache"), content(folder / "cache")
+    (one, *_) = (path for path in theirs if path.parts[-3] == "completions")
+    entry = ours[folder / "cache" / one.relative_to(published / "cache")]
+    assert json.loads(entry) == json.loads(theirs[one])
+    assert entry.count(b"\n") == theirs[one].count(b"\n")
+
+
+def test_other_data_are_refused_before_anything_is_written(
+    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another fingerprint is the user's mistake, and no store entry and no run comes of it."""
+    command = ["continue", str(published / "run"), "--store", str(published / "cache"), *MORE, "data.seed=5"]
+    assert main(command) == 2
+    assert "the run had" in capsys.readouterr().err
+    assert not (folder / "mine").exists()
+    assert not (folder / "cache" / "completions").exists()
+
+
+def test_edited_run_is_not_continued(published: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The published run is replayed before anything is asked."""
+    edited = folder / "edited"
+    for path, data in content(published / "run").items():
+        target = edited / path.relative_to(published / "run")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data + b"# edited\n" if path.name == "g00s00.py" else data)
+    assert main(["continue", str(edited), "--store", str(published / "cache"), *MORE]) == 1
+    assert "g00s00" in capsys.readouterr().err
+    assert not (folder / "mine").exists()
+
+
+def test_published_folder_is_no_place_for_the_new_run(
+    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was published stays as it is, however the user spells its folder."""
+    same = f"run.dir={published}/../theirs/run"
+    assert main(["continue", str(published / "run"), *MORE, same]) == 2
+    assert "is the published run" in capsys.readouterr().err
+
+
+def test_folder_of_another_run_is_refused(published: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run directory that holds another run is not written to."""
+    assert main(["search", *TINY, "search.generations=0", "seed=7", "run.dir=mine"]) == 0
+    before = content(folder / "mine")
+    assert main(["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 2
+    assert "holds another run" in capsys.readouterr().err
+    assert content(folder / "mine") == before
+
+
+@pytest.mark.parametrize(
+    ("override", "named"),
+    [
+        ("seed=1", "seed"),
+        ("search.candidates=4", "search.candidates"),
+        ("llm.slip_rate=0.5", "llm.slip_rate"),
+        ("temperature=fixed", "temperature.rule"),
+        ("training.epochs=9", "training.epochs"),
+        ("numerics=fast", "numerics"),
+        ("task=grating", "task"),
+        ("task.loss=mse", "task.loss"),
+        ("experiment=demo", "experiment"),
+    ],
+)
+def test_override_that_makes_another_run_is_refused_by_name(override: str, named: str) -> None:
+    """Whatever decides the results is the published run's."""
+    with pytest.raises(ConfigError, match=rf"^{named} "):
+        continued(compose(TINY), ["search.generations=2", override])
+
+
+@pytest.mark.parametrize("generations", [0, 1])
+def test_run_that_is_not_longer_is_refused(generations: int) -> None:
+    """As many generations as the run has, or fewer, are no continuation."""
+    with pytest.raises(ConfigError, match=rf"search\.generations needs more than the 1 .*got {generations}$"):
+        continued(compose(TINY), [f"search.generations={generations}"])
+
+
+def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
+    """Stores, folder, tracker and workers of the publisher are not the reader's; budget and mode may be chosen."""
+    theirs = compose([*TINY, *PUBLISHED, "executor.workers=7"])
+    here = continued(theirs, ["search.generations=3", "tracking=none", "llm.mode=replay", "llm.budget_usd=2"])
+    default = compose([])
+    assert (here.store, here.run, here.executor) == (default.store, default.run, default.executor)
+    assert (here.tracking.kind.value, here.llm.mode.value, here.llm.budget_usd) == ("none", "replay", 2)
+    assert here.search.candidates == theirs.search.candidates
+    assert continued(theirs, ["search.generations=3", "executor.workers=3"]).executor.workers == 3
+
+
+def test_other_versions_are_named_and_the_run_is_tried_all_the_same(
+    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run of another version replays where nothing that matters changed; a difference comes with the versions."""
+    run = RunDirectory(folder / "older")
+    for path, data in content(published / "run").items():
+        target = run.path / path.relative_to(published / "run")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+    described = run.read_run()
+    described["versions"] = {**described["versions"], "tacevo": "0.0.1"}
+    (run.path / "run.json").write_text(json.dumps(described))
+    command = ["replay", "older", "--store", str(published / "cache")]
+    assert main(command) == 0
+    assert "another version: tacevo is" in capsys.readouterr().err
+    (run.path / "archive.json").write_text("{}")
+    assert main(command) == 1
+    assert "this may come of another version: tacevo is" in capsys.readouterr().err

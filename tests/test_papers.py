@@ -1,0 +1,78 @@
+"""Promise: a published run says plainly what answered, where its images come from, and under which terms it stands."""
+
+import pytest
+
+from tacevo.errors import ConfigError
+from tacevo.papers import Subject, Terms, citation, licence, readme
+from tacevo.records import Json
+
+
+def subject(*, provider: str, source: str) -> Subject:
+    """Make a run of a provider and a source of images."""
+    data: dict[str, Json] = {"source": source, "root": "ViTacTip", "images": 600, "image_size": 32, "seed": 0}
+    run: dict[str, Json] = {
+        "name": "one",
+        "digest": "d" * 64,
+        "task": {"name": "force"},
+        "config": {
+            "seed": 3,
+            "llm": {"provider": provider, "model": "model-1"},
+            "data": {**data, "sensor_seed": 0, "light": "standard", "spacings_mm": [0.5, 1.0]},
+            "numerics": {"kind": "portable"},
+            "training": {"device": "cpu"},
+        },
+        "data": {"counts": [480, 60, 60], "fingerprint": "f" * 64, "image_size": 32},
+        "versions": {"tacevo": "0.1.0", "python": "3.11", "torch": "2.13", "numpy": "2.4"},
+        "machine": {"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
+    }
+    return Subject(run=run, candidates=86, studies={"s": "e" * 64, "t": "f" * 64})
+
+
+def test_grammar_is_not_passed_off_as_a_model() -> None:
+    """The label stands in the description, which every page repeats."""
+    text = subject(provider="grammar", source="simulated").description
+    assert "Answers by the grammar provider: no LLM." in text
+    assert "Images of a simulated sensor, not of a real one." in text
+    assert "86 candidates, 2 studies." in text
+
+
+def test_model_is_named() -> None:
+    """With the provider that was asked."""
+    text = subject(provider="anthropic", source="csv").description
+    assert "Answers by the language model model-1 (llm=anthropic)." in text
+    assert "no LLM" not in text
+
+
+def test_simulated_images_come_with_their_command() -> None:
+    """Every setting that they follow from."""
+    text = readme(subject(provider="grammar", source="simulated"), has_lock=True)
+    assert (
+        "tacevo data simulate task=force data.images=600 data.image_size=32 data.seed=0 data.sensor_seed=0 "
+        "data.light=standard data.spacings_mm=[0.5,1.0] out=FOLDER" in text
+    )
+
+
+def test_recorded_images_come_with_their_fingerprint() -> None:
+    """Where they have to lie, and that they are not here."""
+    text = readme(subject(provider="grammar", source="csv"), has_lock=False).replace("\n", " ")
+    assert "They are not part of this bundle" in text
+    assert "`ViTacTip` (data.root)" in text
+    assert f"Fingerprint {'f' * 64}" in text
+    assert "No lock file of these versions was at hand." in text
+
+
+def test_terms_stand_in_licence_and_citation() -> None:
+    """The bundle's and the code's, with strange names as they are."""
+    terms = Terms(licence="CC0-1.0", authors=("Zoë: #1", "B"), published="2026-11-21")
+    assert licence(terms).startswith("This published run is licensed by Zoë: #1, B under CC0-1.0:\n")
+    assert "Apache-2.0" in licence(terms)
+    cited = citation(subject(provider="grammar", source="csv"), terms)
+    assert "- name: 'Zoë: #1'" in cited
+    assert "date-released: 2026-11-21" in cited
+
+
+@pytest.mark.parametrize("licence_id", ["", "MIT or so", "../x", "<b>", "MIT\n"])
+def test_licence_must_be_an_identifier(licence_id: str) -> None:
+    """It becomes part of an address."""
+    with pytest.raises(ConfigError, match="--license needs an SPDX identifier"):
+        Terms(licence=licence_id, authors=(), published="2026-11-21")

@@ -1,0 +1,221 @@
+"""Promise: one run gives one sequence of bytes, an RO-Crate in which nothing tells of the machine that wrote it."""
+
+import hashlib
+import json
+import lzma
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+from bundles import entries_of, members_of
+from rocrate.rocrate import ROCrate
+
+from tacevo.app import main
+from tacevo.bundle import MANIFEST, STORE
+from tacevo.store import KINDS, Store
+
+
+def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> None:
+    """Another folder and name of the run, other stores, time zone, umask, hash seed, locale and working directory."""
+    shutil.copytree(published / "run", tmp_path / "elsewhere")
+    shutil.copytree(published / "cache", tmp_path / "stores")
+    Store(tmp_path / "stores", "completions").write({"of": "another run"}, {"x": 1})
+    strange = {
+        "TZ": "Pacific/Kiritimati",
+        "PYTHONHASHSEED": "7",
+        "LC_ALL": "C",
+        "HOME": str(tmp_path),
+        "USER": "nobody",
+    }
+    command = [sys.executable, "-m", "tacevo.app", "publish", "elsewhere", "-o", "again.zip", "--store", "stores"]
+    subprocess.run(
+        [*command, "--author", "A. Nyone"],
+        cwd=tmp_path,
+        env={**os.environ, **strange},
+        umask=0o077,
+        check=True,
+        capture_output=True,
+    )
+    assert (tmp_path / "again.zip").read_bytes() == (published / "run.zip").read_bytes()
+
+
+def test_nothing_tells_of_the_machine(published: Path) -> None:
+    """Neither a folder nor the host's name stands in any member, packed or not."""
+    members = members_of(published / "run.zip")
+    members[STORE] = lzma.decompress(members[STORE])
+    told = [name for name, data in members.items() if str(published).encode() in data or b"/tmp/" in data]
+    assert told == []
+    host = socket.gethostname().encode()
+    assert [name for name, data in members.items() if host in data.split()] == []
+
+
+def test_settings_of_one_machine_are_left_out(published: Path, tmp_path: Path) -> None:
+    """Paths, addresses and a tracker, none of which decides a result; the bundle can be replayed as any."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    run["config"]["tracking"] = {"kind": "mlflow", "uri": "http://secret-host:5000", "experiment": "tacevo"}
+    run["config"]["llm"] |= {"base_url": "http://secret-host:8000/v1", "prices": "/home/secret-user/prices.yaml"}
+    run["config"]["data"]["root"] = "/home/secret-user/images"
+    run["config"]["task"] |= {"baseline": "/home/secret-user/baseline.py"}
+    (tmp_path / "run" / "run.json").write_text(json.dumps(run))
+    assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
+    members = members_of(tmp_path / "x.zip")
+    assert [name for name, data in members.items() if b"secret" in data] == []
+    assert json.loads(members["run/run.json"])["config"]["data"]["root"] == "images"
+    assert main(["replay", str(tmp_path / "x.zip")]) == 0
+
+
+def test_headers_tell_nothing_either(published: Path) -> None:
+    """One time, one mode, one system, sorted names."""
+    with zipfile.ZipFile(published / "run.zip") as archive:
+        infos = archive.infolist()
+    told = {(info.date_time, info.external_attr, info.create_system, info.extra, info.comment) for info in infos}
+    assert told == {((1980, 1, 1, 0, 0, 0), 0o100644 << 16, 3, b"", b"")}
+    assert [info.filename for info in infos] == sorted(info.filename for info in infos)
+
+
+def test_bundle_holds_all_that_was_asked_for(published: Path) -> None:
+    """The run's files, its study, every kind of store entry, tables, figures, licence, citation, lock, checksums."""
+    members = members_of(published / "run.zip")
+    (study,) = (published / "run" / "studies").iterdir()
+    kept = {f"run/candidates/{path.name}" for path in (published / "run" / "candidates").iterdir()}
+    assert kept | {f"run/studies/{study.name}/{name}" for name in ("study.json", "scores.jsonl")} <= members.keys()
+    for name in ("ledger.jsonl", "archive.json", "prompts.json", "summary.md", "timings.jsonl"):
+        assert members[f"run/{name}"] == (published / "run" / name).read_bytes()
+    assert {entry["kind"] for entry in entries_of(members)} == set(KINDS)
+    assert {"tables/generations_force.csv", "tables/scores_force.tex", "figures/network_map.pdf"} <= members.keys()
+    assert {"LICENSE.txt", "CITATION.cff", "README.md", "requirements.lock"} <= members.keys()
+
+
+def test_manifest_is_what_sha256sum_reads(published: Path, tmp_path: Path) -> None:
+    """Every other member stands in it; its own digest is printed."""
+    with zipfile.ZipFile(published / "run.zip") as archive:
+        archive.extractall(tmp_path)
+    lines = [line.split("  ") for line in (tmp_path / MANIFEST).read_text().splitlines()]
+    assert {name for _, name in lines} == members_of(published / "run.zip").keys() - {MANIFEST}
+    assert all(hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest for digest, name in lines)
+
+
+def test_crate_is_sound(published: Path, tmp_path: Path) -> None:
+    """What the standard demands: root, name, description, licence, date, and every file as a part of it."""
+    with zipfile.ZipFile(published / "run.zip") as archive:
+        archive.extractall(tmp_path)
+        names = set(archive.namelist())
+    graph = json.loads((tmp_path / "ro-crate-metadata.json").read_text())
+    assert graph["@context"] == "https://w3id.org/ro/crate/1.1/context"
+    entities = {entity["@id"]: entity for entity in graph["@graph"]}
+    assert len(entities) == len(graph["@graph"])
+    about = entities["ro-crate-metadata.json"]
+    assert (about["conformsTo"], about["about"]) == ({"@id": "https://w3id.org/ro/crate/1.1"}, {"@id": "./"})
+    root = entities["./"]
+    assert root["@type"] == "Dataset"
+    assert {part["@id"] for part in root["hasPart"]} == names - {"ro-crate-metadata.json"}
+    assert all(entities[part["@id"]]["@type"] == "File" for part in root["hasPart"])
+    assert entities[root["license"]["@id"]]["name"] == "CC-BY-4.0"
+    assert "no LLM" in root["description"]
+    ended = json.loads((published / "run" / "timings.jsonl").read_text().splitlines()[-1])["at"]
+    assert root["datePublished"] == ended[:10]
+    assert [person["name"] for person in ROCrate(str(tmp_path)).root_dataset["author"]] == ["A. Nyone"]
+
+
+def test_citation_is_one(published: Path) -> None:
+    """The fields that the Citation File Format demands."""
+    cited = yaml.safe_load(members_of(published / "run.zip")["CITATION.cff"])
+    assert cited["cff-version"] == "1.2.0"
+    assert cited["authors"] == [{"name": "A. Nyone"}]
+    assert {"title", "message", "date-released", "license"} <= cited.keys()
+
+
+def test_readme_says_what_it_is_and_how_to_replay_it(published: Path) -> None:
+    """No LLM answered, and the command that makes the images is complete."""
+    text = members_of(published / "run.zip")["README.md"].decode()
+    assert "no LLM" in text
+    assert "tacevo replay THIS_FILE.zip" in text
+    run = json.loads((published / "run" / "run.json").read_text())
+    assert run["data"]["fingerprint"] in text
+    assert f"tacevo data simulate task=force data.images={run['config']['data']['images']} " in text
+
+
+def test_terms_are_the_users(published: Path, tmp_path: Path) -> None:
+    """Licence, authors and day stand in all places that tell them; without an author, nobody is named."""
+    options = ["--license", "CC0-1.0", "--date", "2026-01-02"]
+    assert main(["publish", str(published / "run"), "-o", str(tmp_path / "x.zip"), *options]) == 0
+    members = members_of(tmp_path / "x.zip")
+    cited = yaml.safe_load(members["CITATION.cff"])
+    assert (cited["license"], str(cited["date-released"]), cited["authors"]) == (
+        "CC0-1.0",
+        "2026-01-02",
+        [{"name": "anonymous"}],
+    )
+    assert b"under CC0-1.0" in members["LICENSE.txt"]
+    assert b'"datePublished": "2026-01-02"' in members["ro-crate-metadata.json"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--license", "as you like"], "--license needs an SPDX identifier such as CC-BY-4.0; got 'as you like'"),
+        (["--date", "yesterday"], "--date needs a day as YYYY-MM-DD; got 'yesterday'"),
+        (["--date", "20260102"], "--date needs a day as YYYY-MM-DD; got '20260102'"),
+        (["--author", " "], "--author needs a name"),
+    ],
+)
+def test_terms_that_cannot_be_used_are_refused(
+    options: list[str], words: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is replayed, in one line."""
+    assert main(["publish", str(published / "run"), "-o", str(tmp_path / "x.zip"), *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "x.zip").exists()
+
+
+def test_only_the_named_study_is_published(published: Path, tmp_path: Path) -> None:
+    """And the store entries of others stay at home."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    shutil.copytree(published / "cache", tmp_path / "cache")
+    store = f"store.root={tmp_path / 'cache'}"
+    assert main(["study", f"run={tmp_path / 'run'}", "elites=1", "seeds=2", "epochs=1", store]) == 0
+    (study,) = (tmp_path / "run" / "studies").glob("*seeds2*")
+    publish = ["publish", str(tmp_path / "run"), str(study), "-o", str(tmp_path / "x.zip")]
+    assert main([*publish, "--store", str(tmp_path / "cache")]) == 0
+    members = members_of(tmp_path / "x.zip")
+    assert {name.split("/")[2] for name in members if name.startswith("run/studies/")} == {study.name}
+    assert sum(entry["kind"] == "studies" for entry in entries_of(members)) == 4
+
+
+def test_study_of_another_place_is_refused(published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is published belongs to the run."""
+    target = str(tmp_path / "x.zip")
+    assert main(["publish", str(published / "run"), str(tmp_path), "-o", target]) == 2
+    assert f"{tmp_path} is not the folder of a finished study of" in capsys.readouterr().err
+
+
+def test_unfinished_study_is_left_out_and_named(
+    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A study that is still at work does not keep a run from being published."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    (study,) = (tmp_path / "run" / "studies").iterdir()
+    told = json.loads((study / "study.json").read_text())
+    (study / "study.json").write_text(json.dumps({**told, "digest": None}))
+    assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
+    assert f"study {study.name} is not a finished one of the run as it is" in capsys.readouterr().err
+    assert not [name for name in members_of(tmp_path / "x.zip") if "studies" in name]
+
+
+def test_run_that_its_stores_do_not_give_is_not_published(
+    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Publishing begins with a replay; the message names the user's folder, and no file is left."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    edited = tmp_path / "run" / "candidates" / "g00s00.py"
+    edited.write_text(edited.read_text() + "# edited\n")
+    assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 1
+    assert f"the file of g00s00 in {tmp_path / 'run'}/candidates is missing, or is not" in capsys.readouterr().err
+    assert not (tmp_path / "x.zip").exists()

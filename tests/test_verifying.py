@@ -1,0 +1,338 @@
+"""Promise: whoever edits a published run is found out, also where all checksums were written anew; nothing is left.
+
+What nobody can find from a bundle alone, and hence is no part of the promise: figures and pages whose checksums were
+written anew (the bundle's digest is another one then), and records that were all made up to fit each other, which
+`--retrain` finds.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from bundles import Members, entries_of, honest, members_of, resealed, with_entries, with_line, zipped
+
+from tacevo.app import main
+from tacevo.bundle import MANIFEST, STORE
+from tacevo.records import Json
+from tacevo.verifying import table_difference
+
+
+@pytest.fixture
+def whole(published: Path) -> Members:
+    """Give the members of a sound bundle."""
+    return members_of(published / "run.zip")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_stays_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Keep temporary files in a folder of their own, which must be empty at the end."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    yield
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+Refused = Callable[[Path, str], None]
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Replay a bundle that must be refused, with exit status 1 and these words in one line."""
+
+    def check(bundle: Path, words: str) -> None:
+        assert main(["replay", str(bundle)]) == 1
+        said = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("refused: ", "different: "))]
+        assert len(said) == 1
+        assert words in said[0]
+        assert "tacevo-" not in said[0]
+
+    return check
+
+
+def changed(entries: list[dict[str, Json]], kind: str, change: Callable[[Json], object]) -> list[dict[str, Json]]:
+    """Change the answer of the first entry of a kind."""
+    change(next(entry for entry in entries if entry["kind"] == kind)["answer"])
+    return entries
+
+
+def test_replay_needs_nothing_but_the_bundle(
+    published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In an empty folder, it says what was compared, and ends with the run's digest."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", str(published / "run.zip")]) == 0
+    said = capsys.readouterr().out
+    digest = json.loads((published / "run" / "run.json").read_text())["digest"]
+    assert said.endswith(f"digest: {digest}\n")
+    for words in (
+        "ledger lines",
+        "study elites1-seeds4",
+        "files of tables follow from the records",
+        "figures",
+        "bundle digest: ",
+    ):
+        assert words in said
+    assert {path.name for path in tmp_path.iterdir()} == {"temporary"}
+
+
+def test_retraining_works_on_a_bundle(
+    published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The data set is made as for a run folder, and a training comes out bit for bit."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", str(published / "run.zip"), "--retrain", "1"]) == 0
+    assert "retrained: 1 of" in capsys.readouterr().out
+
+
+def test_every_member_is_held_against_its_checksum(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """One letter more in a ledger, source, table, figure, page or the packed store, with the old manifest."""
+    names = ["run/ledger.jsonl", "run/candidates/g00s00.py", "run/run.json", "README.md", STORE]
+    names += [next(name for name in whole if name.startswith(folder)) for folder in ("tables/", "figures/")]
+    for name in names:
+        edited = {**whole, name: whole[name] + b"\n"}
+        refused(zipped(edited, tmp_path / "x.zip"), f"x.zip: '{name}' is not what {MANIFEST} says")
+
+
+def test_edited_checksum_is_named(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """The manifest is held against the members as well."""
+    lines = whole[MANIFEST].decode().splitlines()
+    name = lines[0].split("  ")[1]
+    edited = "\n".join([f"{'0' * 64}  {name}", *lines[1:]]) + "\n"
+    refused(zipped({**whole, MANIFEST: edited.encode()}, tmp_path / "x.zip"), f"'{name}' is not what {MANIFEST} says")
+    refused(zipped({**whole, MANIFEST: b"nonsense"}, tmp_path / "x.zip"), f"{MANIFEST}, line 1 is no digest")
+
+
+def test_member_more_or_less_is_named(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """In the zip file or in the manifest."""
+    less = {name: data for name, data in whole.items() if name != "run/summary.md"}
+    refused(zipped(less, tmp_path / "x.zip"), "x.zip lacks run/summary.md")
+    refused(zipped(honest(less), tmp_path / "x.zip"), "x.zip lacks run/summary.md")
+    table = next(name for name in whole if name.startswith("tables/"))
+    gone = {name: data for name, data in whole.items() if name != table}
+    refused(zipped(gone, tmp_path / "x.zip"), f"'{table}' stands in {MANIFEST} but is not there")
+    more = {**whole, "tables/mine.csv": b"1"}
+    refused(zipped(more, tmp_path / "x.zip"), f"'tables/mine.csv' is there but does not stand in {MANIFEST}")
+    refused(zipped({**whole, "setup.py": b"1"}, tmp_path / "x.zip"), "'setup.py' is no file of a published run")
+
+
+# From here on the attacker writes every checksum anew.
+
+
+def test_edited_ledger_line_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """Alone, it breaks the chain; with the chain made anew, generation, slot, field and both values are named."""
+    better = {**whole, "run/ledger.jsonl": whole["run/ledger.jsonl"].replace(b'"fitness":0.', b'"fitness":0.0', 1)}
+    assert better != whole
+    refused(resealed(better, tmp_path / "x.zip"), "x.zip/run/run/ledger.jsonl, line 2 does not match its hash")
+
+    def improve(line: dict[str, Json]) -> None:
+        line["fitness"] = 0.000001
+
+    edited = with_line(whole, 1, improve)
+    words = "generation 0, slot 0: field 'fitness' was recorded as 1e-06 and is now 0."
+    refused(resealed(edited, tmp_path / "x.zip"), words)
+
+
+def test_edited_evaluation_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """A better loss in the store does not give the recorded ledger."""
+
+    def improve(answer: Json) -> None:
+        answer["training"]["validation_losses"][-1] /= 2
+
+    entries = changed(entries_of(whole), "evaluations", improve)
+    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), ": field '")
+
+
+def test_edited_answer_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """Another text from the model has no recorded reading."""
+
+    def edit(answer: Json) -> None:
+        answer["text"] += "\n# edited"
+
+    entries = changed(entries_of(whole), "completions", edit)
+    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), "no recorded answer for")
+
+
+def test_edited_cost_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """Timings hold what answers cost, and the answers in the store hold it too."""
+    first, *rest = whole["run/timings.jsonl"].decode().splitlines()
+    edited = json.dumps({**json.loads(first), "output_tokens": 12345})
+    timings = "\n".join([edited, *rest]) + "\n"
+    bundle = resealed({**whole, "run/timings.jsonl": timings.encode()}, tmp_path / "x.zip")
+    refused(bundle, "x.zip/run/run/timings.jsonl: g00s00 was recorded with")
+
+
+@pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
+def test_edited_archive_is_found(name: str, whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """With the field and both values."""
+    archive = {**json.loads(whole[f"run/{name}"]), "coverage": 1.5}
+    bundle = resealed({**whole, f"run/{name}": json.dumps(archive).encode()}, tmp_path / "x.zip")
+    refused(
+        bundle,
+        f"x.zip/run/run/{name} is missing, or is not what the search gives: field 'coverage' was recorded as 1.5",
+    )
+
+
+def test_edited_source_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """A candidate's file is what was judged, or it is named."""
+    name = "run/candidates/g00s01.py"
+    bundle = resealed({**whole, name: whole[name] + b"# mine\n"}, tmp_path / "x.zip")
+    refused(bundle, "the file of g00s01 in ")
+
+
+def test_foreign_candidate_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """A source that the search never had."""
+    bundle = resealed({**whole, "run/candidates/g99s99.py": b"class Mine: pass\n"}, tmp_path / "x.zip")
+    refused(bundle, "g99s99.py is there, and belongs to nothing of the ledger")
+
+
+def test_edited_summary_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """With its line."""
+    text = whole["run/summary.md"].replace(b"Best fitness 0", b"Best fitness -0")
+    assert text != whole["run/summary.md"]
+    refused(resealed({**whole, "run/summary.md": text}, tmp_path / "x.zip"), "summary.md, line ")
+
+
+def test_edited_table_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """A cell of a CSV file with row and column, a line of the others."""
+    name = "tables/generations_force.csv"
+    header, row, *rest = whole[name].decode().split("\r\n")
+    cells = row.split(",")
+    edited = "\r\n".join([header, ",".join([cells[0], "777", *cells[2:]]), *rest])
+    words = (
+        f"table generations_force.csv, row 1, column '{header.split(',')[1]}': recorded '777', replayed '{cells[1]}'"
+    )
+    refused(resealed({**whole, name: edited.encode()}, tmp_path / "x.zip"), words)
+    name = "tables/generations_force.tex"
+    refused(
+        resealed({**whole, name: whole[name].replace(b"\\toprule", b"\\midrule")}, tmp_path / "x.zip"),
+        "table generations_force.tex, line ",
+    )
+
+
+def test_table_more_or_less_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """All that follow from the records are there, and no other."""
+    more = {**whole, "tables/wishes.csv": b"a,b\r\n"}
+    refused(resealed(more, tmp_path / "x.zip"), "table wishes.csv is there, and does not follow from the records")
+    less = {name: data for name, data in whole.items() if name != "tables/gate_force.md"}
+    refused(resealed(less, tmp_path / "x.zip"), "table gate_force.md is missing")
+
+
+def test_edited_study_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """A better training in the store does not give the recorded scores."""
+
+    def improve(answer: Json) -> None:
+        answer["full"]["metrics"]["mse"] = 0.0
+
+    entries = changed(entries_of(whole), "studies", improve)
+    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), "field 'metrics")
+
+
+def test_entry_more_or_less_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """What no replay reads has no place in a bundle, and what it needs is there."""
+    entries = entries_of(whole)
+    foreign: dict[str, Json] = {"kind": "probes", "request": "of another run", "answer": {}}
+    refused(resealed(with_entries(whole, [*entries, foreign]), tmp_path / "x.zip"), "belongs to nothing of the replay")
+    refused(resealed(with_entries(whole, entries[1:]), tmp_path / "x.zip"), "no recorded answer for")
+
+
+def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """A few digits in run.json or study.json must not ask for all memory there is."""
+    run = json.loads(whole["run/run.json"])
+    for key in ("generations", "candidates", "initial"):
+        config = {**run["config"], "search": {**run["config"]["search"], key: 10**12}}
+        edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
+        refused(resealed(edited, tmp_path / "x.zip"), "lines; the configuration in run.json gives ")
+    name = next(name for name in whole if name.endswith("study.json"))
+    study = {**json.loads(whole[name]), "seeds": 10**12}
+    refused(
+        resealed({**whole, name: json.dumps(study).encode()}, tmp_path / "x.zip"), "speaks of 2000000000000 trainings"
+    )
+
+
+@pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", "", "a/b", "x" * 300, 5, None, "a\nb"])
+def test_name_of_a_run_that_is_no_folders_is_refused(
+    name: Json, whole: Members, refused: Refused, tmp_path: Path
+) -> None:
+    """It becomes that of a folder."""
+    run = {**json.loads(whole["run/run.json"]), "name": name}
+    bundle = resealed({**whole, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
+    refused(bundle, "the name of a run must be that of a folder")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"[]", b"{}", b"null", b"[" * 100_000, b"\xff", b'{"schema": 1, "name": "x"}']
+)
+@pytest.mark.parametrize("name", ["run.json", "ledger.jsonl", "archive.json", "prompts.json", "timings.jsonl"])
+def test_nonsense_is_refused_without_a_traceback(
+    name: str, content: bytes, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Any file of a run may hold anything; costs that are not told are none that are wrong."""
+    bundle = resealed({**whole, f"run/{name}": content + b"\n"}, tmp_path / "x.zip")
+    assert main(["replay", str(bundle)]) == 1
+    assert capsys.readouterr().err.splitlines()[-1].startswith(("refused: ", "different: "))
+
+
+@pytest.mark.parametrize("kind", ["answers", "centroids", "completions", "evaluations", "probes", "studies"])
+@pytest.mark.parametrize("answer", [None, [], {}, "text", 5, [[1]], {"training": 1, "profile": 2, "rejection": 3}])
+def test_answer_of_no_known_form_is_refused(
+    answer: Json, kind: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A store entry may hold anything under its question, with every checksum right."""
+    entries = entries_of(whole)
+    next(entry for entry in entries if entry["kind"] == kind)["answer"] = answer
+    assert main(["replay", str(resealed(with_entries(whole, entries), tmp_path / "x.zip"))]) == 1
+    assert capsys.readouterr().err.splitlines()[-1].startswith(("refused: ", "different: "))
+
+
+def test_figure_is_held_against_its_checksum_only(
+    whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What this page says is not promised: it shows in the bundle's digest alone."""
+    name = next(name for name in whole if name.startswith("figures/"))
+    digests = []
+    for bundle in (resealed(whole, tmp_path / "a.zip"), resealed({**whole, name: b"%PDF"}, tmp_path / "b.zip")):
+        assert main(["replay", str(bundle)]) == 0
+        digests.append(capsys.readouterr().out.split("bundle digest: ")[1][:64])
+    assert digests[0] != digests[1]
+
+
+def test_interrupted_replay_leaves_nothing(published: Path, tmp_path: Path) -> None:
+    """Ctrl-C and a polite request to end, while the bundle lies unpacked."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tacevo.app", "replay", str(published / "run.zip")],
+            env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
+            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        while not list((tmp_path / "temporary").glob("tacevo-*/store")) and process.poll() is None:
+            time.sleep(0.001)
+        process.send_signal(number)
+        assert process.wait() == 130
+        process.communicate()
+        assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_first_difference_of_tables() -> None:
+    """Cells by row and column, names by their place, other files by line, lengths where all else is equal."""
+    table = b"name,value\r\na,1\r\nb,2\r\n"
+    assert table_difference(table, table, is_csv=True) is None
+    assert (
+        table_difference(table, table.replace(b"2", b"3"), is_csv=True)
+        == "row 2, column 'value': recorded '2', replayed '3'"
+    )
+    assert (
+        table_difference(table, table.replace(b"name", b"x"), is_csv=True)
+        == "name of column 1: recorded 'name', replayed 'x'"
+    )
+    assert table_difference(table, table + b"c,3\r\n", is_csv=True) == "line 4: recorded '', replayed 'c,3\\r'"
+    assert table_difference(b"a\n", b"b\n", is_csv=False) == "line 1: recorded 'a', replayed 'b'"
+    assert table_difference(b"a", b"a\n", is_csv=False) == "recorded 1 lines, replayed 2"
+    assert table_difference(b"\xff", b"\xfe", is_csv=False) == "its bytes are not UTF-8"
