@@ -21,6 +21,7 @@ from tacevo.sandbox.child import Arrays, Send
 
 MIB = 2**20
 _PTRACE_TRACEME = 0
+_DONE = struct.pack("!BIQ", 6, 4, 0) + b"null"  # the message that the entry returned
 _EXIT = {"x86_64": 60, "aarch64": 93}[os.uname().machine]  # the system call that ends one thread
 
 
@@ -152,10 +153,8 @@ def reserve_two_gib(header: Json, payload: bytes, arrays: Arrays, send: Send) ->
 
 
 def fill_shared_memory(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
-    """Fill 1 GiB of anonymous shared memory."""
-    memory = mmap.mmap(-1, 1024 * MIB)
-    for position in range(0, 1024 * MIB, mmap.PAGESIZE):
-        memory[position] = 1
+    """Fill 600 MiB of anonymous shared memory, all in one call, however busy the machine is."""
+    _kept = mmap.mmap(-1, 600 * MIB, flags=mmap.MAP_SHARED | mmap.MAP_ANONYMOUS | mmap.MAP_POPULATE)
     _sleep_for_ever()
 
 
@@ -202,8 +201,9 @@ def close_pipe_while_traced(header: Json, payload: bytes, arrays: Arrays, send: 
 
 def kill_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Kill the parent, and stay behind with a child."""
+    supervisor = os.getppid()
     os.fork()
-    os.kill(os.getppid(), signal.SIGKILL)
+    os.kill(supervisor, signal.SIGKILL)
     _sleep_for_ever()
 
 
@@ -231,6 +231,28 @@ def kill_supervisor_and_zygote(header: Json, payload: bytes, arrays: Arrays, sen
 def write_raw(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write the payload, as it is, into the result pipe."""
     os.write(_pipe(), payload)
+    _sleep_for_ever()
+
+
+def announce_lists(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write a header of 20 million empty lists, 60 MiB that would take 1.3 GiB when parsed, and end well."""
+    _write_all(_frame(20 * MIB) + _DONE)
+
+
+def send_lists_that_fit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write a header of empty lists that is as long as a header may be, and end well."""
+    _write_all(_frame(699_000) + _DONE)
+
+
+def send_crumbs(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write 4.7 million tiny frames, 63 MiB, and end well."""
+    _write_all(struct.pack("!BIQ", 5, 1, 0) + b"0", times=4_700_000)
+    _write_all(_DONE)
+
+
+def raise_at_length(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write that the entry raised something whose text has 60 MiB, none of it legible."""
+    _write_all(struct.pack("!BIQ", 7, 4, 60 * MIB) + b"null" + b"\xff" * (60 * MIB))
     _sleep_for_ever()
 
 
@@ -292,6 +314,19 @@ def _works(act: Callable[[], Any]) -> bool:
 def _pipe() -> int:
     """Find the result pipe: the only file beside the standard streams."""
     return next(n for n in range(3, 64) if _works(partial(os.fstat, n)))
+
+
+def _frame(lists: int) -> bytes:
+    """Write a frame whose header is a list of empty lists."""
+    text = b"[" + b"[]," * lists + b"0]"
+    return struct.pack("!BIQ", 5, len(text), 0) + text
+
+
+def _write_all(data: bytes, times: int = 1) -> None:
+    """Write bytes into the result pipe, again and again."""
+    pipe, left = _pipe(), memoryview(data * times)
+    while left:
+        left = left[os.write(pipe, left) :]
 
 
 def _fill_memory_soon() -> None:

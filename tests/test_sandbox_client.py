@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import threading
+import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import attacks
@@ -55,8 +57,19 @@ def open_sandbox(folder: Path) -> Sandbox:
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
     """Give one sandbox to all attacks, so that each also finds what the others left behind."""
     with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
-        opened.run("echo", None, b"", LIMITS)
         yield opened
+
+
+@contextmanager
+def holding_little_memory(mib: int) -> Iterator[None]:
+    """See that this process, the search, never holds more than so many MiB beside what it had."""
+    tracemalloc.start()
+    try:
+        yield
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < mib * 2**20
 
 
 def is_gone(pid: int) -> bool:
@@ -66,6 +79,7 @@ def is_gone(pid: int) -> bool:
 
 def death(sandbox: Sandbox, entry: str, limits: Limits = LIMITS, payload: bytes = b"") -> Died:
     """Run an attack that must die, and see that nothing of it is left and the sandbox still works."""
+    assert sandbox.run("echo", 0, b"", LIMITS) == Finished((Frame(0, b""),))  # whoever comes first starts the zygote
     before = set(descendants(os.getpid()))
     answer = sandbox.run(entry, None, payload, limits)
     assert isinstance(answer, Died)
@@ -325,7 +339,33 @@ def test_announced_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
     assert death(sandbox, "write_raw", payload=announced).reason is Reason.too_much_output
 
 
+@pytest.mark.parametrize(
+    ("entry", "detail"),
+    [
+        ("announce_lists", "expected at most 2097152 bytes of headers; it announced more"),
+        ("send_crumbs", "expected at most 10000 messages; it sent more"),
+    ],
+)
+def test_answer_that_would_swell_in_the_search_is_too_much_output(sandbox: Sandbox, entry: str, detail: str) -> None:
+    """Headers and messages are counted before they are read: 64 MiB of either are a GiB to whoever keeps them."""
+    with holding_little_memory(32):
+        assert death(sandbox, entry) == Died(Reason.too_much_output, detail)
+
+
+def test_endless_last_words_are_cut_before_they_reach_the_search(sandbox: Sandbox) -> None:
+    """The text of an error is one line, whoever writes it."""
+    with holding_little_memory(32):
+        assert death(sandbox, "raise_at_length") == Died(Reason.crashed, "\N{REPLACEMENT CHARACTER}" * 300)
+
+
+def test_longest_header_costs_little_memory(sandbox: Sandbox) -> None:
+    """What is just allowed is read, and takes no more than a training does."""
+    with holding_little_memory(200):
+        assert len(answer(sandbox, "send_lists_that_fit")) == 699_001
+
+
 FORGED = {
+    "ready once more": Message.of(Sort.ready, ["nothing"]).to_bytes() + Message.of(Sort.done, None).to_bytes(),
     "unknown sort": b"\xff" * 13,
     "message of another role": Message.of(Sort.verdict, {"ended": "finished"}).to_bytes(),
     "no JSON": Message(Sort.frame, b"{", b"").to_bytes() + Message.of(Sort.done, None).to_bytes(),

@@ -1,23 +1,30 @@
 """Promise: messages survive any cutting of the stream, and no sender can make a reader hold more than its limit."""
 
 import socket
+import struct
+import threading
+import time
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.sandbox.protocol import Channel, Message, Sort, Splitter
+from tacevo.sandbox.protocol import Bounds, Channel, Message, Sort, Splitter
 
 MESSAGES = st.lists(
     st.builds(Message, st.sampled_from(Sort), st.binary(max_size=20), st.binary(max_size=40)), max_size=5
 )
 
 
+BOUNDS = Bounds(total_bytes=10_000, header_bytes=20, messages=5)
+
+
 @given(messages=MESSAGES, size=st.integers(1, 50))
 def test_stream_can_be_cut_anywhere(messages: list[Message], size: int) -> None:
     """The pieces in which bytes arrive do not matter."""
     stream = b"".join(message.to_bytes() for message in messages)
-    splitter = Splitter(limit=len(stream))
+    splitter = Splitter(Bounds(total_bytes=len(stream), header_bytes=100, messages=5))
     pieces = (stream[i : i + size] for i in range(0, len(stream), size))
     assert [message for piece in pieces for message in splitter.feed(piece)] == messages
 
@@ -25,21 +32,68 @@ def test_stream_can_be_cut_anywhere(messages: list[Message], size: int) -> None:
 def test_announced_length_over_the_limit_is_refused_at_once() -> None:
     """A reader does not wait for bytes that it would not keep."""
     with pytest.raises(ValueError, match="announced a message of 1013 bytes"):
-        Splitter(limit=500).feed(Message(Sort.frame, b"", bytes(1000)).to_bytes()[:20])
+        Splitter(replace(BOUNDS, total_bytes=500)).feed(Message(Sort.frame, b"", bytes(1000)).to_bytes()[:20])
 
 
 def test_bytes_over_the_limit_are_refused() -> None:
     """Many small messages count together."""
-    splitter = Splitter(limit=30)
+    splitter = Splitter(replace(BOUNDS, total_bytes=30))
     splitter.feed(Message(Sort.frame, b"1", b"").to_bytes() * 2)
     with pytest.raises(ValueError, match="it sent too much"):
         splitter.feed(Message(Sort.frame, b"1", b"").to_bytes())
 
 
+def test_headers_over_their_limit_are_refused_at_once() -> None:
+    """All headers count together, and the one that is too much is refused by its announced length."""
+    splitter = Splitter(BOUNDS)
+    splitter.feed(Message(Sort.frame, bytes(15), bytes(1000)).to_bytes())
+    splitter.feed(Message(Sort.frame, bytes(5), bytes(1000)).to_bytes())
+    with pytest.raises(ValueError, match="expected at most 20 bytes of headers; it announced more"):
+        splitter.feed(Message(Sort.frame, bytes(1), b"").to_bytes()[:13])
+
+
+def test_messages_over_their_number_are_refused() -> None:
+    """However little they hold, no more messages are kept than the number that is allowed."""
+    splitter = Splitter(BOUNDS)
+    empty = Message(Sort.frame, b"", b"").to_bytes()
+    assert len(splitter.feed(empty * 5)) == 5
+    with pytest.raises(ValueError, match="expected at most 5 messages; it sent more"):
+        splitter.feed(empty)
+
+
+@pytest.mark.parametrize("nested", [b"[" * 50 + b"]" * 50, b'{"a":' * 50 + b"1" + b"}" * 50])
+def test_deep_header_is_refused(nested: bytes) -> None:
+    """Fifty levels are read and one more is not, long before a walk by recursion would fail."""
+    assert Message(Sort.frame, nested, b"").read_header()
+    with pytest.raises(ValueError, match="expected at most 50 levels in a header"):
+        Message(Sort.frame, b"[" + nested + b"]", b"").read_header()
+
+
+def test_sender_that_never_pauses_is_given_up_at_the_deadline() -> None:
+    """A trickle of bytes does not prolong the wait: the deadline is that of the whole message."""
+    ours, theirs = socket.socketpair()
+    over = threading.Event()
+
+    def trickle() -> None:
+        theirs.sendall(struct.pack("!BIQ", Sort.frame, 0, 10**9))
+        while not over.wait(0.01):
+            theirs.sendall(b"x")
+
+    with ours, theirs:
+        sender = threading.Thread(target=trickle)
+        sender.start()
+        try:
+            with pytest.raises(TimeoutError, match=r"timed out|in time"):
+                Channel(ours).receive(time.monotonic() + 0.3)
+        finally:
+            over.set()
+            sender.join()
+
+
 def test_unknown_sort_is_refused() -> None:
     """A message is of a sort that the protocol has."""
     with pytest.raises(ValueError, match="is not a valid Sort"):
-        Splitter(limit=None).feed(bytes([99]) + bytes(12))
+        Splitter(bounds=None).feed(bytes([99]) + bytes(12))
 
 
 def test_header_with_nan_cannot_be_made() -> None:

@@ -10,7 +10,8 @@ import socket
 import subprocess
 import tempfile
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -30,6 +31,11 @@ from tacevo.sandbox.text import describe, one_line
 _START_SECONDS = 120.0
 #: Seconds after a candidate's limit when the search itself ends it: its supervisor was stopped from within.
 _GRACE_SECONDS = 5.0
+#: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
+_TRANSFER_SECONDS = 20.0
+
+#: Told the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
+Notice = Callable[[tuple[str, ...]], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +84,7 @@ class Sandbox:
         environment: the whole environment of the candidates, beside a fixed `PYTHONHASHSEED`.
         arrays: name to an `.npy` file, mapped read-only for the entries.
         strongest: measures above this level are left out, so that tests meet what a weaker machine offers.
+        notice: told of every candidate before its answer is given, by the thread that waits for it.
     """
 
     def __init__(
@@ -87,12 +94,14 @@ class Sandbox:
         environment: Mapping[str, str],
         arrays: Mapping[str, Path],
         strongest: Confinement = Confinement.kernel,
+        notice: Notice | None = None,
     ) -> None:
         require(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._setup = {"entries": dict(entries), "arrays": {name: str(Path(p).resolve()) for name, p in arrays.items()}}
         self._environment = {**environment, "PYTHONHASHSEED": "0"}
         self._strongest = strongest
+        self._notice = notice
         self._lock = threading.Lock()
         self._zygote: _Zygote | None = None
         self._closed = False
@@ -148,7 +157,7 @@ class Sandbox:
                 zygote = self._submit(theirs)
             channel = Channel(ours)
             supervisor = _hand_over(channel, job, zygote)
-            return _await_answer(channel, limits, supervisor)
+            return _await_answer(channel, limits, supervisor, self._notice)
 
     def close(self) -> None:
         """End the zygote and every job; calls to `run` that wait in other threads raise `SandboxError`."""
@@ -259,19 +268,27 @@ def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
     return supervisor
 
 
-def _await_answer(channel: Channel, limits: Limits, supervisor: int) -> Finished | Died | _Killed:
+def _await_answer(
+    channel: Channel, limits: Limits, supervisor: int, notice: Notice | None
+) -> Finished | Died | _Killed:
     """Collect the frames and the verdict of one job."""
-    channel.stream.settimeout(limits.seconds + _GRACE_SECONDS)
     frames = []
     try:
-        while (message := channel.receive()).sort is Sort.frame:
+        message = channel.receive(time.monotonic() + limits.seconds + _GRACE_SECONDS)
+        deadline = time.monotonic() + _TRANSFER_SECONDS
+        while message.sort is Sort.frame:
             frames.append(message)
+            message = channel.receive(deadline)
     except TimeoutError:
         end_tree(supervisor)
         return Died(Reason.out_of_time, f"over {limits.seconds:g} s, and its supervisor was stopped")
     except (OSError, EOFError):
         return _Killed("its supervisor was killed")
-    return _judge(message.read_header(), frames)
+    verdict = message.read_header()
+    measures = verdict.get("measures")  # none where the sandbox broke before
+    if notice is not None and measures is not None:
+        notice(tuple(measures))
+    return _judge(verdict, frames)
 
 
 def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:

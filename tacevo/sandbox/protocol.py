@@ -2,27 +2,44 @@
 
 A message is 13 bytes (sort, header length, payload length, big-endian), then the header as JSON in UTF-8, then
 the payload. Nothing is trusted: a reader checks every length against a limit before it stores a byte, and a
-header that no store could write back (NaN, infinity, lone surrogates) is refused.
+header that no store could write back (NaN, infinity, lone surrogates) or that is nested deeply is refused.
 """
 
 import json
 import socket
 import struct
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
 
 from tacevo.records import Json
 
-#: Most bytes that one child may send in all.
-OUTPUT_LIMIT = 64 * 2**20
+#: Levels of lists and objects in a header; the deepest honest one, a probe's answer, has six.
+_DEEPEST = 50
 
 _HEAD = struct.Struct("!BIQ")
 _CHUNK = 2**18
 
 
 class TooMuchError(ValueError):
-    """A sender said or sent more bytes than it may."""
+    """A sender said or sent more than it may."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Most that a sender may send in all."""
+
+    total_bytes: int
+    #: Headers are parsed, and take up to forty times their length of the reader's memory.
+    header_bytes: int
+    messages: int
+
+
+#: Of one child. The largest header of a network within the default limits of the gate (2,000 operations, 5,000 recorded
+#: steps) has 1.1 MB; a training sends a message of 45 bytes of header for each epoch.
+CHILD = Bounds(total_bytes=64 * 2**20, header_bytes=2 * 2**20, messages=10_000)
 
 
 class Sort(IntEnum):
@@ -58,13 +75,16 @@ class Message:
         """Parse the header.
 
         Raises:
-            ValueError: it is not JSON that could be written back as UTF-8.
+            ValueError: it is not JSON that could be written back as UTF-8, or it is nested too deeply.
         """
+        too_deep = f"expected at most {_DEEPEST} levels in a header; it is nested too deeply"
         try:
             value = json.loads(self.header)
-            json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
         except RecursionError as error:
-            raise ValueError("the header is nested too deeply") from error
+            raise ValueError(too_deep) from error
+        if _is_deeper(value, _DEEPEST):  # whoever walks it by recursion would fail
+            raise ValueError(too_deep)
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
         return value
 
     def to_bytes(self) -> bytes:
@@ -85,24 +105,24 @@ class Splitter:
     """Cuts a stream of bytes into messages.
 
     Args:
-        limit: most bytes that may come in all; None for a trusted sender.
+        bounds: what may come in all; None for a trusted sender.
     """
 
-    def __init__(self, limit: int | None) -> None:
+    def __init__(self, bounds: Bounds | None) -> None:
+        self._bounds = bounds
         self._buffer = bytearray()
-        self._left = limit
+        self._bytes = self._header_bytes = self._messages = 0
 
     def feed(self, data: bytes) -> list[Message]:
         """Take the next bytes and give every message that they complete.
 
         Raises:
-            TooMuchError: the sender said or sent more than the limit.
+            TooMuchError: the sender said or sent more than the bounds allow.
             ValueError: the bytes are no messages.
         """
-        if self._left is not None:
-            self._left -= len(data)
-            if self._left < 0:
-                raise TooMuchError("it sent too much")
+        self._bytes += len(data)
+        if self._bounds is not None and self._bytes > self._bounds.total_bytes:
+            raise TooMuchError(f"expected at most {self._bounds.total_bytes} bytes; it sent too much")
         self._buffer += data
         messages = []
         while message := self._cut():
@@ -116,13 +136,27 @@ class Splitter:
         number, header_length, payload_length = _HEAD.unpack_from(self._buffer)
         sort = Sort(number)
         middle, end = _HEAD.size + header_length, _HEAD.size + header_length + payload_length
-        if self._left is not None and end - len(self._buffer) > self._left:
-            raise TooMuchError(f"it announced a message of {end} bytes, which is too much")
+        if self._bounds is not None:
+            self._refuse_excess(self._bounds, header_length, end)
         if len(self._buffer) < end:
             return None
         message = Message(sort, bytes(self._buffer[_HEAD.size : middle]), bytes(self._buffer[middle:end]))
         del self._buffer[:end]
+        self._header_bytes += header_length
+        self._messages += 1
         return message
+
+    def _refuse_excess(self, bounds: Bounds, header_length: int, length: int) -> None:
+        """Hold the lengths of the message that begins the buffer against the bounds; raises as `feed` does."""
+        if self._bytes - len(self._buffer) + length > bounds.total_bytes:
+            raise TooMuchError(
+                f"expected at most {bounds.total_bytes} bytes; it announced a message of {length} bytes, which is too "
+                "much"
+            )
+        if self._header_bytes + header_length > bounds.header_bytes:
+            raise TooMuchError(f"expected at most {bounds.header_bytes} bytes of headers; it announced more")
+        if self._messages == bounds.messages:
+            raise TooMuchError(f"expected at most {bounds.messages} messages; it sent more")
 
 
 class Channel:
@@ -130,7 +164,7 @@ class Channel:
 
     def __init__(self, stream: socket.socket) -> None:
         self.stream = stream
-        self._splitter = Splitter(limit=None)
+        self._splitter = Splitter(bounds=None)
         self._waiting: list[Message] = []
 
     def send(self, message: Message) -> None:
@@ -141,17 +175,40 @@ class Channel:
         """
         self.stream.sendall(message.to_bytes())
 
-    def receive(self) -> Message:
+    def receive(self, deadline: float | None = None) -> Message:
         """Wait for the next message.
+
+        Args:
+            deadline: when to give up, by `time.monotonic`, however much keeps coming; None for the socket's own limit,
+                which is one of silence.
 
         Raises:
             EOFError: the other side is gone.
-            TimeoutError: the socket has a time limit and it has passed.
+            TimeoutError: the time has passed.
             ValueError: what came is no message.
         """
         while not self._waiting:
+            if deadline is not None:
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    raise TimeoutError("the message did not come in time")
+                self.stream.settimeout(left)
             data = self.stream.recv(_CHUNK)
             if not data:
                 raise EOFError("the other side closed the channel")
             self._waiting = self._splitter.feed(data)
         return self._waiting.pop(0)
+
+
+def _is_deeper(value: Json, levels: int) -> bool:
+    """Tell whether lists and objects are nested in more levels, without recursion."""
+    nested = [value]
+    for _ in range(levels):
+        nested = [inner for outer in nested for inner in _inside(outer) if isinstance(inner, list | dict)]
+    return bool(nested)
+
+
+def _inside(value: Json) -> Iterable[Json]:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()

@@ -1,6 +1,6 @@
 """One trusted process per candidate: starts it, watches time and memory, ends its whole tree, passes the answer on.
 
-It never runs a line of the candidate's and never parses a header that came from it.
+It never runs a line of the candidate's and parses no header but the first, which is sent before any such line runs.
 """
 
 import contextlib
@@ -15,11 +15,12 @@ from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
 from tacevo.sandbox.kernel import become_subreaper
 from tacevo.sandbox.processes import descendants, end_own_descendants, is_ending, memory
-from tacevo.sandbox.protocol import OUTPUT_LIMIT, Channel, Message, Sort, Splitter, TooMuchError
-from tacevo.sandbox.text import describe
+from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError
+from tacevo.sandbox.text import describe, one_line
 
 _TICK = 0.025  # seconds between two looks at time and memory
 _PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pipe hold
+_LONGEST_REASON = 2**16  # bytes that are read of a child's last words, of which `one_line` keeps less
 
 
 def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> None:
@@ -60,7 +61,7 @@ def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.A
     os.set_blocking(pipe, False)
     watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]))
     verdict = watch.until_the_end()
-    return [*watch.frames, Message.of(Sort.verdict, verdict)]
+    return [*watch.frames, Message.of(Sort.verdict, {**verdict, "measures": watch.measures})]
 
 
 class _Watch:
@@ -75,13 +76,14 @@ class _Watch:
 
     def __init__(self, pid: int, pipe: int, search: int, limits: Limits) -> None:
         self.frames: list[Message] = []
+        #: What `confine` put in force; None until the child is confined, before which no code of the candidate's runs.
+        self.measures: Json = None
         self._pid, self._pipe, self._search, self._limits = pid, pipe, search, limits
         self._end = os.pidfd_open(pid)
         self._deadline = time.monotonic() + limits.seconds
         self._inherited_mib = memory(os.getpid()).anonymous
         self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files that was seen
-        self._splitter = Splitter(OUTPUT_LIMIT)
-        self._confined = False
+        self._splitter = Splitter(CHILD)
         self._poll = select.poll()
         for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (search, select.POLLRDHUP)):
             self._poll.register(descriptor, event)
@@ -111,7 +113,7 @@ class _Watch:
         except BlockingIOError:
             return None
         except TooMuchError as error:
-            return _died(Reason.too_much_output, f"expected at most {OUTPUT_LIMIT} bytes; {error}")
+            return _died(Reason.too_much_output, str(error))
         except ValueError as error:
             return _died(Reason.crashed, f"its answer cannot be read: {error}")
         for message in messages:
@@ -122,17 +124,17 @@ class _Watch:
 
     def _hear(self, message: Message) -> Json | None:
         """Take one message of the child's; give the verdict if it is the last."""
-        text = message.payload.decode(errors="replace")
+        text = one_line(message.payload[:_LONGEST_REASON].decode(errors="replace"))
         match message.sort:
-            case Sort.ready:
-                self._confined = True
+            case Sort.ready if self.measures is None:
+                self.measures = message.read_header()
             case Sort.frame:
                 self.frames.append(message)
             case Sort.done:
                 return {"ended": "finished"}
-            case Sort.starved if self._confined:
+            case Sort.starved if self.measures is not None:
                 return _died(Reason.out_of_memory, text)
-            case Sort.raised if self._confined:
+            case Sort.raised if self.measures is not None:
                 return _died(Reason.crashed, text)
             case Sort.starved | Sort.raised:
                 return {"ended": "broken", "detail": f"a child could not be confined: {text}"}
@@ -155,8 +157,8 @@ class _Watch:
         else:
             how = f"killed by signal {end.si_status}"
             if end.si_status == signal.SIGKILL:  # not sent from here
-                return {"ended": "killed" if self._confined else "lost", "detail": how}
-        return _died(Reason.crashed, how) if self._confined else {"ended": "broken", "detail": how}
+                return {"ended": "killed" if self.measures is not None else "lost", "detail": how}
+        return {"ended": "broken", "detail": how} if self.measures is None else _died(Reason.crashed, how)
 
     def _has_too_much_memory(self) -> bool:
         """Tell whether the whole tree has, or had for a moment, more memory than allowed, beside what it inherited."""
