@@ -6,11 +6,13 @@ with its very lines, and the search is held against each of them; nothing is wri
 
 import json
 from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from tacevo.bundle import Opened
 from tacevo.composition import compose, from_plain, to_plain
 from tacevo.config import RunConfig, identity
+from tacevo.development import Tools
 from tacevo.errors import ConfigError
 from tacevo.packing import take_in
 from tacevo.plurals import counted
@@ -19,6 +21,7 @@ from tacevo.records import Json, Mode
 from tacevo.replaying import read_run
 from tacevo.retraining import load_same
 from tacevo.rundir import RunDirectory
+from tacevo.sandbox.client import Notice
 from tacevo.session import Result, record, require_means
 from tacevo.store import differences, entry_text, shown
 from tacevo.wiring import open_tools
@@ -56,7 +59,10 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
     entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
     written, _ = take_in(published.store, entries, Path(config.store.root))
     view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
-    tools = open_tools(config, task, facts, data, Mode.record)
+
+    def tools(notice: Notice) -> AbstractContextManager[Tools]:
+        return open_tools(config, task, facts, data, Mode.record, notice=notice)
+
     return record(config, task, facts, tools, view, begun=recorded)
 
 

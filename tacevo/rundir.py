@@ -1,6 +1,7 @@
 """A run directory: what one run leaves behind, readable with `ls` and `cat`.
 
-run.json        the resolved configuration, the task's texts, data facts, versions, machine, digest
+run.json        the resolved configuration, the task's texts, data facts, versions, machine, digest, and what
+                held the candidates
 ledger.jsonl    every decision, one line each (tacevo.ledger)
 timings.jsonl   wall times and costs, which no ledger may hold
 archive.json    the network archive, niche by niche

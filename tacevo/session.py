@@ -1,7 +1,8 @@
 """A whole run: its data, its directory, its ledger and the search between them; and its replay."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,8 @@ from tacevo.proposals import Task
 from tacevo.providers import build_llm
 from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
 from tacevo.rundir import SCHEMA, RunDirectory, machine, versions
-from tacevo.sandbox.confinement import report, require
+from tacevo.sandbox.client import Notice
+from tacevo.sandbox.confinement import in_force, require
 from tacevo.search import Plan, SearchState, run_search
 from tacevo.store import content_hash, sweep_stores
 from tacevo.summary import summarise
@@ -53,7 +55,11 @@ def search(config: RunConfig, view: View) -> Result:
     require_means(config)
     data = load_data(config, view.data, view.say)
     task = load_task(config, data.facts)
-    return record(config, task, data.facts, open_tools(config, task, data.facts, data, Mode.record), view)
+
+    def tools(notice: Notice) -> AbstractContextManager[Tools]:
+        return open_tools(config, task, data.facts, data, Mode.record, notice=notice)
+
+    return record(config, task, data.facts, tools, view)
 
 
 def require_means(config: RunConfig) -> None:
@@ -72,7 +78,7 @@ def record(
     config: RunConfig,
     task: Task,
     facts: DataFacts,
-    tools: AbstractContextManager[Tools],
+    tools: Callable[[Notice], AbstractContextManager[Tools]],
     view: View,
     *,
     begun: Sequence[dict[str, Json]] = (),
@@ -83,7 +89,7 @@ def record(
         config: the configuration.
         task: the task.
         facts: of the data set.
-        tools: the effects, opened when the directory is ready.
+        tools: opens the effects when the directory is ready, and has what holds each candidate told.
         view: who is told.
         begun: the ledger of another run that this one continues; its lines are held against the search as those of a
             stopped run are.
@@ -100,7 +106,7 @@ def record(
         sweep_stores(Path(config.store.root))
         _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
-        with _mirrored(config, directory, view), tools as opened:
+        with _mirrored(config, directory, view), tools(Walls(directory).note) as opened:
             observer = _Recorder(directory, ledger, plan, view)
             state = run_search(plan, opened, ledger, observer)
             _refuse_longer(ledger, directory)
@@ -170,7 +176,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             **described,
             "versions": versions(),
             "machine": machine(),
-            "confinement": report(),
+            "confinement": [],  # nothing has been in force for anybody yet
             "digest": None,
         },
     )
@@ -231,6 +237,35 @@ def _mirrored(config: RunConfig, directory: RunDirectory, view: View) -> Iterato
         warning = mirror.finish(MIRROR_SECONDS if finished else 0.0)
         if warning is not None:
             view.say(warning)
+
+
+class Walls:
+    """Keeps in run.json what held the candidates of a run, each way once, in the order in which they came.
+
+    A run may be continued where less is in force; a candidate that is recalled from the stores adds nothing.
+
+    Args:
+        directory: of the run, with its run.json.
+    """
+
+    def __init__(self, directory: RunDirectory) -> None:
+        self._directory = directory
+        self._lock = threading.Lock()  # candidates are waited for in several threads
+        self._known: set[tuple[str, ...]] = set()
+
+    def note(self, measures: tuple[str, ...]) -> None:
+        """Keep what held one candidate, which has not been given an answer yet."""
+        with self._lock:
+            if measures in self._known:
+                return
+            run, described = self._directory.read_run(), in_force(measures)
+            with self._directory.believed():
+                kept = run["confinement"]
+            if not isinstance(kept, list):  # earlier versions wrote what the machine had, which held nobody for certain
+                kept = []
+            if described not in kept:
+                self._directory.write_json("run.json", {**run, "confinement": [*kept, described]})
+            self._known.add(measures)
 
 
 class _Recorder(Watcher):

@@ -27,7 +27,7 @@ from tacevo.proposals import Settings, Task
 from tacevo.providers import build_llm, provider_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
-from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.client import Notice, Sandbox
 from tacevo.search import Plan
 from tacevo.store import Seen, Store
 from tacevo.training import evaluation
@@ -175,7 +175,14 @@ def _tessellation(config: RunConfig, niches: int, mode: Mode, seen: Seen | None)
 
 @contextlib.contextmanager
 def open_tools(
-    config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, mode: Mode, *, seen: Seen | None = None
+    config: RunConfig,
+    task: Task,
+    facts: DataFacts,
+    data: Dataset | None,
+    mode: Mode,
+    *,
+    seen: Seen | None = None,
+    notice: Notice | None = None,
 ) -> Iterator[Tools]:
     """Open the effects of a search: model, gate, training, workers.
 
@@ -186,9 +193,10 @@ def open_tools(
         data: the data set; None where every answer is recorded, as in a replay.
         mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
         seen: told of every store entry that is read.
+        notice: told of what holds each candidate, before its answer is kept.
     """
     examples = None if data is None else _examples(data)
-    with _workers(config, data) as (sandbox, executor):
+    with _workers(config, data, notice) as (sandbox, executor):
         fingerprint, run = facts.fingerprint, sandbox.run
         yield build_tools(config, task, fingerprint, run, executor=executor, examples=examples, mode=mode, seen=seen)
 
@@ -282,7 +290,9 @@ def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tup
 
 
 @contextlib.contextmanager
-def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox, Executor]]:
+def _workers(
+    config: RunConfig, data: Dataset | None, notice: Notice | None = None
+) -> Iterator[tuple[Sandbox, Executor]]:
     """Open the sandbox, and the threads that wait for it."""
     arrays = {} if data is None else {"images": data.images}
     with contextlib.ExitStack() as stack:
@@ -296,6 +306,7 @@ def _workers(config: RunConfig, data: Dataset | None) -> Iterator[tuple[Sandbox,
                 environment=environment(config.numerics.kind, device),
                 arrays=arrays,
                 strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
+                notice=notice,
             )
         )
         yield sandbox, executor

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
 from tacevo.gate.admission import Admitted, Gate, GateLimits
-from tacevo.records import Json, Limits, Mode, Recipe, Rejection, Stage, Training, to_json
-from tacevo.sandbox.client import Died, Finished, Sandbox
+from tacevo.records import Json, Limits, Mode, Reason, Recipe, Rejection, Stage, Training, to_json
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.store import Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples
@@ -19,6 +19,8 @@ from tacevo.training.numerics import environment
 CONTRACT = contract("force", 32)
 LIMITS = Limits(seconds=6, memory_mib=1_000)
 GATE_LIMITS = GateLimits(parameters=20_000_000, flops=10**10, modules=500)
+#: What the gate says of whatever is no answer of a probe.
+GARBAGE = "the probe's answer was no profile and no rejection"
 RECIPE = Recipe(epochs=2, batch_size=16, learning_rate=1e-3, optimiser="adam", limits=LIMITS)
 
 
@@ -101,5 +103,8 @@ def rejection_of(outcome: Finished | Died) -> Json:
     """Read what a probe says against a candidate; None where it gives a profile."""
     if isinstance(outcome, Died):
         return {"stage": Stage.probe, "reason": outcome.reason, "detail": outcome.detail}
-    (frame,) = outcome.frames
-    return frame.header.get("rejection")
+    match outcome.frames:
+        case (Frame(header=dict(header)),):
+            return header.get("rejection")
+        case _:
+            return {"stage": Stage.probe, "reason": Reason.crashed, "detail": GARBAGE}

@@ -14,15 +14,17 @@ import fakes
 import hostile_sources as sources
 import numpy as np
 import pytest
-from hostile_runs import open_sandbox
+from hostile_runs import GARBAGE, open_sandbox, rejection_of
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 from waiting import eventually
+from witness import living, watching_candidates
 
 from tacevo.choices import Numerics
 from tacevo.gate.admission import Admitted
+from tacevo.gate.policy import check
 from tacevo.ledger import Ledger
 from tacevo.records import Completion, Limits, Mode, Reason, Rejection, Request, Stage, Training, to_json
-from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.client import Finished, Frame, Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.search import run_search
 from tacevo.store import Store, content_hash
@@ -114,9 +116,65 @@ def test_what_is_no_prediction_has_no_fitness(trainer: Trainer, source: str) -> 
 
 @pytest.mark.parametrize("source", sources.PATCHES.values(), ids=sources.PATCHES.keys())
 def test_patched_code_makes_nobody_better(trainer: Trainer, alone: Training, source: str) -> None:
-    """The loss is computed outside from what was predicted; to cheat oneself out of training does not pay."""
+    """The loss is computed outside from what was predicted: none of these gains by what it changes inside."""
     found = trainer.train(source)
     assert isinstance(found, Rejection) or found.fitness >= alone.fitness
+
+
+def steps_of(found: Training) -> int:
+    """Read how many steps were taken, which `sources.MORE_STEPS` sends in place of a digest."""
+    return int(found.weights_sha256, 16)
+
+
+def test_more_steps_than_asked_for_pay_and_are_refused_by_the_policy(trainer: Trainer, alone: Training) -> None:
+    """A known limit: the search counts predictions, not steps; what stands against it is the check of the text."""
+    found = trainer.train(sources.MORE_STEPS)
+    assert isinstance(found, Training)
+    batches = len(EXAMPLES.train) // RECIPE.batch_size
+    assert steps_of(found) == 20 * batches * RECIPE.epochs
+    assert found.fitness < alone.fitness
+    assert trainer.train(sources.MORE_STEPS) == found  # as `replay --retrain` shows it to whoever reads the source
+    refused = check(sources.MORE_STEPS, CONTRACT)
+    assert refused is not None
+    assert (refused.stage, refused.reason) == (Stage.policy, Reason.forbidden_import)
+    assert check(SOURCE, CONTRACT) is None
+
+
+def test_more_steps_than_the_time_limit_allows_give_no_fitness(trainer: Trainer) -> None:
+    """Whoever trains for ever is out of time: what an answer may cost bounds what can be gained."""
+    endless = sources.MORE_STEPS.replace("range(20)", "iter(int, 1)")
+    assert endless != sources.MORE_STEPS
+    assert rejection(trainer.train(endless, seconds=2)).reason is Reason.out_of_time
+
+
+@pytest.mark.parametrize("frames", [(), (Frame([1], b""),), (Frame({}, b""), Frame({}, b""))])
+def test_probe_that_answers_with_garbage_is_judged_as_by_the_gate(frames: tuple[Frame, ...]) -> None:
+    """The harness of the hostile programs takes what is no answer for a rejection, and does not stumble over it."""
+    assert rejection_of(Finished(frames)) == {"stage": "probe", "reason": "crashed", "detail": GARBAGE}
+
+
+HANGS = ["import", "constructor", "forward", "backward hook", "finaliser"]
+
+
+@pytest.mark.parametrize("place", HANGS)
+def test_candidate_that_hangs_is_gone_when_its_verdict_comes(trainer: Trainer, place: str) -> None:
+    """The search hears of a limit only after the process has been killed and reaped, wherever it hung."""
+    with watching_candidates() as seen:
+        found = trainer.train(sources.ENDLESS[place], seconds=2)
+        left = living(seen)
+    assert rejection(found).reason is Reason.out_of_time
+    assert seen
+    assert left == []
+
+
+def test_candidate_that_would_hang_at_exit_is_gone_when_its_answer_comes(trainer: Trainer) -> None:
+    """What it left for its end holds up neither its answer nor its own end."""
+    with watching_candidates() as seen:
+        found = trainer.train(sources.ENDLESS_AFTERWARDS["at exit"])
+        left = living(seen)
+    assert isinstance(found, Training)
+    assert seen
+    assert left == []
 
 
 def test_forged_answer_is_worth_what_it_predicts(trainer: Trainer) -> None:

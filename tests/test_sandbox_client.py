@@ -21,6 +21,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from waiting import eventually
+from witness import is_gone, living, watching_candidates
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.errors import SandboxError
@@ -70,11 +71,6 @@ def holding_little_memory(mib: int) -> Iterator[None]:
     finally:
         tracemalloc.stop()
     assert peak < mib * 2**20
-
-
-def is_gone(pid: int) -> bool:
-    """Tell whether a process has ended and been reaped."""
-    return not Path(f"/proc/{pid}").exists()
 
 
 def death(sandbox: Sandbox, entry: str, limits: Limits = LIMITS, payload: bytes = b"") -> Died:
@@ -161,6 +157,17 @@ def test_search_never_imports_torch() -> None:
 def test_endless_candidate_is_out_of_time(sandbox: Sandbox, entry: str) -> None:
     """Over the time limit the whole tree dies, other sessions included."""
     assert death(sandbox, entry, SHORT) == Died(Reason.out_of_time, "over 1 s")
+
+
+@pytest.mark.parametrize("entry", ["spin", "spin_with_family"])
+def test_endless_candidate_is_gone_when_its_verdict_comes(sandbox: Sandbox, entry: str) -> None:
+    """The search hears of a limit only after the whole tree has been killed and reaped, other sessions included."""
+    with watching_candidates() as seen:
+        died = sandbox.run(entry, None, b"", SHORT)
+        left = living(seen)
+    assert died == Died(Reason.out_of_time, "over 1 s")
+    assert len(seen) >= (5 if entry == "spin_with_family" else 1)
+    assert left == []
 
 
 def test_orphan_of_a_finished_candidate_is_killed(sandbox: Sandbox) -> None:

@@ -12,7 +12,7 @@ import pytest
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
-from tacevo.sandbox.confinement import available, confine, refuse_weaker, report, require
+from tacevo.sandbox.confinement import available, confine, in_force, refuse_weaker, report, require
 from tacevo.sandbox.kernel import can_fix_addresses
 
 LEVELS = list(Confinement)
@@ -82,6 +82,28 @@ def test_level_none_leaves_the_limits_of_resources_out() -> None:
     process.kill()
     process.join()
     assert names == {"no_new_privs", "not_dumpable", "no_capabilities"}
+
+
+RESOURCES = ("no_new_privs", "not_dumpable", "no_capabilities", "rlimits")
+
+
+@pytest.mark.parametrize(
+    ("measures", "level"),
+    [
+        (RESOURCES[:3], Confinement.none),
+        (RESOURCES, Confinement.process),
+        ((*RESOURCES, "seccomp"), Confinement.process),
+        ((*RESOURCES, "landlock", "seccomp"), Confinement.kernel),
+    ],
+)
+def test_what_held_a_candidate_is_told_from_its_measures(measures: tuple[str, ...], level: Confinement) -> None:
+    """A measure that was left out is never described as one that holds, whatever the machine has."""
+    described = in_force(measures)
+    assert described["level"] == level
+    for name in {"rlimits", "landlock", "seccomp"} - set(measures):
+        assert described[name].startswith(("not in force", "missing"))
+    for name in measures:
+        assert described[name] == report()[name]
 
 
 def test_asking_for_fixed_addresses_changes_nothing() -> None:

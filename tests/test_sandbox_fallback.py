@@ -1,11 +1,13 @@
 """Promise: a wall that is missing is named; a run that demands it is refused, and others compute the same."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from smallest import SMALLEST, UNTRACKED
 
 from tacevo.choices import Confinement
 from tacevo.sandbox.confinement import available
@@ -49,6 +51,18 @@ def test_doctor_names_the_walls_that_stand(tmp_path: Path) -> None:
     done = tacevo("doctor", folder=tmp_path, weaker=False)
     assert "level: kernel" in done.stdout
     assert "missing" not in done.stdout
+
+
+def test_run_that_is_continued_on_a_weaker_machine_says_so(tmp_path: Path) -> None:
+    """Each way in which candidates were held stands in run.json, in the order in which they came."""
+    small = ["search", *SMALLEST, UNTRACKED, "run.dir=run", "search.initial=2", "search.candidates=2"]
+    for weaker, generations in ((False, 0), (True, 1)):
+        done = tacevo(*small, f"search.generations={generations}", folder=tmp_path, weaker=weaker)
+        assert done.returncode == 0, done.stderr
+    first, second = json.loads((tmp_path / "run" / "run.json").read_text())["confinement"]
+    assert (first["level"], second["level"]) == ("kernel", "process")
+    assert "no access to files" in first["landlock"]
+    assert second["landlock"].startswith("missing")
 
 
 def test_search_gives_the_same_digest_on_a_weaker_machine(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from waiting import eventually
 from tacevo.choices import Confinement
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.sandbox.confinement import available
+from tacevo.sandbox.confinement import available, in_force
 from tacevo.sandbox.processes import descendants
 
 pytestmark = [
@@ -146,6 +146,19 @@ def test_module_that_was_not_imported_before_is_missing(walled: Sandbox, plain: 
     """An import that comes too late fails alike at each level, as an import."""
     name = next(module for module in ("colorsys", "sndhdr", "chunk") if module not in sys.modules)
     assert answer(walled, "import_more", name) == answer(plain, "import_more", name) == f"No module named '{name}'"
+
+
+@pytest.mark.parametrize("strongest", list(Confinement))
+@pytest.mark.parametrize("entry", ["echo", "divide_by_zero"])
+def test_what_held_a_candidate_is_told_with_its_answer(strongest: Confinement, entry: str) -> None:
+    """Whoever opens a sandbox learns what was in force in the process itself, however it ended."""
+    told: list[tuple[str, ...]] = []
+    with Sandbox(
+        entries=ENTRIES, environment={"OMP_NUM_THREADS": "1"}, arrays={}, strongest=strongest, notice=told.append
+    ) as fresh:
+        fresh.run(entry, None, b"", LIMITS)
+    (measures,) = told
+    assert in_force(measures)["level"] == strongest
 
 
 def test_signals_to_itself_work(walled: Sandbox) -> None:

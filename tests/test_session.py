@@ -1,5 +1,7 @@
 """A run directory tells of one run, its own, and a replay finds whatever was changed in it."""
 
+import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -7,6 +9,10 @@ from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
 from tacevo.ledger import Ledger
+from tacevo.records import Json
+from tacevo.rundir import RunDirectory
+from tacevo.sandbox.confinement import available, in_force
+from tacevo.session import Walls
 
 #: A real search, as small as one can be; with slips, so that answers are rejected, too.
 TINY = [
@@ -33,6 +39,39 @@ def test_description_left_by_a_run_that_decided_nothing_is_replaced(folder: Path
     (folder / "run" / "ledger.jsonl").write_text("")
     assert main(["search", *TINY]) == 0
     assert main(["replay", "run"]) == 0
+
+
+def confinement(run: Path) -> Json:
+    """Read what a run directory says of the walls around its candidates."""
+    return json.loads((run / "run.json").read_text())["confinement"]
+
+
+def test_walls_are_those_that_held_the_candidates(folder: Path) -> None:
+    """Nothing is claimed for a run whose candidates were all recalled, and nothing twice for one that is repeated."""
+    assert main(["search", *TINY, "search.generations=0"]) == 0
+    (first,) = confinement(folder / "run")
+    assert first["level"] == available()
+    assert main(["search", *TINY, "search.generations=0"]) == 0
+    assert confinement(folder / "run") == [first]
+    shutil.rmtree(folder / "run")
+    assert main(["search", *TINY, "search.generations=0"]) == 0
+    assert confinement(folder / "run") == []
+
+
+UNWALLED = ("no_new_privs", "not_dumpable", "no_capabilities")
+
+
+@pytest.mark.parametrize("before", [[], [{"level": "kernel"}], {"level": "kernel"}], ids=["new", "continued", "old"])
+def test_candidates_on_a_gpu_are_not_said_to_be_walled(before: Json, folder: Path) -> None:
+    """What was left out is not claimed, earlier candidates keep theirs, and the machine's own count for nobody."""
+    directory = RunDirectory(folder)
+    directory.write_json("run.json", {"schema": 1, "name": "run", "confinement": before})
+    walls = Walls(directory)
+    walls.note(UNWALLED)
+    walls.note(UNWALLED)
+    assert confinement(folder) == [*(before if isinstance(before, list) else []), in_force(UNWALLED)]
+    assert confinement(folder)[-1]["level"] == "none"
+    assert "not in force" in confinement(folder)[-1]["rlimits"]
 
 
 def test_no_password_reaches_a_run_directory(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
-from tacevo.composition import compose
+from tacevo.choices import Confinement
+from tacevo.composition import compose, facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.errors import ConfigError, DataError
-from tacevo.wiring import load_data
+from tacevo.records import Mode
+from tacevo.sandbox.confinement import available, in_force
+from tacevo.wiring import load_data, open_tools
 
 
 def load(tmp_path: Path, *overrides: str) -> Dataset:
@@ -103,3 +106,22 @@ def test_archive_of_the_other_kind_is_refused(
     message = r"data=numpy what the type of its labels says \(floats or whole numbers\)"
     with pytest.raises(ConfigError, match=message):
         load(tmp_path, "data=numpy", f"task={task}")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "level"),
+    [
+        ([], available()),
+        (["training.device=cuda", "sandbox.require=none", "numerics=fast"], Confinement.none),
+    ],
+    ids=["cpu", "cuda"],
+)
+def test_run_is_told_what_holds_its_candidates(overrides: list[str], level: Confinement, tmp_path: Path) -> None:
+    """On a GPU the walls are left out, on a CPU they are those of the machine, and either is told as it is."""
+    config = compose([f"store.root={tmp_path}", "archive.samples=100", *overrides])
+    facts = facts_without_data(config)
+    task = load_task(config, facts)
+    told: list[tuple[str, ...]] = []
+    with open_tools(config, task, facts, None, Mode.record, notice=told.append) as tools:
+        tools.inspect(task.baseline)
+    assert [in_force(measures)["level"] for measures in told] == [level]

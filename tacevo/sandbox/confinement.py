@@ -8,6 +8,7 @@ measure, and what does not.
 
 import os
 import resource
+from collections.abc import Collection
 
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
@@ -20,6 +21,8 @@ from tacevo.sandbox.processes import address_space_mib
 _SLACK_MIB = 1024
 #: CPU seconds beyond the wall-time limit; a backstop for a supervisor that is stopped.
 _CPU_SLACK = 10
+#: The measures that make the level `kernel`.
+_WALLS = frozenset({"landlock", "seccomp"})
 
 
 def available() -> Confinement:
@@ -60,7 +63,7 @@ def _missing(offered: Confinement) -> str:
 
 
 def report() -> dict[str, str]:
-    """Describe every measure in a line, for `tacevo doctor` and run.json: what it does, or why it is missing."""
+    """Describe every measure that this machine has in a line: what it does, or why it is missing."""
     known = landlock.version()
     return {
         "level": available().value,
@@ -78,10 +81,36 @@ def report() -> dict[str, str]:
         f"{', processes outside' * (known >= landlock.SCOPES_SINCE)}"
         if known
         else "missing: the kernel has none, or it is switched off (Linux 5.13 or later, `lsm=landlock,...`)",
-        "seccomp": "a short list of system calls is left; no process or thread can be started, no signal sent"
+        "seccomp": "a short list of system calls is left; no process or thread can be started, nobody else signalled"
         if seccomp.is_available()
         else "missing: the kernel takes no filter, or this is neither x86-64 nor aarch64",
     }
+
+
+def in_force(measures: Collection[str]) -> dict[str, str]:
+    """Describe what held a candidate, for `tacevo doctor` and run.json.
+
+    Args:
+        measures: the names that `confine` returned in the candidate's process.
+
+    Returns:
+        The lines of `report`, with the level that the candidate was held at, and those measures named that this
+        machine has and the run left out.
+    """
+    lines = report()
+    absent = [
+        name
+        for name in ("landlock", "seccomp", "rlimits")
+        if name not in measures and not lines[name].startswith("missing")
+    ]
+    left_out = dict.fromkeys(absent, "not in force: left out, as training.device=cuda needs")
+    return lines | left_out | {"level": _level(measures).value}
+
+
+def _level(measures: Collection[str]) -> Confinement:
+    if "rlimits" not in measures:
+        return Confinement.none
+    return Confinement.kernel if _WALLS.issubset(measures) else Confinement.process
 
 
 def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:

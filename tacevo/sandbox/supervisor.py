@@ -124,7 +124,6 @@ class _Watch:
 
     def _hear(self, message: Message) -> Json | None:
         """Take one message of the child's; give the verdict if it is the last."""
-        text = one_line(message.payload[:_LONGEST_REASON].decode(errors="replace"))
         match message.sort:
             case Sort.ready if self.measures is None:
                 self.measures = message.read_header()
@@ -133,11 +132,11 @@ class _Watch:
             case Sort.done:
                 return {"ended": "finished"}
             case Sort.starved if self.measures is not None:
-                return _died(Reason.out_of_memory, text)
+                return _died(Reason.out_of_memory, _last_words(message))
             case Sort.raised if self.measures is not None:
-                return _died(Reason.crashed, text)
+                return _died(Reason.crashed, _last_words(message))
             case Sort.starved | Sort.raised:
-                return {"ended": "broken", "detail": f"a child could not be confined: {text}"}
+                return {"ended": "broken", "detail": f"a child could not be confined: {_last_words(message)}"}
             case _:
                 return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
         return None
@@ -177,6 +176,11 @@ class _Watch:
 
     def _out_of_memory(self) -> Json:
         return _died(Reason.out_of_memory, f"over {self._limits.memory_mib} MiB of resident memory")
+
+
+def _last_words(message: Message) -> str:
+    """Read why a child ended, by its own account."""
+    return one_line(message.payload[:_LONGEST_REASON].decode(errors="replace"))
 
 
 def _died(reason: Reason, detail: str) -> Json:
