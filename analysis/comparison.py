@@ -4,7 +4,6 @@ Each variant is compared with the baseline by the study's primary metric on the 
 variants are one family for Holm's correction, those for a difference and those for equivalence each.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -17,11 +16,11 @@ from analysis.equivalence import Equivalence, equivalence
 from analysis.power import Detectable, detectable
 from analysis.results import LOWER_IS_BETTER, Study
 from analysis.samples import Sample
-from analysis.statistics import MannWhitney, holm, mann_whitney, smallest_p
+from analysis.statistics import MannWhitney, holm, mann_whitney
 from tacevo.digits import rounded
 from tacevo.errors import RunError
 from tacevo.randomness import stream
-from tacevo.terms import Margin, Terms
+from tacevo.terms import Margin, Terms, fewest_seeds
 
 
 class Verdict(StrEnum):
@@ -133,8 +132,8 @@ def _check_size(study: Study) -> None:
     alpha = study.terms.alpha
     if len(study.networks) < 2:
         raise RunError(f"a comparison needs a variant beside the baseline; the study of {study.task} has none")
-    if smallest_p(study.seeds, study.seeds) > alpha:
-        needed = next(seeds for seeds in itertools.count(1) if smallest_p(seeds, seeds) <= alpha)
+    needed = fewest_seeds(alpha)
+    if study.seeds < needed:
         raise RunError(
             f"a comparison at alpha {alpha} needs at least {needed} training seeds of each network, below which no "
             f"difference is significant; the study of {study.task} has {study.seeds}. Study it with more seeds"

@@ -1,5 +1,7 @@
 """Tables of how a search went: generations, gate, prompts, improvement."""
 
+from dataclasses import replace
+
 from analysis.dynamics import LEVEL, MOST, Productivity, by_prompt, by_temperature, gate_stages, improvement, progress
 from analysis.loading import Run
 from analysis.tables import Between, Percent, Table, percent
@@ -76,8 +78,10 @@ def gate_table(run: Run) -> Table:
 
 
 def prompts_table(run: Run) -> Table:
-    """Show what every instruction brought."""
-    return _productivity_table(run, f"prompts_{run.task}", "instruction", by_prompt(run))
+    """Show what every instruction brought, with its index in the library."""
+    table = _productivity_table(run, f"prompts_{run.task}", "instruction", by_prompt(run))
+    rows = tuple((index, *row) for index, row in enumerate(table.rows))
+    return replace(table, columns=("index", *table.columns), rows=rows)
 
 
 def temperatures_table(run: Run) -> Table:
@@ -96,8 +100,8 @@ def improvement_table(run: Run) -> Table:
             ("best fitness at the end", found.last),
             ("improvement over the best of generation 0", Percent(found.over_first)),
             ("improvement over the baseline", Percent(found.over_baseline)),
-            (f"generation by which {MOST:.0%} of the former was had", found.settled),
-            *((f"part of it by generation {number}", Percent(share)) for number, share in found.by_generation),
+            (f"generation by which {100 * MOST:g} % of the improvement over generation 0 was had", found.settled),
+            *((f"part of it that was had by generation {at}", Percent(share)) for at, share in found.by_generation),
             ("trainable candidates, mean over generations", percent(found.trainable)),
             ("coverage at the end", Percent(found.coverage)),
         ]
@@ -116,7 +120,7 @@ def _productivity_table(run: Run, name: str, of: str, found: tuple[Productivity,
         caption=f"Children of {run.name} that entered the archive, by {of}.",
         columns=(of, "tried", "trained", "inserted", "inserted / tried"),
         rows=rows,
-        notes=(f"Mutations from generation 1 on; Wilson intervals at {LEVEL:.0%}.",),
+        notes=(f"Mutations from generation 1 on; Wilson intervals at {100 * LEVEL:g} %.",),
     )
 
 

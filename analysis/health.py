@@ -86,7 +86,8 @@ def _of_niches(placed: Occupation, centroids: NDArray[np.float64]) -> Iterator[A
     if share > CROWDED and len(placed.niches) > 1:
         yield Alarm(
             name="crowded niche",
-            sentence=f"One niche drew {share:.0%} of the trained candidates; the archive keeps one network of them.",
+            sentence=f"One niche drew {100 * share:.0f} % of the trained candidates; the archive keeps one network of "
+            "them.",
             figures=(("share", float(share)), ("effective niches", effective_niches(placed))),
         )
 
@@ -95,8 +96,8 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
     if placed.clipped > CLIPPED:
         yield Alarm(
             name="clipped descriptors",
-            sentence=f"{placed.clipped:.0%} of the trained candidates lie outside the fixed bounds and were moved to "
-            "their edge; widen archive.arch_div_bounds or archive.eff_ratio_bounds.",
+            sentence=f"{100 * placed.clipped:.0f} % of the trained candidates lie outside the fixed bounds and were "
+            "moved to their edge; widen archive.arch_div_bounds or archive.eff_ratio_bounds.",
             figures=(("share", placed.clipped),),
         )
     last = run.generations[-1].generation
@@ -113,8 +114,8 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
         if extent < NARROW and len(placed.points) > 1:
             yield Alarm(
                 name=f"constant {axis}",
-                sentence=f"Nine tenths of the trained candidates lie within {extent:.1%} of the range of {axis}, which "
-                "therefore tells few networks apart.",
+                sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
+                f"{axis}, which therefore tells few networks apart.",
                 figures=(("extent", extent),),
             )
 
@@ -134,8 +135,8 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
             reason, count = stage.reasons[0]
             yield Alarm(
                 name=f"strict gate: {stage.stage}",
-                sentence=f"The stage {stage.stage} turned away {share:.0%} of all first answers, most often for "
-                f"{reason} ({count}).",
+                sentence=f"The stage {stage.stage} turned away {100 * share:.0f} % of all first answers, most often "
+                f"for {reason} ({count}).",
                 figures=(("rejected", stage.rejected), ("share", share)),
             )
 
@@ -161,7 +162,7 @@ def _of_prompts(run: Run) -> Iterator[Alarm]:
             yield Alarm(
                 name="fruitless prompt",
                 sentence=f"{prompt.name} was tried {prompt.tried} times, and no child of it entered the archive; "
-                f"of all other instructions {others:.0%} of the children did.",
+                f"of all other instructions {100 * others:.0f} % of the children did.",
                 figures=(("tried", prompt.tried), ("trained", prompt.trained), ("others", others)),
             )
 

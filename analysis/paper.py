@@ -22,6 +22,7 @@ _HEAD = r"""\documentclass[10pt]{article}
 \usepackage{array}
 \usepackage{booktabs}
 \usepackage{graphicx}
+\setlength{\belowcaptionskip}{6pt}
 \extrafloats{100}
 \renewcommand{\topfraction}{0.95}
 \renewcommand{\textfraction}{0.05}

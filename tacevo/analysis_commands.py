@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacevo.commandline import DIFFERENT, DONE, Parser
+from tacevo.commandline import DIFFERENT, DONE, Parser, existing_store, output_folder
 from tacevo.errors import ConfigError, DataError, RunError, SandboxError
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ def _tables(options: argparse.Namespace) -> int:
     if options.run is None:
         raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
     found = _collect(options.run, options.store)
+    folder = output_folder(options.output or found.run.path / "tables")
     tables, remarks = _own_tables(found, options)
-    folder = Path(options.output or found.run.path / "tables")
     print("\n".join(map(as_markdown, tables)))
     write_tables(tables, folder)
     gone = remove_outdated(folder, {table.name for table in tables}, task=found.run.task, endings=WRITERS)
@@ -98,10 +98,11 @@ def _paper_tables(options: argparse.Namespace) -> int:
     from analysis.writing import write_tables
 
     tables = _published([] if options.run is None else [load_run(Path(options.run))])
+    folder = None if options.output is None else output_folder(options.output)
     print("\n".join(map(as_markdown, tables)))
-    if options.output is not None:
-        write_tables(tables, Path(options.output))
-        print(f"tables: {options.output}")
+    if folder is not None:
+        write_tables(tables, folder)
+        print(f"tables: {folder}")
     return DONE
 
 
@@ -109,8 +110,8 @@ def _figures(options: argparse.Namespace) -> int:
     from analysis.writing import remove_outdated, write_pictures
 
     found = _collect(options.run, options.store)
+    folder = output_folder(options.output or found.run.path / "figures")
     pictures, remarks = _pictures(found, options)
-    folder = Path(options.output or found.run.path / "figures")
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
     with _shown("figures", len(pictures)) as told:
         write_pictures(pictures, folder, endings, told)
@@ -146,8 +147,9 @@ def _paper(options: argparse.Namespace) -> int:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
-    folder, found = Path(options.output), [_for_paper(_collect(run, options.store)) for run in options.runs]
+    found = [_for_paper(_collect(run, options.store)) for run in options.runs]
     refuse_mixed([compared.study for one in found for compared in one.studies])
+    folder = output_folder(options.output)
     published = _published([one.run for one in found])
     chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
     # LaTeX reads no file whose name holds certain characters, so runs are numbered.
@@ -189,7 +191,8 @@ def _collect(run: str, store: str | None) -> "Collection":
     """Read a run and its studies, and say what is missing."""
     from analysis.collection import collect
 
-    found = collect(Path(run), None if store is None else Path(store))
+    named = existing_store(store)
+    found = collect(Path(run), None if named is None else Path(named))
     _say(_remarks(found))
     return found
 
@@ -197,7 +200,7 @@ def _collect(run: str, store: str | None) -> "Collection":
 def _remarks(found: "Collection") -> list[str]:
     """Say which studies a run lacks, and how to have them."""
     remarks = [f"left out: {reason}" for reason in found.refused]
-    if not found.studies:
+    if not found.studies and not found.refused:
         remarks.append(
             f"no finished study yet: `tacevo study run={found.run.path}` makes one, with its tables and figures"
         )

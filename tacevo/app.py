@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from tacevo import __version__
 from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
-from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
+from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser, existing_store
 from tacevo.continue_commands import add_continue
 from tacevo.data_commands import add_data
 from tacevo.errors import BundleError, DivergenceError, TacevoError
@@ -239,8 +239,10 @@ def _replay(options: argparse.Namespace) -> int:
 
     with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
         verified = None if found.root is None else verify_bundle(found, view)
-        replayed = replay(found.run, options.store, view) if verified is None else verified.replayed
-        studies = replay_studies(found.run, options.store, view) if verified is None else verified.studies
+        # What --retrain keeps of a published run may lie in a folder that is yet to be made.
+        store = options.store if verified else existing_store(options.store)
+        replayed = replay(found.run, store, view) if verified is None else verified.replayed
+        studies = replay_studies(found.run, store, view) if verified is None else verified.studies
         trained = None if options.retrain is None else _retrain(found.run, options, view)
     print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")

@@ -4,12 +4,43 @@ Nothing here imports a library, so that help is quick.
 """
 
 import argparse
+import os
+from pathlib import Path
 from typing import Any
+
+from tacevo.errors import ConfigError
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
 OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
+
+
+def existing_store(name: str | None) -> str | None:
+    """Take what `--store` names; a mistyped folder would be made, and filled anew.
+
+    Raises:
+        ConfigError: it is no folder.
+    """
+    if name is not None and not Path(name).is_dir():
+        raise ConfigError(f"--store needs the folder that holds a run's stores; {name} is no folder")
+    return name
+
+
+def output_folder(name: str | Path) -> Path:
+    """Make the folder of results before any work is done for them.
+
+    Raises:
+        ConfigError: it cannot be made, or nothing can be written into it.
+    """
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"results need a folder; {folder} can be none: {error.strerror}") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f"results need a folder that can be written to; {folder} cannot; name another one by -o")
+    return folder
 
 
 class Parser(argparse.ArgumentParser):

@@ -59,7 +59,8 @@ def _study(options: argparse.Namespace) -> int:
     config = compose_study(options.overrides)
     with make_study_view(Console(stderr=True)) as view:
         studied = study(config, view)
-    print(f"study: {studied.directory} ({counted(studied.trainings, 'training')})")
+    before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
+    print(f"study: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
     for row in studied.failed:
         print(f"failed: {row}")
     if studied.failed:

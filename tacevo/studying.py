@@ -5,7 +5,7 @@ processes with one store may work on the same one. The order of the work enters 
 """
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,7 +27,7 @@ from tacevo.store import Seen, sweep_stores
 from tacevo.study_config import StudyConfig
 from tacevo.study_documents import networks_of, score_line, study_header
 from tacevo.studydir import StudyDirectory, describes, name_study, studies_of
-from tacevo.terms import Margin, Terms
+from tacevo.terms import Margin, Terms, fewest_seeds
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.numerics import check_machine
 from tacevo.wiring import open_studies, recipe_of, source_of
@@ -41,6 +41,8 @@ class Studied:
     digest: str
     #: Trainings of all networks and seeds.
     trainings: int
+    #: Those that were in the store before.
+    recorded: int
     #: Those that came to no end, as `variant 2, seed 3: out_of_time`.
     failed: tuple[str, ...]
 
@@ -103,12 +105,15 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     circumstances = {"scale": list(data.scale), "units": units, "versions": versions(), "machine": machine()}
     directory.begin(_described(plan), circumstances)
     with open_studies(run, plan.task, plan.facts, data, Mode.record) as (evaluator, executor):
-        _introduce(directory, plan, config.elites, evaluator, view)
-        verdicts = _train(plan.jobs, evaluator, executor, view)
+        recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
+        _introduce(directory, plan, config, len(recorded), view)
+        verdicts = _train(plan.jobs, recorded, evaluator, executor, view)
         digest = directory.finish(_entries(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
-    return Studied(directory=directory.path, digest=digest, trainings=len(plan.jobs), failed=failed)
+    return Studied(
+        directory=directory.path, digest=digest, trainings=len(plan.jobs), recorded=len(recorded), failed=failed
+    )
 
 
 def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen | None = None) -> dict[str, str]:
@@ -217,31 +222,42 @@ def _described(plan: _Plan) -> dict[str, Json]:
     return {key: value for key, value in plan.header.items() if key not in {"kind", "schema"}}
 
 
-def _introduce(directory: StudyDirectory, plan: _Plan, elites: int, evaluator: FullEvaluator, view: StudyView) -> None:
-    """Say what is studied, and how much of it is done."""
-    done = sum(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)
-    view.say(f"study: {directory.path} ({done} of {counted(len(plan.jobs), 'training')} recorded)")
+def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: StudyView) -> None:
+    """Say what is studied, how much of it is done, and whether anything can come of it."""
+    view.say(f"study: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks = plan.header["networks"]
     view.say(", ".join(f"{network['name']}: {network['id']}" for network in networks))
-    if len(networks) <= elites:
-        view.say(f"the archive has fewer elites with a source of their own than elites={elites}")
+    if len(networks) <= config.elites:
+        view.say(f"the archive has fewer elites with a source of their own than elites={config.elites}")
+    needed = fewest_seeds(config.alpha)
+    if config.seeds < needed:
+        view.say(
+            f"no comparison will be possible: at alpha {config.alpha} no outcome of seeds={config.seeds} is "
+            f"significant; it takes seeds={needed} or more"
+        )
 
 
 def _train(
-    jobs: Sequence[_Job], evaluator: FullEvaluator, executor: Executor, view: StudyView
+    jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: StudyView
 ) -> list[FullTraining | Rejection]:
-    """Train all that is not recorded, in parallel; give the verdicts in the order of the jobs."""
+    """Train all that is not recorded, in parallel; give the verdicts in the order of the jobs.
+
+    The view is told of those alone that were not recorded before, by their rows.
+    """
     order = list(range(len(jobs)))
     # Every process takes its own order, so that two on one study rarely train the same network with the same seed.
     random.SystemRandom().shuffle(order)
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, FullTraining | Rejection] = {}
+    done = len(recorded)
     for future in as_completed(futures):
         place = futures[future]
         verdict = verdicts[place] = future.result()
         if isinstance(verdict, Rejection):
             view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
-        view.trained(len(verdicts), len(jobs))
+        if jobs[place].row not in recorded:
+            done += 1
+            view.trained(done, len(jobs))
     return [verdicts[place] for place in range(len(jobs))]
 
 

@@ -1,5 +1,6 @@
 """The terms that a study's variants are judged by, stated before anything is trained."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +27,17 @@ class Margin:
     def around(self, median: float) -> float:
         """Give the margin in the unit of the metric, around a baseline's median."""
         return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
+
+
+def fewest_seeds(alpha: float) -> int:
+    """Give the least S for which a two-sided rank test of S values against S can be significant at all.
+
+    Of the C(2S, S) orders, which are equally likely without a difference, the two extreme ones have the smallest p.
+
+    Args:
+        alpha: level of the test, in (0, 1).
+    """
+    return next(seeds for seeds in itertools.count(1) if rounded(2 / math.comb(2 * seeds, seeds)) <= alpha)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

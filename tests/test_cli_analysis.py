@@ -75,6 +75,28 @@ def test_tables_of_the_paper_stand_beside_a_run(run: Path, capsys: pytest.Captur
     assert told.err == ""
 
 
+@pytest.mark.parametrize("arguments", [["RUN"], ["--paper"]])
+def test_tables_that_cannot_be_written_are_not_printed(
+    arguments: list[str], run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The mistake would be lost below them; the file stays as it is."""
+    Path("file").write_text("mine")
+    assert main(["tables", *(word.replace("RUN", str(run)) for word in arguments), "-o", "file"]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "results need a folder; file can be none: File exists" in told.err
+    assert Path("file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("command", ["tables", "figures", "report", "paper"])
+def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mistyped one would be filled with probes and images; nothing is made."""
+    before = contents(Path())
+    assert main([command, str(run), "--store", "nowhere"]) == 2
+    assert "--store needs the folder that holds a run's stores; nowhere is no folder" in capsys.readouterr().err
+    assert contents(Path()) == before
+
+
 def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The samples, the search's and the study's; drawn again, they are the same bytes."""
     assert main(["figures", str(run), "--format", "svg"]) == 0
@@ -200,6 +222,7 @@ def test_study_that_was_edited_is_left_out_and_told(run: Path, capsys: pytest.Ca
     told = capsys.readouterr()
     assert "left out: " in told.err
     assert "scores.jsonl" in told.err
+    assert "no finished study yet" not in told.err
     assert "The generations of run" in told.out
 
 

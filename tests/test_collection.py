@@ -83,7 +83,7 @@ def test_words_above_the_boxes_are_those_of_the_comparison() -> None:
     found = collection(Kind.regression, searched=searched())
     (boxes,) = (picture for picture in pictures_of(found) if picture.name == "seed_boxes_force_study1")
     (axes,) = boxes.draw().axes
-    assert [text.get_text() for text in axes.texts] == ["", "worse\np = 0.029"]
+    assert [text.get_text() for text in axes.texts] == ["", "worse\nHolm's p\n= 0.029"]
 
 
 def test_lineage_leads_from_the_baseline_to_the_best() -> None:

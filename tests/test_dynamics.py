@@ -147,10 +147,10 @@ def test_interval_of_no_success_begins_at_zero() -> None:
 
 
 def test_instruction_that_was_never_tried_has_no_rate() -> None:
-    """It has a row, without a value."""
+    """It has a row, with the index by which the map of prompts is read, and without a value."""
     untried = by_prompt(run([trained(0, 0)], []))[1]
     assert (untried.tried, untried.rate, untried.interval) == (0, None, None)
-    assert prompts_table(run([trained(0, 0)], [])).rows[1] == ("widen", 0, 0, 0, None)
+    assert prompts_table(run([trained(0, 0)], [])).rows[1] == (1, "widen", 0, 0, 0, None)
 
 
 @pytest.mark.parametrize(

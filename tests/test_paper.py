@@ -41,6 +41,7 @@ def test_document_holds_everything() -> None:
     """Titles and captions are escaped, environments are closed."""
     text = document([CHAPTER])
     assert r"\section*{force\_1 \& more}" in text
+    assert r"\setlength{\belowcaptionskip}" in text
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
     assert r"\label{fig:run1:lineage}" in text
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/samples.pdf}" in text

@@ -175,6 +175,13 @@ def test_terms_that_cannot_be_used_are_refused(
     assert not (tmp_path / "x.zip").exists()
 
 
+def test_retrained_bundle_keeps_its_images_in_a_new_folder(published: Path, tmp_path: Path) -> None:
+    """Its own stores are packed, so `--store` may name a folder that is yet to be made."""
+    command = ["replay", str(published / "run.zip"), "--retrain", "1", "--store", str(tmp_path / "new")]
+    assert main(command) == 0
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["data"]
+
+
 def test_only_the_named_study_is_published(published: Path, tmp_path: Path) -> None:
     """And the store entries of others stay at home."""
     shutil.copytree(published / "run", tmp_path / "run")

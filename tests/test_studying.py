@@ -122,7 +122,9 @@ def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureF
     before, entries = files(folder), {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")}
     assert main(["study", *STUDY]) == 0
     output = capsys.readouterr()
-    assert "(4 of 4 trainings recorded)" in output.err
+    assert "(4 of 4 trainings recorded already)" in output.err
+    assert "are done" not in output.err
+    assert "(4 trainings, 4 of them recorded already)" in output.out
     digest = json.loads(before["study.json"])["digest"]
     assert output.out.splitlines()[-1] == f"digest: {digest}"
     assert files(folder) == before
@@ -135,6 +137,26 @@ def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.Captu
     assert main(["study", "run=run", "elites=9", *STUDY[2:]]) == 0
     assert "the archive has fewer elites with a source of their own than elites=9" in capsys.readouterr().err
     assert files(folder) == before
+
+
+def test_too_few_seeds_are_told_before_anything_is_trained(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two seeds can be compared at alpha 0.5 alone."""
+    forget(folder)
+    assert main(["study", *STUDY]) == 0
+    said = capsys.readouterr().err
+    warning = "no comparison will be possible: at alpha 0.05 no outcome of seeds=2 is significant; it takes seeds=4"
+    assert 0 <= said.index(warning) < said.index("1 of 4 trainings are done")
+    assert main(["study", *STUDY, "alpha=0.5"]) == 0
+    assert "no comparison" not in capsys.readouterr().err
+
+
+def test_log_counts_on_from_what_was_recorded(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of another seed, two trainings are new; the four of before are not told as if they were trained now."""
+    assert main(["study", *STUDY[:2], "seeds=3", STUDY[3]]) == 0
+    output = capsys.readouterr()
+    told = [line for line in output.err.splitlines() if line.endswith("are done")]
+    assert told == ["5 of 6 trainings are done", "6 of 6 trainings are done"]
+    assert "(6 trainings, 4 of them recorded already)" in output.out
 
 
 def test_terms_are_stated_in_the_study_and_change_no_training(folder: Path) -> None:
@@ -222,6 +244,13 @@ def reseal(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]) -
     lines = [{key: line[key] for key in line if key not in ("hash", "previous")} for line in directory.read_scores()]
     directory.scores.unlink()
     StudyDirectory(directory.path).finish([change(line) for line in lines])
+
+
+def test_store_that_is_no_folder_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mistyped one would be filled with images and trainings; nothing is made."""
+    assert main(["replay", "run", "--retrain", "1", "--store", "nowhere"]) == 2
+    assert "--store needs the folder that holds a run's stores; nowhere is no folder" in capsys.readouterr().err
+    assert not Path("nowhere").exists()
 
 
 def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from tacevo.choices import MarginKind
 from tacevo.records import to_json
-from tacevo.terms import Margin, Terms
+from tacevo.terms import Margin, Terms, fewest_seeds
 
 
 @pytest.mark.parametrize(
@@ -44,3 +44,9 @@ def test_terms_come_back_as_they_were() -> None:
     """Through plain JSON values."""
     terms = Terms(alpha=0.01, margin=Margin(value=0.02, kind=MarginKind.absolute))
     assert Terms.from_json(to_json(terms)) == terms
+
+
+@pytest.mark.parametrize(("alpha", "seeds"), [(0.5, 2), (0.1, 3), (0.0999, 4), (0.05, 4), (0.01, 5), (0.001, 7)])
+def test_fewest_seeds_are_those_that_can_be_significant(alpha: float, seeds: int) -> None:
+    """Three against three have 20 orders, so p is 0.1 at least; four have 70, hence 0.029."""
+    assert fewest_seeds(alpha) == seeds

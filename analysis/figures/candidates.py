@@ -69,7 +69,7 @@ def lineage(ancestors: Sequence[Ancestor]) -> Figure:
     hidden = len(ancestors) - len(rows)
     _write(axes, -1, "network", f"made by ({hidden} left out)" if hidden else "made by", "loss")
     axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=[], xlabel="generation")
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True, min_n_ticks=1))
     axes.spines["left"].set_visible(False)
     figure.legend(handles=_operators(rows), loc="upper center", ncols=3)
     return figure
@@ -91,7 +91,7 @@ def training_curves(networks: Sequence[Candidate]) -> Figure:
         drawn += losses
     on_loss_axis(axes, drawn)
     axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 

@@ -47,6 +47,7 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
         axes.plot(*best, "*", color=VERMILLION, markersize=8, label="best", clip_on=False, **_OUTLINED)
         bar = figure.colorbar(filled, label="validation loss of the elite", pad=0.02)
         if isinstance(filled.norm, LogNorm):
+            bar.set_label("validation loss of the elite (logarithmic scale)")
             bar.ax.yaxis.set_major_locator(FixedLocator(list(np.geomspace(*filled.get_clim(), 5))))
             bar.ax.yaxis.set_minor_locator(NullLocator())
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))

@@ -64,11 +64,13 @@ def growth(run: Run) -> Figure:
     generations = [entry.generation for entry in run.generations]
     networks = [100 * entry.coverage for entry in run.generations]
     prompts = [100 * entry.prompt_coverage for entry in run.generations]
-    upper.plot(generations, networks, color=BLUE, marker="o", label="networks")
-    upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", label="prompts")
+    upper.plot(generations, networks, color=BLUE, marker="o", clip_on=False, zorder=3, label="networks")
+    upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", clip_on=False, zorder=3, label="prompts")
     upper.set(ylabel="niches occupied (%)", ylim=(0, 100))
     figure.legend(loc="outside upper center", ncols=2)
-    lower.plot(generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D")
+    lower.plot(
+        generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D", clip_on=False, zorder=3
+    )
     lower.set_ylabel("QD-score")
     lower.set_ylim(bottom=0)
     for axes in (upper, lower):
@@ -101,4 +103,4 @@ def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
 
 def _generations(axes: Axes) -> None:
     axes.set_xlabel("generation")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

@@ -11,6 +11,9 @@ from analysis.metrics import SHARES, metric_name
 from analysis.results import Study
 from analysis.style import BLACK, BLUE, GREY, ORANGE, PALE, VERMILLION, house_style, new_figure
 
+#: From this many networks on, `variant 1` has two lines, since one would run into the next.
+_NARROW = 6
+
 #: Half of what neighbouring seeds of a network are apart, as part of its place.
 _SPREAD = 0.24
 
@@ -47,7 +50,8 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
         colour, marker = (ORANGE, "s") if place == 1 else (BLUE, "o")
         axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, mec="white", mew=0.3, zorder=3)
     axes.axhline(float(np.median(values[0])), color=VERMILLION, linestyle=":", linewidth=0.8, zorder=0)
-    axes.set_xticks(list(places), [name.replace(" ", "\n") for name in names])
+    gap = "\n" if len(names) >= _NARROW else " "
+    axes.set_xticks(list(places), [name.replace(" ", gap) for name in names])
     axes.set_ylabel(f"test {metric_name(study.primary)}{unit}")
     for place, name in zip(places, names, strict=True):
         where = axes.get_xaxis_transform()
