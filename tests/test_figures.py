@@ -222,7 +222,7 @@ def test_map_draws_every_niche() -> None:
 def test_colours_say_where_they_are_logarithmic() -> None:
     """Losses of two elites are; a single one has no scale."""
     assert "validation loss of the elite (logarithmic scale)" in texts(network_map(RUN, CENTROIDS))
-    assert "validation loss of the elite" in texts(network_map(replace(RUN, elites=ELITES[:1]), CENTROIDS))
+    assert "validation loss of the elite" in texts(network_map(replace(RUN, elites=(ELITES[0],)), CENTROIDS))
 
 
 def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
