@@ -23,8 +23,8 @@ $(READY): requirements.lock pyproject.toml
 demo: $(READY) ## run a small search, and print what it found and where to look
 	$(BIN)/tacevo search experiment=demo
 
-test: $(READY) ## run the tests
-	$(BIN)/pytest
+test: $(READY) ## run the tests, two at a time
+	$(BIN)/pytest --numprocesses 2
 
 test-slow: $(READY) ## run the tests that take minutes
 	$(BIN)/pytest -m slow

@@ -24,7 +24,7 @@ def test_more_than_one_share_is_in_flight_at_once(provider: str, monkeypatch: py
     for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
         monkeypatch.setenv(name, KEY)
     many = 3 * SHARE
-    with serving(Script(delay=2.0)) as server:
+    with serving(Script(together=many)) as server:
         llm = hosted(server.url, provider, concurrency=many)
         assert len(list(llm.complete([request(str(number)) for number in range(many)]))) == many
         assert server.most == many
