@@ -231,13 +231,15 @@ def _replay(options: argparse.Namespace) -> int:
         return _diff(options)
     from rich.console import Console
 
-    from tacevo.bundle import opened
+    from tacevo.bundle import insist_on_walls, opened
     from tacevo.costs import in_words
     from tacevo.progress import PlainView
     from tacevo.replaying import replay
     from tacevo.studying import replay_studies
 
     with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
+        if options.retrain is not None:
+            insist_on_walls(found)
         verified = None if found.root is None else verify_bundle(found, view)
         # What --retrain keeps of a published run may lie in a folder that is yet to be made.
         store = options.store if verified else existing_store(options.store)

@@ -48,7 +48,7 @@ _PLACES = re.compile(
     + r"|run/candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
     + rf"|run/studies/{_WORD}/(study\.json|scores\.jsonl)"
     + rf"|tables/{_WORD}\.(csv|md|tex)"
-    + rf"|figures/{_WORD}\.(pdf|svg)"
+    + rf"|figures/{_WORD}\.pdf"
 )
 
 _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
@@ -88,6 +88,26 @@ def opened(path: Path) -> Iterator[Opened]:
         return
     with private_folder(path) as folder:
         yield _unpacked(path, folder)
+
+
+def insist_on_walls(found: Opened) -> None:
+    """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
+
+    Raises:
+        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works behind no walls.
+    """
+    if found.root is None:
+        return
+    directory = RunDirectory(found.run)
+    with directory.believed():
+        config = directory.read_run()["config"]
+        asked = {"sandbox.require": config["sandbox"]["require"], "training.device": config["training"]["device"]}
+    for key, value in asked.items():
+        if value in {"none", "cuda"}:
+            raise BundleError(
+                f"the published run has {key}={value}, with which its candidates would run here without walls; if you "
+                "trust every source in it, unpack it and give its folder run/ instead"
+            )
 
 
 @contextlib.contextmanager

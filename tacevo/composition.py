@@ -100,6 +100,9 @@ def from_plain(value: Mapping[str, Json]) -> RunConfig:
     Raises:
         ConfigError: the values are no configuration of this version.
     """
+    for key, text in _flat(value):
+        if "${" in key or (isinstance(text, str | list) and "${" in str(text)):  # e.g. of a variable of the environment
+            raise ConfigError(f"{key} holds ${{...}}, which a recorded configuration never does; restore its file")
     try:
         return cast(RunConfig, OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
     except OmegaConfBaseException as error:

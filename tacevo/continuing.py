@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from tacevo.bundle import Opened
+from tacevo.bundle import Opened, insist_on_walls
 from tacevo.composition import compose, from_plain, to_plain
 from tacevo.config import RunConfig, identity
 from tacevo.development import Tools
@@ -26,9 +26,8 @@ from tacevo.session import Result, record, require_means
 from tacevo.store import differences, entry_text, shown
 from tacevo.wiring import open_tools
 
-#: Groups that say where a run is computed and written: those of the published run belong to another machine.
-_HERE = ("store", "run", "tracking", "executor")
-
+#: Groups that say where and how safely a run is computed and written: those of the published run are another machine's.
+_HERE = ("store", "run", "tracking", "executor", "sandbox")
 
 #: Holds a published run against what its stores give, and names the store entries that it needs.
 Check = Callable[[Opened], Collection[Path]]
@@ -48,6 +47,7 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
         DataError: the data set is not there, or is another one.
         TacevoError: what `check` raises, and as `tacevo.session.search`.
     """
+    insist_on_walls(published)
     directory = RunDirectory(published.run)
     settings, task, facts = read_run(directory)
     recorded = directory.read_finished()
@@ -69,7 +69,9 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
 def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     """Lay overrides over a run's configuration.
 
-    What belongs to a machine (store, run directory, tracking, workers) is not the published run's but the default here.
+    What belongs to a machine (store, run directory, tracking, workers, walls), and of the model's settings whatever
+    does not decide what it answers (server, price table, mode), is not the published run's but the default here: a
+    stranger's run must not choose whom a key is sent to.
 
     Args:
         published: the run's configuration.
@@ -80,6 +82,7 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     """
     chosen, plain = to_plain(compose(overrides)), to_plain(published)
     plain |= {group: chosen[group] for group in _HERE}
+    plain["llm"] = chosen["llm"] | {key: plain["llm"][key] for key in identity(published)["llm"]}
     for override in overrides:
         _lay(override, chosen, plain)
     config = from_plain(plain)

@@ -23,8 +23,14 @@ _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6}]
 #: What unpacking may take, bytes; the window above takes 8 MiB of it.
 _MEMORY = 64 * 1024**2
 
-#: The longest line, bytes: no entry of a real run comes near it.
-LONGEST_LINE = 64 * 1024**2
+#: The longest line, bytes: a probe's answer has at most 2 MiB, and no other entry comes near that.
+LONGEST_LINE = 8 * 1024**2
+
+#: The most entries: a run of 10,000 candidates has some 40,000.
+MOST_ENTRIES = 250_000
+
+#: What a file takes on the disk at least, bytes.
+_BLOCK = 4096
 
 
 def pack(entries: Iterable[Json]) -> bytes:
@@ -53,9 +59,14 @@ def unpack(source: Path, root: Path, budget: Budget) -> int:
     """
     lines = _lines(source, budget)
     expected = _count(source, next(lines, b""))
+    if expected > MOST_ENTRIES:
+        raise BundleError(f"{source} names {expected} entries; {MOST_ENTRIES} is the most that one may have")
     count = 0
     for count, line in enumerate(lines, start=1):
+        if count > expected:
+            raise BundleError(f"{source} holds more than the {expected} entries of its first line")
         place, text = _entry(f"{source}, line {count + 1}", line)
+        budget.spend(_BLOCK, f"{source.name!r}")
         path = root / place
         if path.exists():
             raise BundleError(f"{source}, line {count + 1} holds an entry that an earlier line holds, too")

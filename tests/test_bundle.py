@@ -1,11 +1,14 @@
 """Promise: a run is opened wherever it lies, and what was unpacked for that is gone at the end."""
 
+import json
 from pathlib import Path
 
 import pytest
+from bundles import members_of, resealed
 
-from tacevo.bundle import opened, private_folder, sealed
-from tacevo.errors import DivergenceError, RunError
+from tacevo.app import main
+from tacevo.bundle import Opened, insist_on_walls, opened, private_folder, sealed
+from tacevo.errors import BundleError, DivergenceError, RunError
 
 
 def test_folder_is_opened_where_it_lies(published: Path) -> None:
@@ -62,3 +65,22 @@ def test_strange_member_is_not_published(name: str) -> None:
     """What no reader would accept is not written."""
     with pytest.raises(RunError, match="cannot be published"):
         sealed({name: b""})
+
+
+@pytest.mark.parametrize("setting", ["sandbox.require=none", "training.device=cuda"])
+def test_bundle_does_not_take_the_walls_down(
+    setting: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its candidates run behind walls or not at all; a folder is its owner's own."""
+    members = members_of(published / "run.zip")
+    run = json.loads(members["run/run.json"])
+    key, _, value = setting.partition("=")
+    group, _, name = key.partition(".")
+    run["config"][group][name] = value
+    bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
+    with opened(bundle) as found, pytest.raises(BundleError, match=setting):
+        insist_on_walls(found)
+    for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
+        assert main(command) == 1
+        assert setting in capsys.readouterr().err
+    insist_on_walls(Opened(run=found.run, store=found.store))

@@ -366,3 +366,12 @@ def test_configuration_of_an_older_run_is_read() -> None:
     }
     assert set(older["llm"]) < set(plain["llm"])
     assert from_plain(older) == composed()
+
+
+@pytest.mark.parametrize("text", ["${oc.env:HOME}", "x${oc.env:HOME}", ["a", "${seed}"]])
+def test_recorded_configuration_asks_nothing_of_its_reader(text: Json) -> None:
+    """A stranger's run.json could otherwise read variables of the environment."""
+    plain = to_plain(composed())
+    key = "stop_sequences" if isinstance(text, list) else "base_url"
+    with pytest.raises(ConfigError, match=rf"^llm\.{key} holds"):
+        from_plain({**plain, "llm": {**plain["llm"], key: text}})

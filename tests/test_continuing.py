@@ -7,6 +7,7 @@ import pytest
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
+from tacevo.choices import Confinement
 from tacevo.composition import compose
 from tacevo.continuing import continued
 from tacevo.errors import ConfigError
@@ -160,6 +161,19 @@ def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
     assert (here.tracking.kind.value, here.llm.mode.value, here.llm.budget_usd) == ("none", "replay", 2)
     assert here.search.candidates == theirs.search.candidates
     assert continued(theirs, ["search.generations=3", "executor.workers=3"]).executor.workers == 3
+
+
+def test_publisher_chooses_neither_the_server_nor_the_walls() -> None:
+    """Whom the reader's key is sent to, what a token costs, and how candidates are held is settled here."""
+    theirs = compose([*TINY, "llm=openai", "llm.model=m", "llm.base_url=http://evil.example", "llm.prices=/dev/zero"])
+    theirs.sandbox.require = Confinement.none
+    here = continued(theirs, ["search.generations=3"])
+    default = compose(["llm=openai", "llm.model=m"])
+    assert (here.llm.provider, here.llm.model) == (theirs.llm.provider, theirs.llm.model)
+    assert (here.llm.base_url, here.llm.prices) == (default.llm.base_url, default.llm.prices)
+    assert here.sandbox == default.sandbox
+    own = continued(theirs, ["search.generations=3", "llm.base_url=http://localhost:8000/v1"])
+    assert own.llm.base_url == "http://localhost:8000/v1"
 
 
 def test_other_versions_are_named_and_the_run_is_tried_all_the_same(

@@ -9,7 +9,7 @@ import pytest
 
 from tacevo.errors import BundleError
 from tacevo.records import Json
-from tacevo.solid import pack, unpack
+from tacevo.solid import MOST_ENTRIES, pack, unpack
 from tacevo.store import Store, canonical
 from tacevo.zipping import FREE_BYTES, Budget
 
@@ -71,7 +71,9 @@ def test_bomb_is_stopped_while_it_unpacks(tmp_path: Path) -> None:
     """Neither one endless line nor many short ones are kept in memory or on the disk."""
     for content in (bytes(5 * FREE_BYTES), b"\n" * 5 * FREE_BYTES):
         (tmp_path / "x.xz").write_bytes(lzma.compress(b'{"schema":1,"entries":1}\n' + content))
-        refused(tmp_path / "x.xz", "unpacks to more than a published run may|is no entry of a store")
+        refused(
+            tmp_path / "x.xz", "unpacks to more than a published run may|is no entry of a store|a line is longer than"
+        )
 
 
 def test_window_that_takes_much_memory_is_refused(tmp_path: Path) -> None:
@@ -121,6 +123,8 @@ def test_entry_that_comes_twice_is_refused(tmp_path: Path) -> None:
         ([], "does not begin with a header"),
         ([{"schema": 2, "entries": 0}], "has schema 2; this version reads 1"),
         ([{"schema": 1, "entries": 2}, ENTRIES[0]], "holds 1 entries; its first line says 2"),
+        ([{"schema": 1, "entries": 1}, *ENTRIES[:2]], "holds more than the 1 entries of its first line"),
+        ([{"schema": 1, "entries": MOST_ENTRIES + 1}], f"{MOST_ENTRIES} is the most that one may have"),
         ([ENTRIES[0]], "does not begin with a header"),
     ],
 )

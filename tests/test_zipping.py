@@ -5,13 +5,23 @@ import io
 import re
 import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import pytest
 from bundles import zipped
 
 from tacevo.errors import BundleError
-from tacevo.zipping import FREE_BYTES, LONGEST_NAME, MOST_MEMBERS, MOST_RATIO, Budget, packed, unpack
+from tacevo.zipping import (
+    FREE_BYTES,
+    LONGEST_NAME,
+    MOST_MEMBERS,
+    MOST_OF_A_MEMBER,
+    MOST_RATIO,
+    Budget,
+    packed,
+    unpack,
+)
 
 ANY = re.compile(".*", re.DOTALL)
 
@@ -235,3 +245,68 @@ def test_huge_directory_is_refused_unread(tmp_path: Path) -> None:
         file.seek(length)
         file.write(end)
     refused(tmp_path / "x.zip", "its directory lists more than")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param((6, b"\x08\0"), id="flags"),
+        pytest.param((8, b"\0\0"), id="method"),
+        pytest.param((14, b"\0\0\0\0"), id="checksum"),
+        pytest.param((18, b"\xff\xff\xff\xff"), id="packed size"),
+        pytest.param((22, b"\xff\xff\xff\xff"), id="size"),
+    ],
+)
+def test_two_descriptions_of_a_member_must_agree(change: tuple[int, bytes], tmp_path: Path) -> None:
+    """Some programs believe the header before a member, some the directory; both must show the same file."""
+    place, value = change
+    content = bytearray(packed(MEMBERS))
+    content[place : place + len(value)] = value
+    (tmp_path / "x.zip").write_bytes(content)
+    refused(tmp_path / "x.zip", "described in two ways")
+
+
+def test_second_directory_is_refused(tmp_path: Path) -> None:
+    """A zip64 record makes some programs read another directory than the one that ends the file."""
+    (tmp_path / "x.zip").write_bytes(two_faced(b"good", b"evil"))
+    refused(tmp_path / "x.zip", "second directory")
+
+
+def test_member_has_a_limit_of_its_own(tmp_path: Path) -> None:
+    """However much the whole may take, nobody parses more than this at once."""
+    source = zipped({"a.txt": b"0" * (MOST_OF_A_MEMBER + 1)}, tmp_path / "x.zip")
+    with pytest.raises(BundleError, match=r"'a\.txt' unpacks to more than"):
+        unpacked(source, tmp_path / "inside", budget=Budget(source, MOST_OF_A_MEMBER))
+
+
+def two_faced(good: bytes, evil: bytes) -> bytes:
+    """Write a file that Python's library reads as `good`, and one without zip64 as `evil`."""
+    first = _local(b"a.txt", good)
+    hidden = _local(b"a.txt", evil)
+    place = len(first) + 30 + len(b"b.txt")
+    entry = struct.pack("<4s4B4H", b"PK\1\2", 20, 3, 20, 0, 0, 0, 0, 33)
+
+    def listed(name: bytes, data: bytes, offset: int, behind: int = 0) -> bytes:
+        sizes = (zlib.crc32(data), len(data), len(data))
+        fields = struct.pack("<3L5H2L", *sizes, len(name), 0, behind, 0, 0, 0o100644 << 16, offset)
+        return entry + fields + name
+
+    def written(behind: int) -> tuple[bytes, int]:
+        inside = hidden + listed(b"a.txt", evil, place, behind)
+        second = _local(b"b.txt", inside)
+        directory = listed(b"a.txt", good, 0) + listed(b"b.txt", inside, len(first))
+        start = len(first) + len(second)
+        record = struct.pack("<4sQ2H2L4Q", b"PK\6\6", 44, 45, 45, 0, 0, 2, 2, len(directory), start)
+        tail = directory + record + struct.pack("<4sLQL", b"PK\6\7", 0, start + len(directory), 1)
+        length = len(inside) - len(hidden) + len(tail)
+        end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 1, 1, length, place + len(hidden), 0)
+        return first + second + tail + end, len(tail)
+
+    _, behind = written(0)
+    return written(behind)[0]
+
+
+def _local(name: bytes, data: bytes) -> bytes:
+    """Write a stored member with the header before it."""
+    sizes = (zlib.crc32(data), len(data), len(data))
+    return struct.pack("<4s5H3L2H", b"PK\3\4", 20, 0, 0, 0, 33, *sizes, len(name), 0) + name + data
