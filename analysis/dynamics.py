@@ -50,11 +50,6 @@ class Progress:
     #: What its answers cost; None unless that is known of every answer.
     spent: Spending | None
 
-    @property
-    def trainable(self) -> float:
-        """The part of its slots whose first answer was trained, in [0, 1]."""
-        return self.line.trained / self.line.candidates
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateStage:
@@ -214,7 +209,7 @@ def improvement(run: Run) -> Improvement | None:
         return None
     baseline, first, last = run.baseline.trained.fitness, bests[0][1], bests[-1][1]
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
-    later = [entry for entry in progress(run) if entry.line.generation > 0]
+    later = [line for line in run.generations if line.generation > 0]
     return Improvement(
         baseline=baseline,
         first=first,
@@ -223,7 +218,7 @@ def improvement(run: Run) -> Improvement | None:
         over_baseline=(baseline - last) / baseline if baseline else 0.0,
         settled=next((generation for generation, share in gained.items() if share >= MOST), None),
         by_generation=tuple((number, gained[number]) for number in PUBLISHED_GENERATIONS if number in gained),
-        trainable=sum(entry.trainable for entry in later) / len(later) if later else None,
+        trainable=sum(line.trainable for line in later) / len(later) if later else None,
         coverage=run.generations[-1].coverage,
     )
 

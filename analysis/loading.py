@@ -12,6 +12,7 @@ from tacevo.choices import Scale
 from tacevo.costs import Spending
 from tacevo.descriptors import scaled
 from tacevo.errors import RunError
+from tacevo.ranking import best_of_their_own
 from tacevo.records import DataFacts, Json, Operator, Reason, Stage
 from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
@@ -98,6 +99,11 @@ class Generation:
     qd_score: float
     prompt_coverage: float
 
+    @property
+    def trainable(self) -> float:
+        """The part of its slots whose first answer was trained, in [0, 1]."""
+        return self.trained / self.candidates
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elite:
@@ -159,16 +165,11 @@ class Run:
     def best(self, count: int = TOP) -> tuple[Candidate, ...]:
         """Give the best elites that are networks of their own, at most `count`: those that a study would choose.
 
-        An elite with the source of the baseline or of a better elite is passed over, as in
-        `tacevo.study_documents.networks_of`.
+        The rule is `tacevo.ranking.best_of_their_own`.
         """
         candidates = {candidate.id: candidate for candidate in self.candidates}
-        chosen: dict[str | None, Candidate] = {}
-        for elite in self.ranked():
-            candidate = candidates[elite.id]
-            if candidate.source != self.baseline.source:
-                chosen.setdefault(candidate.source, candidate)
-        return tuple(chosen.values())[:count]
+        entries = [(elite.fitness, elite.id, candidates[elite.id].source) for elite in self.elites]
+        return tuple(candidates[name] for name in best_of_their_own(entries, self.baseline.source)[:count])
 
 
 def load_run(path: Path) -> Run:

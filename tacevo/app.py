@@ -240,21 +240,20 @@ def _replay(options: argparse.Namespace) -> int:
     with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
         if options.retrain is not None:
             insist_on_walls(found)
-        verified = None if found.root is None else verify_bundle(found, view)
-        # What --retrain keeps of a published run may lie in a folder that is yet to be made.
-        store = options.store if verified else existing_store(options.store)
-        replayed = replay(found.run, store, view) if verified is None else verified.replayed
-        studies = replay_studies(found.run, store, view) if verified is None else verified.studies
+        if found.root is None:
+            store = existing_store(options.store)
+            replayed, studies, beside = replay(found.run, store, view), replay_studies(found.run, store, view), []
+        else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made
+            verified = verify_bundle(found, view)
+            replayed, studies = verified.replayed, dict(verified.studies)
+            beside = [in_bundle(verified), f"bundle digest: {found.digest}"]
         trained = None if options.retrain is None else _retrain(found.run, options, view)
     print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
     print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
     for name, digest in studies.items():
         print(f"study {name}: every score is as recorded, digest {digest}")
-    if verified is not None:
-        print(in_bundle(verified))
-        print(f"bundle digest: {found.digest}")
-    if trained is not None:
-        print(trained)
+    for text in [*beside, *([] if trained is None else [trained])]:
+        print(text)
     print(f"digest: {replayed.digest}")
     return DONE
 

@@ -136,11 +136,8 @@ def read_recorded(path: Path) -> Recorded:
     directory = RunDirectory(path)
     ledger = directory.read_finished()
     with directory.believed():
-        studies = {
-            _kind_of_study(study.read_scores()[0]): study.read_scores()
-            for study in studies_of(path)
-            if study.read()["digest"] is not None
-        }
+        finished = [study.read_scores() for study in studies_of(path) if study.read()["digest"] is not None]
+        studies = {_kind_of_study(scores[0]): scores for scores in finished}
         sources = {line["id"]: line["source"] for line in ledger if "fitness" in line}
         elites = {niche: sources[name] for niche, name in directory.read_niches().items()}
         return Recorded(

@@ -26,6 +26,11 @@ def seal(entry: dict[str, Json], previous: str) -> dict[str, Json]:
     return {**linked, "hash": content_hash(linked)}
 
 
+def is_sealed(line: dict[str, Json], previous: str) -> bool:
+    """Tell whether a line is as it was sealed, behind the line of that hash."""
+    return line == seal(unsealed(line), previous)
+
+
 class Ledger:
     """The ledger of one run, open for committing.
 
@@ -132,8 +137,7 @@ def _checked(path: Path, number: int, text: bytes, previous: str) -> dict[str, J
     """Parse one line and hold it against its own hash and its predecessor's."""
     try:
         line: dict[str, Json] = json.loads(text)
-        entry = {key: value for key, value in line.items() if key not in {"previous", "hash"}}
-        sound = line == seal(entry, previous)
+        sound = is_sealed(line, previous)
     except (ValueError, AttributeError) as error:
         raise RunError(
             f"{path}, line {number} is not JSON ({error}); restore the file, or start in a new run.dir"

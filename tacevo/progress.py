@@ -96,8 +96,12 @@ class PlainView:
             self.say(f"{done} of {total} trainings are done")
 
 
-class LiveStudyView:
-    """Bars with rate and time left, on a terminal."""
+class _LiveBars:
+    """Bars with rate and time left, on a terminal: what all of them show.
+
+    Args:
+        console: the terminal.
+    """
 
     def __init__(self, console: Console) -> None:
         self._progress = _bars(console)
@@ -120,18 +124,22 @@ class LiveStudyView:
         """Move the bar of the images."""
         self._move("images", done, total)
 
-    def trained(self, done: int, total: int) -> None:
-        """Move the bar of the trainings."""
-        self._move("trainings", done, total)
-
     def _move(self, name: str, done: int, total: int) -> None:
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total, note="")
         self._progress.update(self._tasks[name], completed=done)
 
 
-class LiveView:
-    """Bars with rate and time left, on a terminal.
+class LiveStudyView(_LiveBars):
+    """The bars of a study."""
+
+    def trained(self, done: int, total: int) -> None:
+        """Move the bar of the trainings."""
+        self._move("trainings", done, total)
+
+
+class LiveView(_LiveBars):
+    """The bars of a search.
 
     Args:
         console: the terminal.
@@ -140,29 +148,9 @@ class LiveView:
     """
 
     def __init__(self, console: Console, total: int, generations: int) -> None:
+        super().__init__(console)
         self._generations = generations
-        self._progress = _bars(console)
         self._search = self._progress.add_task(f"generation 0/{generations}", total=total, note="")
-        self._data: TaskID | None = None
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
-
-    def say(self, text: str) -> None:
-        """Write one line above the bars."""
-        self._progress.console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-    def data(self, done: int, total: int) -> None:
-        """Move the bar of the images."""
-        if self._data is None:
-            self._data = self._progress.add_task("images", total=total, note="")
-        self._progress.update(self._data, completed=done)
 
     def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
         """Move the bar of the candidates."""

@@ -57,21 +57,27 @@ def in_bundle(verified: "Verified") -> str:
 
 def table_files(run: Path, store: Path) -> dict[str, bytes]:
     """Make every table of a run, from its records and recorded probes alone; give contents by file name."""
+    return _tables(_collect(run, store), store)
+
+
+def pages(run: Path, store: Path) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """Make every table of a run, and every figure that follows from its records; give contents by file name."""
+    from analysis.collection import pictures_of
+    from analysis.style import render
+
+    found = _collect(run, store)
+    figures = {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures_of(found)}
+    return _tables(found, store), figures
+
+
+def _tables(found: "Collection", store: Path) -> dict[str, bytes]:
     from analysis.collection import tables_of
     from analysis.rendering import table_texts
     from tacevo.profiles import recall_profiles
     from tacevo.records import Mode
 
-    tables = tables_of(_collect(run, store), recall_profiles(run, str(store), mode=Mode.replay))
+    tables = tables_of(found, recall_profiles(found.run.path, str(store), mode=Mode.replay))
     return {name: text.encode() for table in tables for name, text in table_texts(table).items()}
-
-
-def figure_files(run: Path, store: Path) -> dict[str, bytes]:
-    """Draw every figure that follows from a run's records; give contents by file name."""
-    from analysis.collection import pictures_of
-    from analysis.style import render
-
-    return {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures_of(_collect(run, store))}
 
 
 def _publish(options: argparse.Namespace) -> int:
@@ -90,7 +96,7 @@ def _publish(options: argparse.Namespace) -> int:
         published=options.date,
     )
     with PlainView(Console(stderr=True)) as view:
-        done = publish(request, Path(options.output), make_tables=table_files, draw_figures=figure_files, view=view)
+        done = publish(request, Path(options.output), make_pages=pages, view=view)
     print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
     print(f"run: {done.run}")
     print(f"bundle digest: {done.digest}")

@@ -23,7 +23,7 @@ from tacevo.rundir import PACKAGES, RunDirectory
 from tacevo.store import write_durably
 from tacevo.studydir import StudyDirectory, studies_of
 from tacevo.studying import replay_studies
-from tacevo.verifying import MakeTables, check_records
+from tacevo.verifying import check_records
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,8 +60,7 @@ def publish(
     request: Request,
     target: Path,
     *,
-    make_tables: MakeTables,
-    draw_figures: Callable[[Path, Path], Mapping[str, bytes]],
+    make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
     view: View,
 ) -> Published:
     """Replay a finished run and its studies, and write all that belongs to it into one file.
@@ -69,8 +68,7 @@ def publish(
     Args:
         request: what to publish.
         target: the file to write; one that stands there is replaced.
-        make_tables: gives the files of every table, from the folders of run and stores.
-        draw_figures: the same, of every figure.
+        make_pages: gives the files of every table, and those of every figure, from the folders of run and stores.
         view: who is told.
 
     Raises:
@@ -92,11 +90,12 @@ def publish(
         studies = replay_studies(staged, str(store), view, seen=read.add)
         check_records(staged, replayed)
         candidates = sum(line["kind"] == "candidate" for line in ledger)
+        tables, figures = make_pages(staged, store)
         members = {
             **_run_members(staged, replayed),
             STORE: solid.pack(json.loads(path.read_bytes()) for path in read),
-            **_in_folder("tables", make_tables(staged, store)),
-            **_in_folder("figures", draw_figures(staged, store)),
+            **_in_folder("tables", tables),
+            **_in_folder("figures", figures),
         }
     members |= _papers(Subject(run=run, candidates=candidates, studies=studies), terms, members)
     data, digest = sealed(members)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 
 from tacevo.errors import RunError
+from tacevo.ranking import best_of_their_own
 from tacevo.records import DataFacts, Json, Recipe, Rejection, to_json
 from tacevo.studydir import SCHEMA
 from tacevo.terms import Terms
@@ -34,15 +35,10 @@ def networks_of(ledger: Sequence[Mapping[str, Json]], elites: Collection[str], c
     for name in (baseline, *elites):
         if "fitness" not in candidates.get(name, {}):
             raise RunError(f"{name} has no fitness in the ledger, so it cannot be studied; restore archive.json")
-    chosen = {candidates[baseline]["source"]: candidates[baseline]}
-    for line in sorted((candidates[name] for name in elites), key=lambda line: (line["fitness"], line["id"])):
-        if len(chosen) <= count:
-            chosen.setdefault(line["source"], line)
-    names = ("baseline", *(f"variant {number}" for number in range(1, len(chosen))))
-    return [
-        {"name": name, **{field: line[field] for field in _FIELDS}}
-        for name, line in zip(names, chosen.values(), strict=True)
-    ]
+    entries = [(line["fitness"], line["id"], line["source"]) for line in map(candidates.__getitem__, elites)]
+    best = best_of_their_own(entries, candidates[baseline]["source"])[:count]
+    named = {"baseline": baseline, **{f"variant {number}": elite for number, elite in enumerate(best, start=1)}}
+    return [{"name": name, **{field: candidates[chosen][field] for field in _FIELDS}} for name, chosen in named.items()]
 
 
 def study_header(

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tacevo.errors import RunError
-from tacevo.ledger import GENESIS, Ledger, seal
+from tacevo.ledger import GENESIS, Ledger, is_sealed
 from tacevo.records import Json
 from tacevo.store import canonical, content_hash, sweep, write_durably
 
@@ -154,8 +154,7 @@ def _checked(text: bytes, previous: str) -> dict[str, Json] | None:
     """Parse a line; None where it does not match its hash."""
     try:
         line: dict[str, Json] = json.loads(text)
-        entry = {key: value for key, value in line.items() if key not in {"previous", "hash"}}
-        return line if line == seal(entry, previous) else None
+        return line if is_sealed(line, previous) else None
     except (ValueError, AttributeError, TypeError):
         return None
 

@@ -226,7 +226,7 @@ def build_tools(
     """
     gate = build_gate(config, task.contract, run, mode, seen=seen)
     store = _store(config, "evaluations", mode, seen)
-    evaluator = _evaluator(config, task, fingerprint, run, store=store, examples=examples)
+    evaluator = Evaluator(run=run, store=store, setting=_setting(config, task, fingerprint), examples=examples)
     seed = derived_seed(config.seed, "training")
     return Tools(
         llm=build_llm(config, mode, seen=seen),
@@ -249,8 +249,8 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
     """
     with _workers(config, data) as (sandbox, executor):
         store = _store(config, "evaluations", Mode.live, seen=None)
-        fingerprint, examples = data.facts.fingerprint, _examples(data)
-        evaluator = _evaluator(config, task, fingerprint, sandbox.run, store=store, examples=examples)
+        setting = _setting(config, task, data.facts.fingerprint)
+        evaluator = Evaluator(run=sandbox.run, store=store, setting=setting, examples=_examples(data))
         seed = derived_seed(config.seed, "training")
         yield lambda source: evaluator.retrain(source, seed), executor
 
@@ -270,13 +270,7 @@ def open_studies(
         seen: told of every store entry that is read.
     """
     with _workers(config, data) as (sandbox, executor):
-        setting = Setting(
-            contract=task.contract,
-            fingerprint=facts.fingerprint,
-            recipe=recipe_of(config),
-            numerics=config.numerics.kind,
-            device=config.training.device,
-        )
+        setting = _setting(config, task, facts.fingerprint)
         store = _store(config, "studies", mode, seen)
         examples = None if data is None else (_examples(data), _held_out(data))
         yield FullEvaluator(run=sandbox.run, store=store, setting=setting, examples=examples), executor
@@ -312,14 +306,9 @@ def _workers(
         yield sandbox, executor
 
 
-def _evaluator(
-    config: RunConfig, task: Task, fingerprint: str, run: Run, *, store: Store, examples: Examples | None
-) -> Evaluator:
-    return Evaluator(
-        run=run,
-        store=store,
+def _setting(config: RunConfig, task: Task, fingerprint: str) -> Setting:
+    return Setting(
         contract=task.contract,
-        examples=examples,
         fingerprint=fingerprint,
         recipe=recipe_of(config),
         numerics=config.numerics.kind,

@@ -13,7 +13,7 @@ from tacevo.records import Json, Limits, Mode, Reason, Recipe, Rejection, Stage,
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.store import Store
 from tacevo.training import evaluation
-from tacevo.training.evaluation import Evaluator, Examples
+from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.numerics import environment
 
 CONTRACT = contract("force", 32)
@@ -67,15 +67,11 @@ class Harness:
 
     def trained(self, source: str) -> Training | Rejection:
         """Train a source that neither the policy nor the probe has seen."""
-        return Evaluator(
-            run=self.sandbox.run,
-            store=Store(self.folder, "evaluations", Mode.live),
-            contract=CONTRACT,
-            examples=self.data,
-            fingerprint=self.data.fingerprint,
-            recipe=RECIPE,
-            numerics=Numerics.portable,
-        ).evaluate(source, 0)
+        store = Store(self.folder, "evaluations", Mode.live)
+        setting = Setting(
+            contract=CONTRACT, fingerprint=self.data.fingerprint, recipe=RECIPE, numerics=Numerics.portable
+        )
+        return Evaluator(run=self.sandbox.run, store=store, setting=setting, examples=self.data).evaluate(source, 0)
 
     def good_one(self) -> Training | Rejection:
         """Train a decent candidate: what it gives must not hang on who was there before."""

@@ -28,7 +28,7 @@ from tacevo.sandbox.client import Finished, Frame, Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.search import run_search
 from tacevo.store import Store, content_hash
-from tacevo.training.evaluation import Evaluator
+from tacevo.training.evaluation import Evaluator, Setting
 from tacevo.training.losses import mean_squared_error
 
 pytestmark = pytest.mark.timeout(120)
@@ -45,15 +45,12 @@ class Trainer:
 
     def train(self, source: str, seconds: float = 20) -> Training | Rejection:
         """Train a source under a limit of time."""
-        return Evaluator(
-            run=self._sandbox.run,
-            store=Store(self._root, "evaluations", Mode.live),
-            contract=CONTRACT,
-            examples=EXAMPLES,
-            fingerprint=EXAMPLES.fingerprint,
-            recipe=replace(RECIPE, limits=Limits(seconds=seconds, memory_mib=400)),
-            numerics=Numerics.portable,
-        ).evaluate(source, 0)
+        recipe = replace(RECIPE, limits=Limits(seconds=seconds, memory_mib=400))
+        store = Store(self._root, "evaluations", Mode.live)
+        setting = Setting(
+            contract=CONTRACT, fingerprint=EXAMPLES.fingerprint, recipe=recipe, numerics=Numerics.portable
+        )
+        return Evaluator(run=self._sandbox.run, store=store, setting=setting, examples=EXAMPLES).evaluate(source, 0)
 
 
 @pytest.fixture(scope="module")

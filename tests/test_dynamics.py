@@ -49,7 +49,7 @@ def test_generation_is_counted() -> None:
     assert (first.elites, first.growth, second.elites, second.growth) == (2, 2, 3, 1)
     assert (second.new, second.improved, second.repeated, second.unchanged) == (0, 1, 2, 1)
     assert second.rejected == {Stage.extract: 0, Stage.policy: 1, Stage.probe: 0, Stage.train: 0}
-    assert second.trainable == 0.75
+    assert second.line.trainable == 0.75
 
 
 def test_archive_that_shrinks_has_negative_growth() -> None:

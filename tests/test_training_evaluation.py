@@ -20,7 +20,7 @@ from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, T
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.store import Store
-from tacevo.training.evaluation import ENTRIES, Evaluator, Run, judge
+from tacevo.training.evaluation import ENTRIES, Evaluator, Run, Setting, judge
 from tacevo.training.numerics import check_machine, environment, refuse_unfit
 
 pytestmark = pytest.mark.timeout(120)
@@ -33,8 +33,9 @@ WEIGHTS = "0" * 64
 def evaluator(run: Run, root: Path, **changes: Any) -> Evaluator:
     """Make an evaluator of the tiny task, with some arguments changed."""
     store = Store(root, "evaluations", changes.pop("mode", Mode.record))
-    arguments = {"contract": CONTRACT, "examples": EXAMPLES, "fingerprint": "abc", "recipe": RECIPE}
-    return Evaluator(run=run, store=store, **{**arguments, "numerics": Numerics.portable, **changes})
+    examples = changes.pop("examples", EXAMPLES)
+    setting = Setting(contract=CONTRACT, fingerprint="abc", recipe=RECIPE, numerics=Numerics.portable)
+    return Evaluator(run=run, store=store, setting=replace(setting, **changes), examples=examples)
 
 
 def open_sandbox(folder: Path) -> Sandbox:

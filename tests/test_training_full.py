@@ -118,11 +118,8 @@ def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
     search = Evaluator(
         run=recorder.run,
         store=Store(tmp_path, "evaluations"),
-        contract=CONTRACT,
+        setting=SETTING,
         examples=EXAMPLES,
-        fingerprint="abc",
-        recipe=RECIPE,
-        numerics=Numerics.portable,
     )
     search.evaluate(SOURCE, 0)
     ((header, payload),) = recorder.sent

@@ -59,6 +59,17 @@ class Setting:
     numerics: Numerics
     device: Device = Device.cpu
 
+    def insist_on(self, examples: Examples) -> None:
+        """Refuse examples of another data set.
+
+        Raises:
+            ValueError: the fingerprints differ.
+        """
+        if examples.fingerprint != self.fingerprint:
+            raise ValueError(
+                f"fingerprint must be that of the examples, {examples.fingerprint}; got {self.fingerprint}"
+            )
+
     def request(self, source: str, seed: int, *, version: int) -> Json:
         """Write the question that a store keeps an evaluation under."""
         return {
@@ -114,35 +125,17 @@ class Evaluator:
     Args:
         run: `Sandbox.run` of a sandbox that has `ENTRIES` and the array `images`.
         store: of the kind `evaluations`.
-        contract: what a candidate must be.
+        setting: what all trainings share.
         examples: None where every answer is recorded, as in replay.
-        fingerprint: of the data set.
-        recipe: how to train.
-        numerics: of the sandbox's environment.
-        device: what to train on.
 
     Raises:
-        ValueError: the fingerprint is not that of the examples.
+        ValueError: the setting's fingerprint is not that of the examples.
     """
 
-    def __init__(
-        self,
-        *,
-        run: Run,
-        store: Store,
-        contract: Contract,
-        examples: Examples | None,
-        fingerprint: str,
-        recipe: Recipe,
-        numerics: Numerics,
-        device: Device = Device.cpu,
-    ) -> None:
-        if examples is not None and examples.fingerprint != fingerprint:
-            raise ValueError(f"fingerprint must be that of the examples, {examples.fingerprint}; got {fingerprint}")
-        self._run, self._store, self._examples = run, store, examples
-        self._setting = Setting(
-            contract=contract, fingerprint=fingerprint, recipe=recipe, numerics=numerics, device=device
-        )
+    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: Examples | None) -> None:
+        if examples is not None:
+            setting.insist_on(examples)
+        self._run, self._store, self._setting, self._examples = run, store, setting, examples
 
     def key(self, source: str, seed: int) -> str:
         """Name an evaluation: its key in the store."""

@@ -82,10 +82,8 @@ class FullEvaluator:
     """
 
     def __init__(self, *, run: Run, store: Store, setting: Setting, examples: tuple[Examples, HeldOut] | None) -> None:
-        if examples is not None and examples[0].fingerprint != setting.fingerprint:
-            raise ValueError(
-                f"fingerprint must be that of the examples, {examples[0].fingerprint}; got {setting.fingerprint}"
-            )
+        if examples is not None:
+            setting.insist_on(examples[0])
         self._run, self._store, self._setting, self._examples = run, store, setting, examples
 
     def key(self, source: str, seed: int) -> str:
