@@ -1,0 +1,117 @@
+"""A sweep's folder: what was asked for, and a run directory for each of its jobs.
+
+sweep.json            the overrides that all jobs share, and the jobs
+NAME/                 the run directory of a job (tacevo.rundir)
+failed/NAME.json      why a job came to nothing, until it is given again and succeeds
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.rundir import RunDirectory
+from tacevo.store import sweep, write_durably
+
+#: Layout of sweep.json.
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One run of a sweep."""
+
+    #: Of its folder.
+    name: str
+    #: What is compared: the ablation, or the swept overrides without the seed.
+    arm: str
+    seed: int
+    #: Those that this job does not share with all others.
+    overrides: tuple[str, ...]
+    #: Hash of what decides its results: two jobs with one hash are one job.
+    config: str
+
+
+class SweepDirectory:
+    """Writes and reads the files of one sweep.
+
+    Args:
+        path: the folder; made when something is written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def is_one(self) -> bool:
+        """Whether a sweep has been begun here."""
+        return (self.path / "sweep.json").exists()
+
+    def run(self, job: Job) -> RunDirectory:
+        """Give the run directory of a job, begun or not."""
+        return RunDirectory(self.path / job.name)
+
+    def write(self, overrides: Sequence[str], jobs: Sequence[Job]) -> None:
+        """Write sweep.json whole."""
+        sweep(self.path)
+        value = {"schema": SCHEMA, "overrides": list(overrides), "jobs": [asdict(job) for job in jobs]}
+        self._write("sweep.json", value)
+
+    def read(self) -> tuple[tuple[str, ...], tuple[Job, ...]]:
+        """Read the shared overrides and the jobs.
+
+        Raises:
+            RunError: sweep.json is missing, damaged or of another layout, or names a job outside its folder.
+        """
+        path = self.path / "sweep.json"
+        try:
+            value = json.loads(path.read_text(encoding="utf-8"))
+            schema = value["schema"]
+            if schema != SCHEMA:
+                raise RunError(f"{path} has schema {schema!r}; this version reads {SCHEMA}")
+            jobs = tuple(_job(entry) for entry in value["jobs"])
+            return tuple(map(str, value["overrides"])), jobs
+        except FileNotFoundError as error:
+            raise RunError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from error
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise RunError(
+                f"{path} is damaged: {type(error).__name__}: {error}; restore it, or delete it, and the "
+                "`tacevo search -m` command that began the sweep writes it anew"
+            ) from error
+
+    def fail(self, job: Job, reason: str) -> None:
+        """Keep why a job came to nothing."""
+        self._write(f"failed/{job.name}.json", {"job": job.name, "reason": reason})
+
+    def succeed(self, job: Job) -> None:
+        """Forget the reason of an earlier failure."""
+        (self.path / "failed" / f"{job.name}.json").unlink(missing_ok=True)
+
+    def failure(self, job: Job) -> str | None:
+        """Read why a job came to nothing when it was last given; None where it did not fail."""
+        path = self.path / "failed" / f"{job.name}.json"
+        try:
+            return str(json.loads(path.read_text(encoding="utf-8"))["reason"])
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            return f"{path} is damaged: {error}"
+
+    def _write(self, name: str, value: Json) -> None:
+        write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def _job(entry: Mapping[str, Json]) -> Job:
+    """Read one job; its name must be that of a folder in the sweep's own."""
+    name = entry["name"]
+    if not isinstance(name, str) or Path(name).name != name or name in {"", ".", "..", "failed"}:
+        raise ValueError(f"a job's name must be that of a folder; got {name!r}")
+    return Job(
+        name=name,
+        arm=str(entry["arm"]),
+        seed=int(entry["seed"]),
+        overrides=tuple(map(str, entry["overrides"])),
+        config=str(entry["config"]),
+    )
