@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-portable check format bench paper lock clean
+.PHONY: help setup demo test test-slow test-portable check format bench replay paper lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 14
@@ -45,14 +45,13 @@ format: $(READY) ## format the code
 bench: $(READY) ## measure speed and memory beside a peer, in the same run
 	$(BIN)/python -m benchmarks
 
-# The runs that come with the project; RUNS="DIR DIR" names others.
-RUNS ?= $(patsubst %/run.json,%,$(wildcard cache/published/*/run.json))
-FOUND := $(patsubst %/run.json,%,$(wildcard runs/*/run.json))
+replay: $(READY) ## replay the published runs that come with the project, and compare everything
+	@for run in $(wildcard cache/published/*.zip); do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
 
-paper: ## every table and figure of the shipped runs, or of RUNS="DIR DIR", into build/paper
-	@test -n "$(RUNS)" || { echo "no run comes with the project yet: cache/published/ holds none"; \
-		echo "name runs of yours: make paper RUNS=$(or $(firstword $(FOUND)),runs/NAME)"; exit 2; }
-	@$(MAKE) --no-print-directory $(READY)
+# Published runs, or folders of yours: make paper RUNS="DIR DIR"
+RUNS ?= cache/published/force-grammar.zip cache/published/grating-grammar.zip
+
+paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR", into build/paper
 	$(BIN)/tacevo paper $(RUNS) --output build/paper
 
 lock: ## resolve the dependencies anew into requirements.lock

@@ -8,11 +8,12 @@ import contextlib
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacevo.commandline import DIFFERENT, DONE, Parser, existing_store, output_folder
-from tacevo.errors import ConfigError, DataError, RunError, SandboxError
+from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, SandboxError
 
 if TYPE_CHECKING:
     from analysis.collection import Collection
@@ -31,10 +32,12 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="every table of a run, in LaTeX, Markdown and CSV",
         description="Print every table of a finished run and its studies, and write them as .tex, .md and .csv.",
     )
-    tables.add_argument("run", metavar="RUN", nargs="?", help="the folder of a run; with --paper it may be left out")
+    tables.add_argument(
+        "run", metavar="RUN", nargs="?", help="a run's folder or bundle; with --paper it may be left out"
+    )
     tables.add_argument("--paper", action="store_true", help="the paper's own tables, beside corrected values and RUN")
     tables.add_argument(
-        "-o", "--output", metavar="DIR", help="where they go (default: RUN/tables; with --paper: nowhere)"
+        "-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/tables; with --paper: nowhere)"
     )
     tables.set_defaults(command=_tables)
 
@@ -43,8 +46,8 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="every figure of a run, for a paper",
         description="Draw every figure of a finished run and its studies.",
     )
-    figures.add_argument("run", metavar="RUN", help="the folder of a run")
-    figures.add_argument("-o", "--output", metavar="DIR", help="where they go (default: RUN/figures)")
+    figures.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
+    figures.add_argument("-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/figures)")
     figures.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
     figures.set_defaults(command=_figures)
 
@@ -53,8 +56,8 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="one page with every table and figure of a run",
         description="Write one HTML file that holds every table and figure of a finished run and its studies.",
     )
-    report.add_argument("run", metavar="RUN", help="the folder of a run")
-    report.add_argument("-o", "--output", metavar="FILE", help="default: RUN/report.html")
+    report.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
+    report.add_argument("-o", "--output", metavar="FILE", help="default of a folder: RUN/report.html")
     report.set_defaults(command=_report)
 
     paper = commands.add_parser(
@@ -63,7 +66,7 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         description="Write every table and figure of finished runs and their studies, a LaTeX document that holds "
         "them all, and its PDF where LaTeX is installed.",
     )
-    paper.add_argument("runs", metavar="RUN", nargs="+", help="the folder of a run")
+    paper.add_argument("runs", metavar="RUN", nargs="+", help="the folder of a run, or the file of a published one")
     paper.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
     paper.set_defaults(command=_paper)
 
@@ -80,9 +83,10 @@ def _tables(options: argparse.Namespace) -> int:
         return _paper_tables(options)
     if options.run is None:
         raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
-    found = _collect(options.run, options.store)
-    folder = output_folder(options.output or found.run.path / "tables")
-    tables, remarks = _own_tables(found, options)
+    place = _place(options, "tables")
+    with _collected(options.run, options.store) as gathered:
+        found, folder = gathered.found, output_folder(place)
+        tables, remarks = _own_tables(gathered)
     print("\n".join(map(as_markdown, tables)))
     write_tables(tables, folder)
     gone = remove_outdated(folder, {table.name for table in tables}, task=found.run.task, endings=WRITERS)
@@ -96,8 +100,13 @@ def _paper_tables(options: argparse.Namespace) -> int:
     from analysis.loading import load_run
     from analysis.rendering import as_markdown
     from analysis.writing import write_tables
+    from tacevo.bundle import opened
 
-    tables = _published([] if options.run is None else [load_run(Path(options.run))])
+    if options.run is None:
+        tables = _published([])
+    else:
+        with opened(Path(options.run)) as place:
+            tables = _published([load_run(place.run)])
     folder = None if options.output is None else output_folder(options.output)
     print("\n".join(map(as_markdown, tables)))
     if folder is not None:
@@ -109,9 +118,10 @@ def _paper_tables(options: argparse.Namespace) -> int:
 def _figures(options: argparse.Namespace) -> int:
     from analysis.writing import remove_outdated, write_pictures
 
-    found = _collect(options.run, options.store)
-    folder = output_folder(options.output or found.run.path / "figures")
-    pictures, remarks = _pictures(found, options)
+    place = _place(options, "figures")
+    with _collected(options.run, options.store) as gathered:
+        found, folder = gathered.found, output_folder(place)
+        pictures, remarks = _pictures(gathered)
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
     with _shown("figures", len(pictures)) as told:
         write_pictures(pictures, folder, endings, told)
@@ -126,13 +136,14 @@ def _report(options: argparse.Namespace) -> int:
     from analysis.report import as_html, drawn
     from tacevo.store import write_durably
 
-    found = _collect(options.run, options.store)
-    tables, untold = _own_tables(found, options)
-    pictures, undrawn = _pictures(found, options)
+    path = _place(options, "report.html")
+    with _collected(options.run, options.store) as gathered:
+        found = gathered.found
+        tables, untold = _own_tables(gathered)
+        pictures, undrawn = _pictures(gathered)
     with _shown("figures", len(pictures)) as told:
         images = [drawn(picture, told) for picture in pictures]
-    path = Path(options.output or found.run.path / "report.html")
-    write_durably(path, as_html(found.run, tables, images, [*_remarks(found), *untold, *undrawn]))
+    write_durably(path, as_html(found.run, tables, images, [*_remarks(gathered), *untold, *undrawn]))
     _say([*untold, *undrawn])
     print(f"report: {path}")
     return _status([found])
@@ -143,17 +154,16 @@ def _paper(options: argparse.Namespace) -> int:
     from analysis.studies import refuse_mixed
     from analysis.writing import write_chapter
 
-    names = [Path(run).resolve().name for run in options.runs]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
-    found = [_for_paper(_collect(run, options.store)) for run in options.runs]
-    refuse_mixed([compared.study for one in found for compared in one.studies])
-    folder = output_folder(options.output)
-    published = _published([one.run for one in found])
-    chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
-    # LaTeX reads no file whose name holds certain characters, so runs are numbered.
-    chapters += [_chapter(one, folder / f"run{number}", options) for number, one in enumerate(found, start=1)]
+    with contextlib.ExitStack() as open_bundles:
+        gathered = [_for_paper(open_bundles.enter_context(_collected(run, options.store))) for run in options.runs]
+        found = [one.found for one in gathered]
+        _refuse_twice([one.run.name for one in found])
+        refuse_mixed([compared.study for one in found for compared in one.studies])
+        folder = output_folder(options.output)
+        published = _published([one.run for one in found])
+        chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
+        # LaTeX reads no file whose name holds certain characters, so runs are numbered.
+        chapters += [_chapter(one, folder / f"run{number}") for number, one in enumerate(gathered, start=1)]
     document = write_document(chapters, folder)
     print(f"document: {document}")
     pdf = make_pdf(document, shutil.which)
@@ -162,48 +172,85 @@ def _paper(options: argparse.Namespace) -> int:
     return _status(found)
 
 
-def _for_paper(found: "Collection") -> "Collection":
+def _refuse_twice(names: Sequence[str]) -> None:
+    """See that each run has a name of its own, by which its pages are told apart."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
+
+
+def _for_paper(gathered: "_Gathered") -> "_Gathered":
     """Take one study of a run, and say which are passed over."""
     from analysis.collection import with_one_study
 
-    chosen = with_one_study(found)
-    names = {compared.name for compared in found.studies} - {compared.name for compared in chosen.studies}
+    chosen = with_one_study(gathered.found)
+    names = {compared.name for compared in gathered.found.studies} - {compared.name for compared in chosen.studies}
     _say(
         f"passed over: {name}; the paper takes the run's largest study, {chosen.studies[0].name}"
         for name in sorted(names)
     )
-    return chosen
+    return replace(gathered, found=chosen)
 
 
-def _chapter(found: "Collection", folder: Path, options: argparse.Namespace) -> "Chapter":
+def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
     """Write the tables and figures of a run into a folder."""
     from analysis.writing import write_chapter
 
-    tables, untold = _own_tables(found, options)
-    pictures, undrawn = _pictures(found, options)
-    with _shown(found.run.name, len(pictures)) as told:
-        chapter = write_chapter(found.run.name, tables, pictures, folder, told)
+    name = gathered.found.run.name
+    tables, untold = _own_tables(gathered)
+    pictures, undrawn = _pictures(gathered)
+    with _shown(name, len(pictures)) as told:
+        chapter = write_chapter(name, tables, pictures, folder, told)
     _say([*untold, *undrawn])
     return chapter
 
 
-def _collect(run: str, store: str | None) -> "Collection":
-    """Read a run and its studies, and say what is missing."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Gathered:
+    """A run with its studies, wherever they lie."""
+
+    found: "Collection"
+    #: The folder of the stores that it is read with; None for the run's own.
+    store: str | None
+    is_bundle: bool
+
+
+@contextlib.contextmanager
+def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
+    """Read a run and its studies, from its folder or a bundle, and say what is missing."""
     from analysis.collection import collect
+    from tacevo.bundle import opened
 
     named = existing_store(store)
-    found = collect(Path(run), None if named is None else Path(named))
-    _say(_remarks(found))
-    return found
+    with opened(Path(run)) as place:
+        is_bundle = place.root is not None
+        used = str(place.store) if is_bundle and named is None else named
+        found = collect(place.run, None if used is None else Path(used))
+        gathered = _Gathered(found=found, store=used, is_bundle=is_bundle)
+        _say(_remarks(gathered))
+        yield gathered
 
 
-def _remarks(found: "Collection") -> list[str]:
+def _place(options: argparse.Namespace, name: str) -> Path:
+    """Say where results go: where the user wants them, else into the folder of the run.
+
+    Raises:
+        ConfigError: the run is a bundle, into which nothing is written.
+    """
+    if options.output:
+        return Path(options.output)
+    if Path(options.run).is_file():
+        raise ConfigError(f"{options.run} is a file; say by -o where the {name} of a published run go")
+    return Path(options.run) / name
+
+
+def _remarks(gathered: _Gathered) -> list[str]:
     """Say which studies a run lacks, and how to have them."""
+    found = gathered.found
     remarks = [f"left out: {reason}" for reason in found.refused]
     if not found.studies and not found.refused:
-        remarks.append(
-            f"no finished study yet: `tacevo study run={found.run.path}` makes one, with its tables and figures"
-        )
+        make = f"`tacevo study run={found.run.path}` makes one, with its tables and figures"
+        remarks.append(f"no finished study yet: {'it was published without one' if gathered.is_bundle else make}")
     return remarks
 
 
@@ -214,18 +261,24 @@ def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
     return (*published_tables(), beside_published(runs)) if runs else published_tables()
 
 
-def _own_tables(found: "Collection", options: argparse.Namespace) -> "tuple[tuple[Table, ...], list[str]]":
-    """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing."""
+def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
+    """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing.
+
+    No code of a bundle's candidates runs: its own limits would confine them.
+    """
     from analysis.collection import tables_of
     from tacevo.profiles import recall_profiles
+    from tacevo.records import Mode
 
+    found = gathered.found
+    mode = Mode.replay if gathered.is_bundle else Mode.record
     try:
-        return tables_of(found, recall_profiles(found.run.path, options.store)), []
-    except (RunError, SandboxError) as error:
+        return tables_of(found, recall_profiles(found.run.path, gathered.store, mode=mode)), []
+    except (CacheMissError, RunError, SandboxError) as error:
         return tables_of(found, None), [f"no tables of motifs: {error}"]
 
 
-def _pictures(found: "Collection", options: argparse.Namespace) -> "tuple[list[Picture], list[str]]":
+def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
     """List the pictures of a run, sample images first; where its data set cannot be had, say why they are missing."""
     from rich.console import Console
 
@@ -233,13 +286,14 @@ def _pictures(found: "Collection", options: argparse.Namespace) -> "tuple[list[P
     from analysis.gallery import Picture
     from tacevo.inspecting import samples_of_run
 
-    pictures, path = list(pictures_of(found)), found.run.path
+    run = gathered.found.run
+    pictures = list(pictures_of(gathered.found))
     try:
-        figure = samples_of_run(path, options.store, Console(stderr=True))
+        figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
     except (ConfigError, DataError) as error:
         return pictures, [f"no sample images: {error}"]
-    caption = f"Training images of the data set ({found.run.name})."
-    return [Picture(name=f"samples_{found.run.task}", caption=caption, draw=lambda: figure), *pictures], []
+    caption = f"Training images of the data set ({run.name})."
+    return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], []
 
 
 def _status(collections: "Sequence[Collection]") -> int:

@@ -2,10 +2,12 @@
 
 import contextlib
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tacevo.choices import DataSource
 from tacevo.composition import from_plain
 from tacevo.config import RunConfig, StoreConfig
 from tacevo.costs import Spending, spending_on, total
@@ -103,8 +105,11 @@ def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConf
         directory: the run's.
         store: where its stores lie, if not where the run had them.
 
+    Returns:
+        The configuration, with no more workers than this machine has cores; the task; the facts.
+
     Raises:
-        RunError: run.json is missing or damaged.
+        RunError: run.json is missing or damaged, or speaks of more or fewer simulated images than the run had.
         ConfigError: its configuration is none of this version.
     """
     run = directory.read_run()
@@ -118,11 +123,18 @@ def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConf
             instructions=tuple(Instruction(**entry) for entry in task["instructions"]),
             crossover=task["crossover"],
         )
-        config = from_plain(run["config"])
-        placed = config if store is None else replace(config, store=StoreConfig(root=store))
-        return placed, rebuilt, DataFacts.from_json(run["data"])
+        config, facts = from_plain(run["config"]), DataFacts.from_json(run["data"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{directory.path}/run.json is damaged: {type(error).__name__}: {error}") from error
+    images = sum(facts.counts)
+    if config.data.source is DataSource.simulated and config.data.images != images:
+        raise RunError(
+            f"{directory.path}/run.json has data.images={config.data.images}, and a data set of {images}; restore it"
+        )
+    root = config.store.root if store is None else store
+    workers = min(config.executor.workers, os.cpu_count() or 1)
+    here = replace(config.executor, workers=workers)
+    return replace(config, store=StoreConfig(root=root), executor=here), rebuilt, facts
 
 
 def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> None:

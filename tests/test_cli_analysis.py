@@ -3,17 +3,14 @@
 import json
 import os
 import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from bundles import entries_of, members_of, resealed, with_entries
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
-
-#: Needs nothing but `make` and a shell.
-MAKEFILE = Path(__file__).parent.parent / "Makefile"
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +35,14 @@ def run(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 def study_of(run: Path) -> Path:
     """Give the folder of the only study of a run."""
     (path,) = run.glob("studies/*")
+    return path
+
+
+@pytest.fixture(scope="module")
+def bundle(searched: Path) -> Path:
+    """Give the run and its study as one published file."""
+    path = searched / "published.zip"
+    assert main(["publish", str(searched / "run"), "-o", str(path)]) == 0
     return path
 
 
@@ -277,15 +282,49 @@ def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> No
     assert "error: tacevo tables needs the folder of a run; or --paper" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("runs", "advice"), [([], "RUNS=runs/NAME"), (["runs/mine"], "RUNS=runs/mine")])
-def test_make_paper_says_that_no_run_is_shipped(runs: list[str], advice: str, tmp_path: Path) -> None:
-    """It names a run of the user's, if there is one, and builds nothing."""
-    shutil.copy(MAKEFILE, tmp_path)
-    for name in runs:
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "run.json").write_text("{}")
-    done = subprocess.run(["make", "paper"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode != 0
-    assert "no run comes with the project yet" in done.stdout
-    assert f"make paper {advice}" in done.stdout
-    assert not (tmp_path / ".venv").exists()
+@pytest.mark.parametrize(("command", "results"), [("tables", "out"), ("figures", "out"), ("report", "out.html")])
+def test_published_run_gives_what_its_folder_gives(command: str, results: str, run: Path, bundle: Path) -> None:
+    """A bundle is read like the folder it was made from, the study with it, and nothing is written beside it."""
+    beside = set(bundle.parent.iterdir())
+    assert main([command, str(run), "-o", f"folder-{results}"]) == 0
+    assert main([command, str(bundle), "-o", f"bundle-{results}"]) == 0
+    whole = Path(f"folder-{results}"), Path(f"bundle-{results}")
+    folder, published = ({"": path.read_bytes()} if path.is_file() else contents(path) for path in whole)
+    assert published == folder
+    assert set(bundle.parent.iterdir()) == beside
+
+
+@pytest.mark.parametrize("command", ["tables", "figures", "report"])
+def test_published_run_takes_no_results(
+    command: str, run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is one file: the user says where they go."""
+    assert main([command, str(bundle)]) == 2
+    assert "say by -o where" in capsys.readouterr().err
+
+
+def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:
+    """A folder and a bundle may stand side by side; two of one name may not."""
+    renamed = run.rename("renamed")
+    assert main(["paper", str(renamed), str(bundle), "-o", "pages"]) == 0
+    assert {path.name for path in Path("pages").iterdir()} >= {"run1", "run2", "paper.tex"}
+    assert main(["paper", str(bundle), str(bundle), "-o", "twice"]) == 2
+    assert not Path("twice").exists()
+
+
+def test_tables_of_the_paper_stand_beside_a_published_run(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--paper` reads a bundle as well."""
+    assert main(["tables", str(bundle), "--paper"]) == 0
+    assert "Searches of this project beside the published ones" in capsys.readouterr().out
+
+
+def test_no_code_of_a_published_candidate_runs(
+    bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A probe that a bundle lacks is missed, not made: its author chose the walls."""
+    members = members_of(bundle)
+    entries = [entry for entry in entries_of(members) if entry["kind"] != "probes"]
+    stripped = resealed(with_entries(members, entries), tmp_path / "stripped.zip")
+    assert main(["tables", str(stripped), "-o", str(tmp_path / "out")]) == 0
+    assert "no tables of motifs" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "motifs_force.md").exists()

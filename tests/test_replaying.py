@@ -1,0 +1,52 @@
+"""A recorded run is read as what it was, and only as far as this machine can bear."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from smallest import SMALLEST, UNTRACKED
+
+from tacevo.app import main
+from tacevo.errors import RunError
+from tacevo.replaying import read_run
+from tacevo.rundir import RunDirectory
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of a search of a baseline alone."""
+    folder = tmp_path_factory.mktemp("searched")
+    sizes = ["search.generations=0", "search.initial=0"]
+    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
+    assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
+    return folder / "run"
+
+
+def with_setting(run: Path, folder: Path, group: str, key: str, value: int) -> RunDirectory:
+    """Give a run.json with one setting edited."""
+    described = json.loads((run / "run.json").read_text())
+    described["config"][group][key] = value
+    (folder / "run.json").write_text(json.dumps(described))
+    return RunDirectory(folder)
+
+
+def test_recorded_workers_are_no_more_than_there_are_cores(run: Path, tmp_path: Path) -> None:
+    """A run of a large machine, or one that was made up, starts no thousand processes here."""
+    config, _, _ = read_run(with_setting(run, tmp_path, "executor", "workers", 10_000))
+    assert config.executor.workers == os.cpu_count()
+
+
+@pytest.mark.parametrize("images", [10, 10**9])
+def test_images_are_those_of_the_recorded_data_set(images: int, run: Path, tmp_path: Path) -> None:
+    """Nobody simulates a billion images to find that they are not those of the run."""
+    with pytest.raises(RunError, match=f"data.images={images}, and a data set of 40"):
+        read_run(with_setting(run, tmp_path, "data", "images", images))
+
+
+def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:
+    """The caller's word counts; without it the run's own."""
+    elsewhere, _, _ = read_run(RunDirectory(run), str(tmp_path))
+    own, _, _ = read_run(RunDirectory(run))
+    assert elsewhere.store.root == str(tmp_path)
+    assert own.store.root == str(run.parent / "store")
