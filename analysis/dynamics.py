@@ -34,7 +34,7 @@ class Progress:
 
     #: What its ledger line says: temperature, best, median, coverage, QD-score.
     line: Generation
-    #: Occupied niches after it.
+    #: Occupied niches, or places, after it.
     elites: int
     #: How many more these are than before it; negative where moved bounds made niches fall together.
     growth: int
@@ -112,7 +112,7 @@ def progress(run: Run) -> tuple[Progress, ...]:
     found: list[Progress] = []
     for line in run.generations:
         slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]
-        elites = round(line.coverage * int(run.config["archive"]["niches"]))
+        elites = round(line.coverage * run.places)
         statuses = Counter(candidate.trained.status for candidate in slots if candidate.trained)
         stages = Counter(first[0] for first in map(first_rejection, slots) if first)
         found.append(

@@ -39,10 +39,17 @@ def generations_table(run: Run) -> Table:
         columns=("generation", "T", "candidates", "trained", *stages, *results),
         rows=rows,
         notes=(
-            "Trained and rejected count first answers. New: found their niche empty; improved: beat its elite.",
+            f"Trained and rejected count first answers. {_statuses(run)}",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
         ),
     )
+
+
+def _statuses(run: Run) -> str:
+    """Say what `new` and `improved` count."""
+    if run.has_niches:
+        return "New: found their niche empty; improved: beat its elite."
+    return f"New: found a place empty among the best {run.places}; improved: took the place of the worst of them."
 
 
 def costs_table(run: Run) -> Table:

@@ -19,6 +19,7 @@ from analysis.results import Study
 from analysis.rounding import shown
 from analysis.tables import PValue
 from analysis.tessellation import Niches
+from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
 
 #: The seed whose predictions the confusion matrices show.
@@ -50,9 +51,11 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         ),
         ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
         ("temperature", partial(temperature, run), "Temperature of each generation, and of its requests."),
-        ("network_map", partial(network_map, run, niches.networks), "The network archive; each cell is a niche."),
     ]
-    if run.config["prompts"]["policy"] != "none":
+    if _has_map(run):
+        words = "The network archive; each cell is a niche."
+        drawn.append(("network_map", partial(network_map, run, niches.networks), words))
+    if run.config["prompts"]["policy"] != PromptPolicy.none:
         drawn.append(
             ("prompt_map", partial(prompt_map, run, niches.prompts), "The prompt archive; each cell is a niche.")
         )
@@ -65,6 +68,23 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         Picture(name=f"{name}_{run.task}", caption=f"{words[:-1]} ({run.name}).", draw=draw)
         for name, draw, words in drawn
     )
+
+
+def undrawn(run: Run) -> tuple[str, ...]:
+    """Say which figures of a run would mean nothing, and why, a sentence each."""
+    said = []
+    if not run.has_niches:
+        said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
+    elif not _has_map(run):
+        said.append(f"no network_map: archive.axes has {run.axes[0]} only, and a map needs two axes")
+    if run.config["prompts"]["policy"] == PromptPolicy.none:
+        said.append("no prompt_map: prompts.policy=none keeps no prompt archive")
+    return tuple(said)
+
+
+def _has_map(run: Run) -> bool:
+    """Say whether the network archive is a map: has niches, over two axes."""
+    return run.has_niches and len(run.axes) == 2
 
 
 def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:

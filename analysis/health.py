@@ -60,7 +60,7 @@ def alarms(run: Run, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
 
     Args:
         run: the run.
-        centroids: of its network archive, shape (niches, 2), in [0, 1].
+        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
 
     Returns:
         What was found; niches and descriptors first, then candidates, prompts and temperature.
@@ -110,7 +110,7 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
             figures=(("late moves", len(late)), ("moves", len(placed.moved)), ("last", late[-1])),
         )
     low, high = np.quantile(placed.points, _MIDDLE, axis=0)
-    for axis, extent in zip(AXES, (high - low).tolist(), strict=True):
+    for axis, extent in zip((AXES[axis] for axis in run.axes), (high - low).tolist(), strict=True):
         if extent < NARROW and len(placed.points) > 1:
             yield Alarm(
                 name=f"constant {axis}",

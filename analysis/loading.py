@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.choices import Scale
+from tacevo.choices import ArchiveKind, Axis, Scale
 from tacevo.costs import Spending
 from tacevo.descriptors import scaled
 from tacevo.errors import RunError
@@ -144,14 +144,29 @@ class Run:
     candidates: tuple[Candidate, ...]
     generations: tuple[Generation, ...]
     elites: tuple[Elite, ...]
-    #: The (low, high) of both descriptors that the archive ended with; None where nothing was trained.
-    bounds: tuple[tuple[float, float], tuple[float, float]] | None
+    #: The (low, high) of each axis that the archive ended with; None where nothing was trained, or there are no niches.
+    bounds: tuple[tuple[float, float], ...] | None
     prompt_trials: tuple[PromptTrial, ...]
 
     @property
     def task(self) -> str:
         """The task's name."""
         return str(self.config["task"]["name"])
+
+    @property
+    def has_niches(self) -> bool:
+        """Whether its network archive keeps the best of every niche, and not the best of all."""
+        return ArchiveKind(self.config["archive"].get("kind", ArchiveKind.cvt)) is ArchiveKind.cvt
+
+    @property
+    def places(self) -> int:
+        """How many networks its archive can hold: one for each niche, or place."""
+        return int(self.config["archive"]["niches" if self.has_niches else "kept"])
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """What the axes of its network archive measure."""
+        return tuple(Axis(axis) for axis in self.config["archive"].get("axes", Axis))
 
     @property
     def baseline(self) -> Candidate:
@@ -267,9 +282,8 @@ def _elites(entries: Sequence[Mapping[str, Json]], candidates: Sequence[Candidat
     )
 
 
-def _bounds(value: Mapping[str, Json]) -> tuple[tuple[float, float], tuple[float, float]]:
-    (low_0, low_1), (high_0, high_1) = value["low"], value["high"]
-    return (low_0, high_0), (low_1, high_1)
+def _bounds(value: Mapping[str, Json]) -> tuple[tuple[float, float], ...]:
+    return tuple(zip(value["low"], value["high"], strict=True))
 
 
 def _trial(entry: Mapping[str, Json]) -> PromptTrial:

@@ -8,21 +8,21 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from analysis.loading import Run
 from tacevo.archive import Bounds, Tessellation
-from tacevo.choices import BoundsRule, Scale
+from tacevo.choices import Axis, BoundsRule, Scale
 from tacevo.descriptors import scaled
 
 #: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
 LATTICE = 200
 
-#: The names of the two descriptors, in their order.
-AXES = ("ArchDiv", "EffRatio")
+#: The names of the descriptors.
+AXES = {Axis.arch_div: "ArchDiv", Axis.eff_ratio: "EffRatio"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Occupation:
     """What was found about a run's trained candidates, in the order of the run."""
 
-    #: Normalised descriptors, shape (candidates, 2), in [0, 1].
+    #: Normalised descriptors, shape (candidates, axes), in [0, 1].
     points: NDArray[np.float64]
     #: Niche of each of them, shape (candidates,).
     niches: NDArray[np.int64]
@@ -37,13 +37,13 @@ def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
 
     Args:
         run: a run with at least one trained candidate.
-        centroids: of its network archive, shape (niches, 2), in [0, 1].
+        centroids: of its network archive, shape (niches, axes), in [0, 1].
 
     Raises:
-        ValueError: nothing was trained.
+        ValueError: nothing was trained, or its archive has no niches.
     """
     if run.bounds is None:
-        raise ValueError(f"{run.path} has no bounds, because nothing was trained")
+        raise ValueError(f"{run.path} has no bounds, because nothing was trained or there are no niches")
     raw = descriptors(run)
     low, high = zip(*run.bounds, strict=True)
     bounds = Bounds(low=low, high=high)
@@ -59,32 +59,40 @@ def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
 
 
 def descriptors(run: Run) -> NDArray[np.float64]:
-    """Give the descriptors of the trained candidates as the archive's axes have them, shape (candidates, 2)."""
+    """Give the descriptors of the trained candidates as the archive's axes have them, shape (candidates, axes)."""
     scale = Scale(run.config["archive"]["eff_ratio_scale"])
     measured = [candidate.measured for candidate in run.candidates if candidate.trained]
-    return np.array([(it.arch_div, scaled(it.eff_ratio, scale)) for it in measured if it is not None]).reshape(-1, 2)
+    both = np.array([(it.arch_div, scaled(it.eff_ratio, scale)) for it in measured if it is not None]).reshape(-1, 2)
+    return both[:, [list(Axis).index(axis) for axis in run.axes]]
 
 
 def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[int]:
     """Find the niches that networks between those of the run would fall into.
 
     A niche counts as reachable if a candidate fell into it, or if a point of a fine lattice does that lies in the
-    convex hull of the candidates. The hull is a generous guess, as mixtures of two networks need not exist; what lies
-    outside of it, no network of the run suggests.
+    convex hull of the candidates; with one axis, between the lowest and the highest. The hull is a generous guess, as
+    mixtures of two networks need not exist; what lies outside of it, no network of the run suggests.
 
     Args:
         found: the candidates.
-        centroids: shape (niches, 2), in [0, 1].
+        centroids: shape (niches, axes), in [0, 1].
     """
-    occupied = frozenset(found.niches.tolist())
-    try:
-        hull = Delaunay(np.unique(found.points, axis=0))
-    except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
-        return occupied
+    between = _between(found.points)
+    return frozenset(found.niches.tolist()) | frozenset(np.atleast_1d(cKDTree(centroids).query(between)[1]).tolist())
+
+
+def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
     side = (np.arange(LATTICE) + 0.5) / LATTICE
+    if points.shape[1] == 1:
+        return side[(side >= points.min()) & (side <= points.max())].reshape(-1, 1)
     lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    inside = lattice[hull.find_simplex(lattice) >= 0]
-    return occupied | frozenset(np.atleast_1d(cKDTree(centroids).query(inside)[1]).tolist())
+    try:
+        hull = Delaunay(np.unique(points, axis=0))
+    except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
+        return lattice[:0]
+    inside: NDArray[np.float64] = lattice[hull.find_simplex(lattice) >= 0]
+    return inside
 
 
 def effective_niches(found: Occupation) -> float:

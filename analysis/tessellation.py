@@ -19,7 +19,7 @@ Polygon = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Niches:
-    """The centroids of both archives, each shape (niches, 2), in [0, 1]."""
+    """The centroids of both archives, each shape (niches, axes), in [0, 1]; none where there are no niches."""
 
     networks: NDArray[np.float64]
     prompts: NDArray[np.float64]
@@ -38,13 +38,14 @@ def load_niches(run: Run, store: Path | None = None) -> Niches:
     """
     root = store or Path(run.config["store"]["root"])
     archive = run.config["archive"]
-    networks, prompts = (_centroids(root, archive, archive[key]) for key in ("niches", "prompt_niches"))
+    networks = _centroids(root, archive, archive["niches"], len(run.axes)) if run.has_niches else []
+    prompts = _centroids(root, archive, archive["prompt_niches"], 2)
     if content_hash([networks, prompts]) != run.centroids:
         raise RunError(
             f"the niches in {root} are not those that {run.path} was searched with, and computing them on this "
             "machine gives others; name the run's own stores with --store"
         )
-    return Niches(networks=np.array(networks), prompts=np.array(prompts))
+    return Niches(networks=np.array(networks).reshape(-1, len(run.axes)), prompts=np.array(prompts))
 
 
 def cells(centroids: NDArray[np.float64]) -> tuple[Polygon, ...]:
@@ -76,8 +77,8 @@ _MIRRORS = [
 ]
 
 
-def _centroids(root: Path, archive: Json, niches: int) -> list[list[float]]:
-    shape = {"niches": niches, "dimensions": 2, "samples": archive["samples"], "seed": archive["seed"]}
+def _centroids(root: Path, archive: Json, niches: int, dimensions: int) -> list[list[float]]:
+    shape = {"niches": niches, "dimensions": dimensions, "samples": archive["samples"], "seed": archive["seed"]}
     found: list[list[float]] | None = Store(root, "centroids").read(shape)
     return find_centroids(**shape) if found is None else found
 

@@ -283,17 +283,17 @@ def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
     from rich.console import Console
 
     from analysis.collection import pictures_of
-    from analysis.gallery import Picture
+    from analysis.gallery import Picture, undrawn
     from tacevo.inspecting import samples_of_run
 
     run = gathered.found.run
-    pictures = list(pictures_of(gathered.found))
+    pictures, untold = list(pictures_of(gathered.found)), list(undrawn(run))
     try:
         figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
     except (ConfigError, DataError) as error:
-        return pictures, [f"no sample images: {error}"]
+        return pictures, [*untold, f"no sample images: {error}"]
     caption = f"Training images of the data set ({run.name})."
-    return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], []
+    return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], untold
 
 
 def _status(collections: "Sequence[Collection]") -> int:

@@ -1,7 +1,8 @@
 """CVT MAP-Elites: one elite in each niche of a centroidal Voronoi tessellation of [0, 1]^d.
 
 Vassiliades, Chatzilygeroudis and Mouret 2018, arXiv:1610.05729. The archive of networks and the archive of
-prompts are both this one; they differ in what their axes mean.
+prompts are both this one; they differ in what their axes mean. `Places` is the archive without niches that an
+ablation puts in its place: the best networks, wherever they lie.
 """
 
 import math
@@ -111,8 +112,30 @@ def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStat
     return grown, AddStatus.new if incumbent is None else AddStatus.improved
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places:
+    """An archive without niches: so many places for the best networks of all."""
+
+    #: How many, at least 1.
+    niches: int
+
+    def place_of(self, archive: Archive, newcomer: Elite) -> int:
+        """Find the place that a newcomer competes for; `insert` then decides as in a niche.
+
+        One exactly as fit as a network that is kept competes with that one, and loses the tie: a network that comes
+        twice, which has the same fitness twice, holds one place only. Any other takes the first empty place; where
+        there is none, it competes with the least fit.
+        """
+        for place, elite in archive.elites.items():
+            if elite.objective == newcomer.objective:
+                return place
+        if len(archive.elites) < self.niches:
+            return len(archive.elites)
+        return min(archive.elites, key=lambda place: archive.elites[place].objective)
+
+
 def coverage(archive: Archive, niches: int) -> float:
-    """Give the part of the niches that is occupied, in [0, 1]."""
+    """Give the part of the niches, or places, that is occupied, in [0, 1]."""
     return len(archive.elites) / niches
 
 
@@ -163,19 +186,26 @@ class NetworkArchive:
     """
 
     archive: Archive = field(default_factory=Archive)
-    #: None until the first candidate arrives.
+    #: None until the first candidate arrives, and for an archive without niches.
     bounds: Bounds | None = None
     #: Bounds given by the config never move.
     fixed: bool = False
     #: Every candidate offered so far, in order.
     history: tuple[Placed, ...] = ()
 
-    def offer(self, tessellation: Tessellation, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
+    def offer(self, niches: Tessellation | Places, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
         """Offer a candidate.
 
         Returns:
-            The archive that results, the newcomer's niche in it, and what the insertion did.
+            The archive that results, the newcomer's niche or place in it, and what the insertion did.
         """
+        if isinstance(niches, Tessellation):
+            return self._offer_to_niche(niches, newcomer)
+        place = niches.place_of(self.archive, newcomer.elite)
+        archive, status = insert(self.archive, place, newcomer.elite)
+        return replace(self, archive=archive, history=(*self.history, newcomer)), place, status
+
+    def _offer_to_niche(self, tessellation: Tessellation, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
         bounds = self.bounds or Bounds(low=newcomer.point, high=newcomer.point)
         archive = self.archive
         if not self.fixed:

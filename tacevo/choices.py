@@ -69,6 +69,20 @@ OPTIONAL_SAMPLING = {
 }
 
 
+class ArchiveKind(StrEnum):
+    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`)."""
+
+    cvt = "cvt"
+    best = "best"
+
+
+class Axis(StrEnum):
+    """What an axis of the network archive measures."""
+
+    arch_div = "arch_div"
+    eff_ratio = "eff_ratio"
+
+
 class BoundsRule(StrEnum):
     """Which range of a descriptor maps to [0, 1]."""
 
@@ -100,11 +114,19 @@ class PromptPolicy(StrEnum):
 
 
 class ParentPolicy(StrEnum):
-    """How elite parents are drawn."""
+    """How parents are drawn: from the elites, or always the baseline."""
 
     uniform = "uniform"
     best = "best"
     curiosity = "curiosity"
+    baseline = "baseline"
+
+
+class OperatorScope(StrEnum):
+    """What one draw of the operator holds for."""
+
+    generation = "generation"
+    candidate = "candidate"
 
 
 class Numerics(StrEnum):

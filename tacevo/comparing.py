@@ -13,6 +13,7 @@ from pathlib import Path
 
 from scipy.stats import spearmanr
 
+from tacevo.choices import ArchiveKind
 from tacevo.ledger import first_difference, place_of, unsealed
 from tacevo.plurals import counted
 from tacevo.records import Json
@@ -86,7 +87,7 @@ class Overlap:
     elites: tuple[int, int]
     #: Sources that are elites of both.
     sources: int
-    #: Niches that both fill, and those of them with one source; None where the niches themselves differ.
+    #: Niches that both fill, and those of them with one source; None where the niches differ, or there are none.
     niches: tuple[int, int] | None
 
 
@@ -246,7 +247,7 @@ def _ends(found: Comparison) -> list[str]:
     overlap, (one, other) = found.overlap, found.ends
     shared = f"elites: {overlap.elites[0]} and {overlap.elites[1]}; {overlap.sources} sources are elites of both"
     if overlap.niches is None:
-        shared += "; the niches are others, so they are not compared"
+        shared += "; the niches are others, or there are none, so they are not compared"
     else:
         shared += f"; {overlap.niches[0]} niches are filled in both, {overlap.niches[1]} of them by one source"
     return [
@@ -275,12 +276,17 @@ def _settings(one: Mapping[str, Json], other: Mapping[str, Json]) -> Iterable[Di
 def _overlap(one: Recorded, other: Recorded) -> Overlap:
     first, second = one.elites, other.elites
     both = first.keys() & second.keys()
-    alike = one.ledger[0].get("centroids") == other.ledger[0].get("centroids")
+    alike = one.ledger[0].get("centroids") == other.ledger[0].get("centroids") and _has_niches(one)
     return Overlap(
         elites=(len(first), len(second)),
         sources=len(set(first.values()) & set(second.values())),
         niches=(len(both), sum(first[niche] == second[niche] for niche in both)) if alike else None,
     )
+
+
+def _has_niches(run: Recorded) -> bool:
+    """Say whether a run's archive has niches; the places of one that has none mean nothing in another."""
+    return run.config["archive"].get("kind", ArchiveKind.cvt) == ArchiveKind.cvt
 
 
 def _kind_of_study(header: Mapping[str, Json]) -> str:

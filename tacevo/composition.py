@@ -12,9 +12,10 @@ from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException, OverrideParseException
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from tacevo.arms import read_arm, require_change, split_arm
 from tacevo.confdir import conf_root, groups
 from tacevo.config import RunConfig
 from tacevo.data.fitting import require_fit
@@ -81,12 +82,35 @@ def _compose(overrides: Sequence[str], root: _Root) -> object:
     GlobalHydra.instance().clear()
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
-            return OmegaConf.to_object(hydra_compose(root.name, overrides=list(overrides)))
+            composed = hydra_compose(root.name, overrides=list(overrides))
+            return OmegaConf.to_object(composed if root is not _RUN else _with_arm(composed, overrides))
     except ConfigError:
         raise
     except (HydraException, OmegaConfBaseException, yaml.YAMLError, OSError, ValueError, TypeError) as error:
         given = dict(override.split("=", 1) for override in overrides)
         raise ConfigError(_explained(error, given, root)) from error
+
+
+def _with_arm(composed: DictConfig, overrides: Sequence[str]) -> DictConfig:
+    """Lay the arm of an ablation over all else that was chosen.
+
+    Hydra itself would let the command line win, as in `ablation=no_prompt_archive prompts=curiosity`, and the arm would
+    silently be another one.
+
+    Args:
+        composed: what Hydra makes of all overrides.
+        overrides: those, of which one may choose the arm.
+
+    Raises:
+        ConfigError: the search is the arm's without it.
+    """
+    choice, others = split_arm(overrides)
+    arm = read_arm(choice)
+    if not arm:
+        return composed
+    without = hydra_compose(_RUN.name, overrides=others)
+    require_change(choice, arm, cast(dict[str, Json], OmegaConf.to_container(without, enum_to_str=True)))
+    return cast(DictConfig, OmegaConf.merge(without, arm))
 
 
 def to_plain(config: RunConfig) -> dict[str, Json]:

@@ -11,17 +11,19 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
 
+from tacevo.archive_config import ArchiveConfig
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
-    BoundsRule,
+    ArchiveKind,
+    Axis,
     Confinement,
     Device,
     ExecutorKind,
     Numerics,
+    OperatorScope,
     ParentPolicy,
     PromptPolicy,
     Provider,
-    Scale,
     TargetScaling,
     TemperatureRule,
     Tracking,
@@ -158,37 +160,6 @@ class LLMConfig:
 
 
 @dataclass(kw_only=True)
-class ArchiveConfig:
-    """The CVT archives of networks and of prompts."""
-
-    niches: int
-    prompt_niches: int
-    #: Uniform points from which k-means finds the centroids.
-    samples: int
-    seed: int
-    bounds: BoundsRule
-    #: With `bounds=fixed`: the (low, high) of each descriptor.
-    arch_div_bounds: list[float]
-    eff_ratio_bounds: list[float]
-    eff_ratio_scale: Scale
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        most = self.samples
-        require(1 <= self.niches <= most, "archive.niches", f"a value from 1 to archive.samples={most}", self.niches)
-        prompt_niches = self.prompt_niches
-        fits = 1 <= prompt_niches <= most
-        require(fits, "archive.prompt_niches", f"a value from 1 to archive.samples={most}", prompt_niches)
-        for key in ("arch_div_bounds", "eff_ratio_bounds"):
-            pair = getattr(self, key)
-            ordered = len(pair) == 2 and -math.inf < pair[0] < pair[1] < math.inf
-            require(ordered, f"archive.{key}", "[low, high] with finite low < high", pair)
-        if self.bounds is BoundsRule.fixed and self.eff_ratio_scale is Scale.log:
-            low = self.eff_ratio_bounds[0]
-            require(low > 0, "archive.eff_ratio_bounds", "low > 0 with eff_ratio_scale=log", low)
-
-
-@dataclass(kw_only=True)
 class TemperatureConfig:
     """The sampling temperature (paper, Algorithm 1, line 9)."""
 
@@ -223,11 +194,22 @@ class ProposalsConfig:
     best: int
     #: How often an answer that the gate turned away goes back with the reason; the paper discards it.
     repair_attempts: int = 0
+    #: What one draw of the operator holds for; the paper draws one for a whole generation.
+    operator_for: OperatorScope = OperatorScope.generation
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         p_m = self.mutation_probability
         require(0 <= p_m <= 1, "proposals.mutation_probability", "a value in [0, 1]", p_m)
+        crosses = self.parents is not ParentPolicy.baseline or p_m == 1
+        require(
+            crosses,
+            "proposals.mutation_probability",
+            "1 with proposals.parents=baseline, which has nobody to cross with",
+            p_m,
+        )
+        drawn = self.operator_for is OperatorScope.generation or 0 < p_m < 1
+        require(drawn, "proposals.operator_for", f"generation with mutation_probability={p_m:g}", "candidate")
         require(self.best >= 1, "proposals.best", "a value >= 1", self.best)
         require(self.repair_attempts >= 0, "proposals.repair_attempts", "a value >= 0", self.repair_attempts)
 
@@ -380,5 +362,11 @@ def identity(config: RunConfig) -> dict[str, Json]:
         del chosen["training"]["device"]
     if not config.proposals.repair_attempts:
         del chosen["proposals"]["repair_attempts"]
+    if config.proposals.operator_for is OperatorScope.generation:
+        del chosen["proposals"]["operator_for"]
+    if config.archive.kind is ArchiveKind.cvt:
+        del chosen["archive"]["kind"], chosen["archive"]["kept"]
+    if config.archive.axes == list(Axis):
+        del chosen["archive"]["axes"]
     chosen["numerics"] = whole["numerics"]["kind"]
     return chosen

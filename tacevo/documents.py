@@ -1,6 +1,6 @@
 """What a run writes down: the first line of its ledger, and both archives as JSON."""
 
-from tacevo.archive import coverage, qd_score
+from tacevo.archive import Elite, Places, coverage, qd_score
 from tacevo.config import RunConfig, identity
 from tacevo.proposals import Task
 from tacevo.records import DataFacts, Json, to_json
@@ -17,24 +17,13 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan) -> d
         "config": identity(config),
         "task": content_hash(to_json(task)),
         "data": to_json(facts),
-        "centroids": content_hash([plan.networks.centroids.tolist(), plan.prompts.centroids.tolist()]),
+        "centroids": content_hash([_centroids(plan), plan.prompts.centroids.tolist()]),
     }
 
 
 def archive_files(plan: Plan, state: SearchState) -> dict[str, Json]:
-    """Give `archive.json` and `prompts.json`: every niche that is occupied, and by whom."""
+    """Give `archive.json` and `prompts.json`: every niche, or place, that is occupied, and by whom."""
     networks, prompts = state.networks, state.prompts
-    points = {placed.elite.name: placed.point for placed in networks.history}
-    elites = [
-        {
-            "niche": niche,
-            "centroid": plan.networks.centroids[niche].tolist(),
-            "id": elite.name,
-            "fitness": -elite.objective,
-            "descriptors": list(points[elite.name]),
-        }
-        for niche, elite in sorted(networks.archive.elites.items())
-    ]
     trials = [
         {
             "niche": niche,
@@ -51,7 +40,7 @@ def archive_files(plan: Plan, state: SearchState) -> dict[str, Json]:
             "coverage": coverage(networks.archive, plan.networks.niches),
             "qd_score": round(qd_score(networks.archive, quality), 12),
             "bounds": None if networks.bounds is None else to_json(networks.bounds),
-            "elites": elites,
+            "elites": _elites(plan, state),
         },
         "prompts.json": {
             "niches": plan.prompts.niches,
@@ -59,3 +48,22 @@ def archive_files(plan: Plan, state: SearchState) -> dict[str, Json]:
             "trials": trials,
         },
     }
+
+
+def _centroids(plan: Plan) -> list[list[float]]:
+    """Give the centroids of the network archive: none where it has places instead of niches."""
+    if isinstance(plan.networks, Places):
+        return []
+    centroids: list[list[float]] = plan.networks.centroids.tolist()
+    return centroids
+
+
+def _elites(plan: Plan, state: SearchState) -> list[dict[str, Json]]:
+    points = {placed.elite.name: placed.point for placed in state.networks.history}
+    centroids = _centroids(plan)
+
+    def written(niche: int, elite: Elite) -> dict[str, Json]:
+        where: dict[str, Json] = {"niche": niche} | ({"centroid": centroids[niche]} if centroids else {})
+        return where | {"id": elite.name, "fitness": -elite.objective, "descriptors": list(points[elite.name])}
+
+    return [written(niche, elite) for niche, elite in sorted(state.networks.archive.elites.items())]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tacevo.choices import ParentPolicy, PromptPolicy
+from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy
 from tacevo.prompts import PromptArchive, draw_prompt, draw_weighted
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting
@@ -71,6 +71,8 @@ class Settings:
     max_tokens: int
     #: Further settings of the provider, for every request.
     llm: tuple[tuple[str, Setting], ...] = ()
+    #: What one draw of the operator holds for.
+    operator_for: OperatorScope = OperatorScope.generation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,12 +99,9 @@ class Proposal:
 
 def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature: float) -> tuple[Proposal, ...]:
     """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive)."""
-    baseline = Proposal(
-        generation=0, slot=0, operator=Operator.baseline, parents=(), prompt=None, request=None, source=task.baseline
-    )
-    founder = Parent(id=baseline.id, source=task.baseline, fitness=0.0, curiosity=1.0)
+    baseline = _baseline(task)
     slots = [_Slot(generation=0, number=number, temperature=temperature) for number in range(1, mutations + 1)]
-    return (baseline, *(_mutation(task, settings, slot, [founder], PromptArchive()) for slot in slots))
+    return (baseline, *(_mutation(task, settings, slot, [_founder(task)], PromptArchive()) for slot in slots))
 
 
 def plan_generation(
@@ -116,9 +115,9 @@ def plan_generation(
 ) -> tuple[Proposal, ...]:
     """Plan one generation (paper, Algorithm 1, lines 2 to 4).
 
-    One operator is drawn for the whole generation, mutation with probability p_m, else crossover; with a single
-    elite there is nobody to cross with, and the generation mutates. The prompt pool P_g is one draw from the
-    library for each slot.
+    One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
+    can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
+    to cross with, and the generation mutates. The prompt pool P_g is one draw from the library for each slot.
 
     Args:
         task: the task.
@@ -131,12 +130,15 @@ def plan_generation(
     Returns:
         One proposal a slot, in slot order.
     """
-    mutates = stream(settings.seed, "operator", generation).random() < settings.mutation_probability
+    pool = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature) for number in numbers]
-    if mutates or len(elites) < 2:
-        return tuple(_mutation(task, settings, slot, elites, prompts) for slot in slots)
-    return tuple(_crossover(task, settings, slot, elites) for slot in slots)
+    return tuple(
+        _mutation(task, settings, slot, pool, prompts)
+        if len(pool) < 2 or _mutates(settings, slot)
+        else _crossover(task, settings, slot, pool)
+        for slot in slots
+    )
 
 
 def draw_parents(
@@ -144,8 +146,8 @@ def draw_parents(
 ) -> tuple[Parent, ...]:
     """Draw different elites as parents.
 
-    `uniform`: all alike. `best`: alike among the `best` fittest (at least as many as are drawn). `curiosity`: in
-    proportion to curiosity.
+    `uniform`, and `baseline`, whose pool is one: all alike. `best`: alike among the `best` fittest (at least as many
+    as are drawn). `curiosity`: in proportion to curiosity.
 
     Raises:
         ValueError: there are fewer elites than parents to draw.
@@ -240,6 +242,24 @@ class _Slot:
     number: int
     #: T_g, before the request's noise.
     temperature: float
+
+
+def _baseline(task: Task) -> Proposal:
+    return Proposal(
+        generation=0, slot=0, operator=Operator.baseline, parents=(), prompt=None, request=None, source=task.baseline
+    )
+
+
+def _founder(task: Task) -> Parent:
+    """Give the baseline as a parent, without competitors that its figures could matter to."""
+    return Parent(id=_baseline(task).id, source=task.baseline, fitness=0.0, curiosity=1.0)
+
+
+def _mutates(settings: Settings, slot: _Slot) -> bool:
+    """Draw the operator that holds for a slot."""
+    alone = settings.operator_for is OperatorScope.candidate
+    where = (slot.generation, slot.number) if alone else (slot.generation,)
+    return bool(stream(settings.seed, "operator", *where).random() < settings.mutation_probability)
 
 
 def _mutation(

@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Tessellation, coverage, qd_score
-from tacevo.choices import PromptPolicy, Scale, TemperatureRule
+from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Places, Point, Tessellation, coverage, qd_score
+from tacevo.choices import Axis, PromptPolicy, Scale, TemperatureRule
 from tacevo.descriptors import Descriptor, describe, scaled
 from tacevo.development import Attempt, Outcome, Tools, develop
 from tacevo.errors import ConfigError
@@ -38,7 +38,7 @@ class Plan:
     generations: int
     #: Mutations of the baseline in generation 0.
     initial: int
-    networks: Tessellation
+    networks: Tessellation | Places
     prompts: Tessellation
     #: The network archive to begin with: empty, with fixed bounds or none.
     archive: NetworkArchive
@@ -48,6 +48,8 @@ class Plan:
     temperature_step: float
     #: How often an answer that the gate turned away is sent back.
     repairs: int = 0
+    #: The axes of the network archive.
+    axes: tuple[Axis, ...] = tuple(Axis)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +149,7 @@ def commit(
     fitness = outcome.result.fitness
     placed = Placed(
         elite=Elite(name=outcome.proposal.id, objective=-fitness),
-        point=(descriptor.arch_div, scaled(descriptor.eff_ratio, plan.eff_ratio_scale)),
+        point=_point(descriptor, plan),
     )
     networks, niche, status = state.networks.offer(plan.networks, placed)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
@@ -279,6 +281,12 @@ def _record_prompt(
         plan.prompts, trial, prompts=len(plan.task.instructions), name=proposal.id
     )
     return replace(state, prompts=prompts), {"prompt_niche": niche, "prompt_status": prompt_status.value}
+
+
+def _point(descriptor: Descriptor, plan: Plan) -> Point:
+    """Give a candidate's coordinates on the axes of the network archive, before normalisation."""
+    values = {Axis.arch_div: descriptor.arch_div, Axis.eff_ratio: scaled(descriptor.eff_ratio, plan.eff_ratio_scale)}
+    return tuple(values[axis] for axis in plan.axes)
 
 
 def _with_child(candidates: Mapping[str, Candidate], outcome: Outcome, score: float) -> dict[str, Candidate]:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
+from tacevo.choices import ArchiveKind
 from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Json, Stage
 
@@ -34,7 +35,7 @@ def summarise(
     if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
-        parts += [_progress(generations), *_costs(candidates, generations, spent)]
+        parts += [_progress(generations, run["config"]["archive"]), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -140,7 +141,7 @@ def _costs(
     return [f"## Cost\n\n{whole}\n\n{table(header, rows)}"]
 
 
-def _progress(generations: Sequence[Mapping[str, Json]]) -> str:
+def _progress(generations: Sequence[Mapping[str, Json]], archive: Mapping[str, Json]) -> str:
     rows = [
         [str(line["generation"]), _trained(line), _number(line["best"]),
          _number(line["generation_median"]), f"{line['coverage']:.0%}", f"{line['prompt_coverage']:.0%}",
@@ -148,7 +149,10 @@ def _progress(generations: Sequence[Mapping[str, Json]]) -> str:
         for line in generations
     ]  # fmt: skip
     header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
-    return "## Generations\n\n`networks` and `prompts` are the coverage of the two archives.\n\n" + table(header, rows)
+    words = "`networks` and `prompts` are the coverage of the two archives."
+    if archive.get("kind") == ArchiveKind.best:
+        words += f" That of networks has no niches, but places for the best {archive['kept']}."
+    return f"## Generations\n\n{words}\n\n{table(header, rows)}"
 
 
 def _trained(line: Mapping[str, Json]) -> str:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
-from tacevo.archive import Bounds, NetworkArchive, Tessellation, find_centroids
-from tacevo.choices import BoundsRule, Confinement, DataSource, Device, ExecutorKind, SensorTask
+from tacevo.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
+from tacevo.archive_config import ArchiveConfig
+from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, DataSource, Device, ExecutorKind, SensorTask
 from tacevo.config import ExecutorConfig, RunConfig
 from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
@@ -132,23 +133,21 @@ def _sensor_task(config: RunConfig) -> SensorTask:
 def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None = None) -> Plan:
     """Turn a configuration into the plan of a search; the centroids come from the store, which tells `seen`."""
     archive = config.archive
-    bounds = None
-    if archive.bounds is BoundsRule.fixed:
-        axes = [archive.arch_div_bounds, [scaled(value, archive.eff_ratio_scale) for value in archive.eff_ratio_bounds]]
-        bounds = Bounds(low=tuple(axis[0] for axis in axes), high=tuple(axis[1] for axis in axes))
+    bounds = _fixed_bounds(archive)
     return Plan(
         task=task,
         settings=build_settings(config),
         generations=config.search.generations,
         initial=config.search.initial,
-        networks=_tessellation(config, archive.niches, mode, seen),
-        prompts=_tessellation(config, archive.prompt_niches, mode, seen),
+        networks=_places(config, mode, seen),
+        prompts=_tessellation(config, archive.prompt_niches, 2, mode, seen),
         archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
         eff_ratio_scale=archive.eff_ratio_scale,
         temperature_rule=config.temperature.rule,
         temperature_start=config.temperature.start,
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
+        axes=tuple(archive.axes),
     )
 
 
@@ -165,11 +164,35 @@ def build_settings(config: RunConfig) -> Settings:
         model=config.llm.model,
         max_tokens=config.llm.max_tokens,
         llm=provider_settings(config.llm),
+        operator_for=config.proposals.operator_for,
     )
 
 
-def _tessellation(config: RunConfig, niches: int, mode: Mode, seen: Seen | None) -> Tessellation:
-    shape = {"niches": niches, "dimensions": 2, "samples": config.archive.samples, "seed": config.archive.seed}
+def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
+    """Give the bounds of the network archive's axes, where the configuration has them."""
+    if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
+        return None
+    scale = archive.eff_ratio_scale
+    ranges = {
+        Axis.arch_div: archive.arch_div_bounds,
+        Axis.eff_ratio: [scaled(value, scale) for value in archive.eff_ratio_bounds],
+    }
+    low, high = zip(*(ranges[axis] for axis in archive.axes), strict=True)
+    return Bounds(low=low, high=high)
+
+
+def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | Places:
+    """Give the network archive's niches, or the places of one that has none."""
+    archive = config.archive
+    match archive.kind:
+        case ArchiveKind.cvt:
+            return _tessellation(config, archive.niches, len(archive.axes), mode, seen)
+        case ArchiveKind.best:
+            return Places(niches=archive.kept)
+
+
+def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, seen: Seen | None) -> Tessellation:
+    shape = {"niches": niches, "dimensions": dimensions, "samples": config.archive.samples, "seed": config.archive.seed}
     return Tessellation(_store(config, "centroids", mode, seen).recall(shape, lambda: find_centroids(**shape)))
 
 

@@ -23,6 +23,23 @@ NEEDED = {
     ("data", "folder"): ["data.root=images"],
     ("data", "tacverse"): ["data.root=images"],
     ("data", "numpy"): ["data.root=images.npz"],
+    ("ablation", "llm_vs_grammar"): ["llm=anthropic"],
+}
+
+#: What each arm changes of an experiment that a language model answers.
+ARMS = {
+    "none": set[str](),
+    "no_prompt_archive": {"prompts.policy"},
+    "curiosity_prompts": {"prompts.policy"},
+    "fixed_temperature": {"temperature.rule"},
+    "stall_temperature": {"temperature.rule"},
+    "no_qd": {"archive.kind"},
+    "random_parents_only_baseline": {"proposals.parents", "proposals.mutation_probability"},
+    "mutation_only": {"proposals.mutation_probability"},
+    "crossover_per_candidate": {"proposals.operator_for"},
+    "arch_div_only": {"archive.axes"},
+    "eff_ratio_only": {"archive.axes"},
+    "llm_vs_grammar": {"llm.provider", "llm.model", "llm.slip_rate"},
 }
 
 #: The groups that issue and README name; a group that goes missing takes its settings with it.
@@ -47,7 +64,13 @@ PAPER: dict[str, Json] = {
     "search": {"generations": 20, "candidates": 50, "initial": 10},
     "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
     "prompts": {"policy": "uniform"},
-    "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4, "repair_attempts": 0},
+    "proposals": {
+        "mutation_probability": 0.85,
+        "parents": "uniform",
+        "best": 4,
+        "repair_attempts": 0,
+        "operator_for": "generation",
+    },
     "training": {
         "epochs": 10,
         "batch_size": 32,
@@ -57,6 +80,9 @@ PAPER: dict[str, Json] = {
         "device": "cpu",
     },
     "archive": {
+        "kind": "cvt",
+        "kept": 10,
+        "axes": ["arch_div", "eff_ratio"],
         "niches": 100,
         "prompt_niches": 100,
         "samples": 20_000,
@@ -117,16 +143,20 @@ def test_every_shipped_config_composes(group: str, choice: str) -> None:
     assert from_plain(to_plain(config)) == config
 
 
+def test_every_arm_is_there() -> None:
+    """The arms that the issue names, and no other."""
+    assert set(groups()["ablation"]) == set(ARMS)
+
+
 @pytest.mark.parametrize("ablation", groups()["ablation"])
 @pytest.mark.parametrize("experiment", groups()["experiment"])
 def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: str) -> None:
     """An ablation on top of an experiment changes what the ablation is about, and nothing else."""
     plain, ablated = (
-        flat(to_plain(composed(f"experiment={experiment}", f"ablation={choice}"))) for choice in ("none", ablation)
+        flat(to_plain(composed("llm=anthropic", f"experiment={experiment}", f"ablation={choice}")))
+        for choice in ("none", ablation)
     )
-    changed = {key for key in plain if plain[key] != ablated[key]}
-    assert changed <= {"temperature.rule", "prompts.policy"}
-    assert len(changed) == (ablation != "none")
+    assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
 
 
 @pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])

@@ -32,7 +32,7 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
     An elite outside fixed bounds stands at their edge, where its niche was looked up, and has a mark of its own.
 
     Args:
-        run: the run.
+        run: a run whose network archive has niches over both descriptors.
         centroids: of the network archive, shape (niches, 2), in [0, 1].
     """
     figure, (axes,) = new_figure("single", HEIGHT)

@@ -59,14 +59,18 @@ def trainable(generations: Sequence[Progress]) -> Figure:
 
 @house_style()
 def growth(run: Run) -> Figure:
-    """Draw the coverage of both archives and the QD-score of the network archive."""
+    """Draw the coverage of both archives and the QD-score of the network archive.
+
+    An archive without niches covers its places, and its QD-score is a sum over the best networks.
+    """
     figure, (upper, lower) = new_figure("single", 3.2, rows=2)
     generations = [entry.generation for entry in run.generations]
     networks = [100 * entry.coverage for entry in run.generations]
     prompts = [100 * entry.prompt_coverage for entry in run.generations]
-    upper.plot(generations, networks, color=BLUE, marker="o", clip_on=False, zorder=3, label="networks")
+    held = "networks" if run.has_niches else "networks (of the places for the best)"
+    upper.plot(generations, networks, color=BLUE, marker="o", clip_on=False, zorder=3, label=held)
     upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", clip_on=False, zorder=3, label="prompts")
-    upper.set(ylabel="niches occupied (%)", ylim=(0, 100))
+    upper.set(ylabel="niches occupied (%)" if run.has_niches else "occupied (%)", ylim=(0, 100))
     figure.legend(loc="outside upper center", ncols=2)
     lower.plot(
         generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D", clip_on=False, zorder=3
