@@ -85,7 +85,8 @@ def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Give the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
     side = (np.arange(LATTICE) + 0.5) / LATTICE
     if points.shape[1] == 1:
-        return side[(side >= points.min()) & (side <= points.max())].reshape(-1, 1)
+        line: NDArray[np.float64] = side[(side >= points.min()) & (side <= points.max())]
+        return line.reshape(-1, 1)
     lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     try:
         hull = Delaunay(np.unique(points, axis=0))

@@ -286,7 +286,7 @@ def _overlap(one: Recorded, other: Recorded) -> Overlap:
 
 def _has_niches(run: Recorded) -> bool:
     """Say whether a run's archive has niches; the places of one that has none mean nothing in another."""
-    return run.config["archive"].get("kind", ArchiveKind.cvt) == ArchiveKind.cvt
+    return ArchiveKind(run.config["archive"].get("kind", ArchiveKind.cvt)) is ArchiveKind.cvt
 
 
 def _kind_of_study(header: Mapping[str, Json]) -> str:

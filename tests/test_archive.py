@@ -15,6 +15,7 @@ from tacevo.archive import (
     Elite,
     NetworkArchive,
     Placed,
+    Places,
     Tessellation,
     coverage,
     find_centroids,
@@ -182,3 +183,41 @@ def test_one_bad_point_among_many_is_named() -> None:
     """A coordinate that is no number is refused wherever it stands."""
     with pytest.raises(ValueError, match=r"a point needs 2 finite coordinates; got \(nan, 0\.5\)"):
         QUARTERS.niches_of([(0.5, 0.5), (math.nan, 0.5)])
+
+
+def kept_after(*objectives: float) -> tuple[Archive, list[AddStatus]]:
+    """Offer candidates to an archive of two places for the best."""
+    networks, said = NetworkArchive(), []
+    for index, objective in enumerate(objectives):
+        networks, _, status = networks.offer(Places(niches=2), placed(str(index), objective, (0.5, 0.5)))
+        said.append(status)
+    assert networks.bounds is None
+    return networks.archive, said
+
+
+def test_places_hold_the_best_wherever_they_lie() -> None:
+    """Free places fill first; then the least fit goes for one that is strictly fitter."""
+    archive, said = kept_after(1, 3, 2, 0)
+    assert {place: found.name for place, found in archive.elites.items()} == {0: "2", 1: "1"}
+    assert said == [AddStatus.new, AddStatus.new, AddStatus.improved, AddStatus.rejected]
+
+
+def test_network_that_comes_twice_holds_one_place() -> None:
+    """The same fitness twice takes no second place, not even an empty one."""
+    archive, said = kept_after(1, 1, 0)
+    assert [found.name for found in archive.elites.values()] == ["0", "2"]
+    assert said == [AddStatus.new, AddStatus.rejected, AddStatus.new]
+
+
+@given(st.lists(st.integers(-5, 5), min_size=1, max_size=25))
+def test_places_hold_the_best_distinct_objectives(objectives: list[int]) -> None:
+    """In any order of arrival, what is kept are the two highest objectives, each from the first that had it."""
+    archive, _ = kept_after(*objectives)
+    best = sorted(set(objectives), reverse=True)[:2]
+    assert sorted((found.objective for found in archive.elites.values()), reverse=True) == best
+
+
+def test_place_of_nan_is_refused() -> None:
+    """A newcomer that can be compared with nothing is refused by places as by niches."""
+    with pytest.raises(ValueError, match="the objective of 1 must be a number; got nan"):
+        kept_after(1, math.nan)

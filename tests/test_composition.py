@@ -248,7 +248,10 @@ def test_recorded_images_may_be_larger_than_simulated_ones() -> None:
         ("llm.slip_rate=nan", r"^llm.slip_rate needs a value in \[0, 1\]; got nan$"),
         ("training.learning_rate=inf", r"^training.learning_rate needs a finite value > 0; got inf$"),
         ("task=forse", r"'task/forse'; choose one of force, grating, hardness$"),
-        ("experiment=dem", r"'experiment/dem'; choose one of demo, paper_force, paper_grating$"),
+        (
+            "experiment=dem",
+            r"'experiment/dem'; choose one of demo, paper_force, paper_grating, published_force, published_grating$",
+        ),
         ("+search.extra=1", r"none can be added or removed; got '\+search.extra=1'"),
         ("++seed=1", r"none can be added or removed; got '\+\+seed=1'"),
         ("~seed", r"none can be added or removed; got '~seed'"),

@@ -7,9 +7,12 @@ from typing import Any
 import pytest
 
 from tacevo.choices import (
+    ArchiveKind,
+    Axis,
     BoundsRule,
     Confinement,
     Numerics,
+    OperatorScope,
     ParentPolicy,
     PromptPolicy,
     Provider,
@@ -215,6 +218,8 @@ DECIDES: dict[str, Json] = {
     "archive.prompt_niches": 50,
     "archive.samples": 10_000,
     "archive.seed": 1,
+    "archive.kind": ArchiveKind.best,
+    "archive.axes": [Axis.eff_ratio],
     "archive.bounds": BoundsRule.fixed,
     "archive.arch_div_bounds": [0.0, 2.0],
     "archive.eff_ratio_bounds": [0.0, 5.0],
@@ -228,6 +233,7 @@ DECIDES: dict[str, Json] = {
     "proposals.parents": ParentPolicy.best,
     "proposals.best": 5,
     "proposals.repair_attempts": 1,
+    "proposals.operator_for": OperatorScope.candidate,
     "training.epochs": 4,
     "training.batch_size": 16,
     "training.learning_rate": 0.01,
@@ -272,6 +278,7 @@ def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
+    listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     listed |= {"training.device"}  # which needs other settings beside it: tests/test_training_determinism.py
     assert {key for key in keys() if not key.startswith(("task.", "data."))} == listed
 
@@ -280,6 +287,14 @@ def test_every_setting_decides_or_does_not() -> None:
 def test_setting_that_decides_enters_the_identity(key: str) -> None:
     """A run under another such setting is another run."""
     assert canonical(identity(changed(key, DECIDES[key]))) != canonical(identity(CONFIG))
+
+
+def test_places_decide_where_there_are_no_niches() -> None:
+    """How many of the best are kept is part of a run that keeps the best, and of no other."""
+    more = changed("archive.kept", 11)
+    assert identity(more) == identity(CONFIG)
+    best = changed("archive.kind", ArchiveKind.best)
+    assert identity(changed("archive.kept", 11, best)) != identity(best)
 
 
 @pytest.mark.parametrize("key", DECIDES_WHEN_HOSTED)
@@ -293,6 +308,7 @@ def test_identity_without_later_settings_is_golden() -> None:
     """What came after the first version of a ledger leaves no trace in a run that does not use it."""
     assert set(identity(HOSTED)["llm"]) == {"provider", "model", "max_tokens", "slip_rate"}
     assert set(identity(CONFIG)["proposals"]) == {"mutation_probability", "parents", "best"}
+    assert not set(identity(CONFIG)["archive"]) & {"kind", "kept", "axes"}
 
 
 def test_delivery_stays_out_of_the_identity() -> None:

@@ -1,0 +1,107 @@
+"""Promise: a run without niches, or with one descriptor, is analysed as what it is: no map, no alarm of niches it lacks."""
+
+from pathlib import Path
+
+import hand_runs
+import numpy as np
+import pytest
+from smallest import SMALLEST, UNTRACKED
+
+from analysis.dynamics import progress
+from analysis.dynamics_tables import generations_table
+from analysis.figures.progress import growth
+from analysis.gallery import run_pictures, undrawn
+from analysis.health import alarms
+from analysis.loading import Elite, Run
+from analysis.occupation import occupation, reachable
+from analysis.tessellation import Niches
+from tacevo.app import main
+
+NO_NICHES = Niches(networks=np.empty((0, 2)), prompts=np.array([[0.5, 0.5]]))
+TENTHS = (np.arange(10).reshape(-1, 1) + 0.5) / 10
+
+
+def best_of_all() -> Run:
+    """Make a run that keeps the three best of all."""
+    candidates = [hand_runs.trained(0, slot, fitness=0.1 * (slot + 1)) for slot in range(3)]
+    elite = Elite(id="g00s00", niche=0, fitness=0.1, descriptors=(0.5, 0.5))
+    lines = [hand_runs.closed(0, 0.1, coverage=2 / 3)]
+    archive = {"kind": "best", "kept": 3}
+    return hand_runs.run(candidates, lines, elites=[elite], archive=archive, bounds=None)
+
+
+def one_axis(*values: float) -> Run:
+    """Make a run over the Efficiency Ratio alone, with candidates at these values."""
+    candidates = [hand_runs.trained(0, slot, descriptors=(9.0, value)) for slot, value in enumerate(values)]
+    archive = {"axes": ["eff_ratio"], "niches": 10}
+    return hand_runs.run(candidates, [hand_runs.closed(0)], archive=archive, bounds=((0.0, 1.0),))
+
+
+def test_run_of_before_has_niches_over_two_axes() -> None:
+    """A configuration that knows none of the later settings is read as what it was."""
+    run = hand_runs.run([], [])
+    assert (run.has_niches, run.places, [str(axis) for axis in run.axes]) == (True, 4, ["arch_div", "eff_ratio"])
+    assert undrawn(run) == ()
+
+
+def test_elites_without_niches_are_counted_in_places() -> None:
+    """Two thirds of three places are two elites, and the table says what `new` means there."""
+    run = best_of_all()
+    assert progress(run)[0].elites == 2
+    assert "found a place empty among the best 3" in generations_table(run).notes[0]
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        (best_of_all(), "no network_map: archive.kind=best"),
+        (one_axis(0.1, 0.9), "no network_map: archive.axes has eff_ratio only"),
+    ],
+)
+def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, words: str) -> None:
+    """No picture of cells where there are none, and a sentence in its stead; the others are there."""
+    names = [picture.name for picture in run_pictures(run, NO_NICHES)]
+    assert "network_map_force" not in names
+    assert {"archive_growth_force", "fitness_evolution_force", "prompt_map_force"} <= set(names)
+    (sentence,) = undrawn(run)
+    assert sentence.startswith(words)
+
+
+def test_growth_names_places() -> None:
+    """What is covered are places, and the figure says so."""
+    figure = growth(best_of_all())
+    upper = figure.axes[0]
+    assert upper.get_ylabel() == "occupied (%)"
+    assert upper.get_lines()[0].get_label() == "networks (of the places for the best)"
+
+
+def test_alarms_of_niches_need_niches() -> None:
+    """Without niches nothing is said of them, however alike the descriptors are."""
+    told = {alarm.name for alarm in alarms(best_of_all(), NO_NICHES.networks)}
+    assert not told & {"few reachable niches", "crowded niche", "constant ArchDiv", "constant EffRatio"}
+
+
+def test_reachable_niches_of_one_axis_lie_between_the_ends() -> None:
+    """Candidates at 0.25 and 0.65 reach the tenths from the third to the seventh."""
+    placed = occupation(one_axis(0.25, 0.65), TENTHS)
+    assert placed.points.tolist() == [[0.25], [0.65]]
+    assert reachable(placed, TENTHS) == frozenset(range(2, 7))
+
+
+def test_alarm_of_one_axis_names_that_axis() -> None:
+    """A descriptor that tells nothing apart is called by its own name, and the unused one not at all."""
+    told = {alarm.name for alarm in alarms(one_axis(*[0.5] * 9), TENTHS)}
+    assert "constant EffRatio" in told
+    assert "constant ArchDiv" not in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ["no_qd", "arch_div_only", "random_parents_only_baseline"])
+def test_every_command_reads_a_run_of_an_arm(arm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Search, replay, show, tables, figures and report all end well on a real run."""
+    sizes = ["search.generations=1", "search.candidates=2", "search.initial=1", f"ablation={arm}"]
+    run = str(tmp_path / "run")
+    assert main(["search", *SMALLEST, UNTRACKED, *sizes, f"run.dir={run}", f"store.root={tmp_path / 'cache'}"]) == 0
+    for command in ("replay", "show", "tables", "figures", "report"):
+        assert main([command, run]) == 0
+    assert ("no network_map" in capsys.readouterr().err) == (arm != "random_parents_only_baseline")
