@@ -1,4 +1,4 @@
-"""Promise: a run without niches, or with one descriptor, is analysed as what it is: no map, no alarm of niches it lacks."""
+"""Promise: a run without niches, or with one descriptor, is analysed as what it is."""
 
 from pathlib import Path
 

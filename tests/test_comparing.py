@@ -29,7 +29,7 @@ def recorded(*entries: dict[str, Json], header: Mapping[str, Json] = HEADER, **c
     for entry in ({**header}, *entries):
         lines.append(seal(entry, lines[-1]["hash"] if lines else GENESIS))
     run = Recorded(
-        config={"seed": 0},
+        config={"seed": 0, "archive": {}},
         ledger=lines,
         fitness=fitness_by_source(lines),
         end=last_generation(lines),
@@ -126,6 +126,14 @@ def test_niches_of_other_centroids_are_not_compared() -> None:
     found = compare(RUN, recorded(*lines, header={**HEADER, "centroids": "d"}))
     assert found.overlap.niches is None
     assert "the niches are others" in describe(found)
+
+
+def test_places_of_the_best_are_not_compared() -> None:
+    """Without niches, place 0 of one run has nothing to do with place 0 of another; shared sources still count."""
+    best = replace(RUN, config={"seed": 0, "archive": {"kind": "best"}})
+    found = compare(best, best)
+    assert (found.overlap.niches, found.overlap.sources) == (None, 2)
+    assert "or there are none" in describe(found)
 
 
 def test_studies_of_one_kind_are_compared_row_by_row() -> None:

@@ -12,7 +12,7 @@ GOLDEN = Path(__file__).parent / "golden"
 RUN: dict[str, Json] = {
     "name": "force-seed3-0123abcd",
     "task": {"name": "force"},
-    "config": {"seed": 3, "llm": {"model": "grammar-1"}, "numerics": {"kind": "portable"}},
+    "config": {"seed": 3, "llm": {"model": "grammar-1"}, "numerics": {"kind": "portable"}, "archive": {}},
     "data": {"fingerprint": "f" * 64, "counts": [384, 48, 48], "image_size": 32},
 }
 
@@ -69,6 +69,15 @@ def test_summary_is_golden() -> None:
     """A whole summary, worked out by hand: 75.0% from 0.4 to 0.1, 80.0% from the baseline's 0.5."""
     golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
     assert summarise(RUN, LINES, ["g01s00", "g00s01"], {}) == golden
+
+
+def test_places_are_not_called_niches() -> None:
+    """The coverage of an archive that keeps the best of all is that of its places, and the page says so."""
+    config = {**RUN["config"], "archive": {"kind": "best", "kept": 7}}
+    page = summarise({**RUN, "config": config}, LINES, ["g01s00"], {})
+    words = "has no niches, but places for the best 7."
+    assert words in page
+    assert words not in summarise(RUN, LINES, ["g01s00"], {})
 
 
 def test_candidates_without_a_promise_are_named() -> None:
