@@ -41,6 +41,13 @@ class StudyView(Listener, Protocol):
         """Show how many trainings are done."""
 
 
+class SweepView(Listener, Protocol):
+    """Who is told how far a sweep is."""
+
+    def ended(self, text: str, done: int, total: int) -> None:
+        """Show how a job ended, and how many of all are finished."""
+
+
 class View(Listener, Protocol):
     """Who is told how far a run is."""
 
@@ -94,6 +101,10 @@ class PlainView:
         """Write a line at each tenth of a study."""
         if 10 * done // total > 10 * (done - 1) // total:
             self.say(f"{done} of {total} trainings are done")
+
+    def ended(self, text: str, done: int, total: int) -> None:
+        """Write a line for each job."""
+        self.say(f"{text} ({done} of {total} jobs finished)")
 
 
 class _LiveBars:
@@ -172,6 +183,15 @@ class _RateColumn(ProgressColumn):
         return Text("" if speed is None else f"{speed:.2g}/s")
 
 
+class LiveSweepView(_LiveBars):
+    """The bar of a sweep's jobs."""
+
+    def ended(self, text: str, done: int, total: int) -> None:
+        """Write a line, and move the bar of the jobs."""
+        self.say(text)
+        self._move("jobs", done, total)
+
+
 def _bars(console: Console) -> Progress:
     """Lay out bars with a note, rate and time left."""
     return Progress(
@@ -189,6 +209,11 @@ def _bars(console: Console) -> Progress:
 def make_study_view(console: Console) -> PlainView | LiveStudyView:
     """Choose the view of a study that suits a console."""
     return LiveStudyView(console) if console.is_terminal else PlainView(console)
+
+
+def make_sweep_view(console: Console) -> PlainView | LiveSweepView:
+    """Choose the view of a sweep that suits a console."""
+    return LiveSweepView(console) if console.is_terminal else PlainView(console)
 
 
 def make_view(console: Console, *, total: int, generations: int) -> PlainView | LiveView:
