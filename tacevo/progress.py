@@ -44,8 +44,8 @@ class StudyView(Listener, Protocol):
 class SweepView(Listener, Protocol):
     """Who is told how far a sweep is."""
 
-    def ended(self, text: str, done: int, total: int) -> None:
-        """Show how a job ended, and how many of all are finished."""
+    def jobs(self, done: int, total: int) -> None:
+        """Show how many jobs are finished."""
 
 
 class View(Listener, Protocol):
@@ -102,9 +102,8 @@ class PlainView:
         if 10 * done // total > 10 * (done - 1) // total:
             self.say(f"{done} of {total} trainings are done")
 
-    def ended(self, text: str, done: int, total: int) -> None:
-        """Write a line for each job."""
-        self.say(f"{text} ({done} of {total} jobs finished)")
+    def jobs(self, done: int, total: int) -> None:
+        """Nothing is shown but the line of each job."""
 
 
 class _LiveBars:
@@ -186,9 +185,8 @@ class _RateColumn(ProgressColumn):
 class LiveSweepView(_LiveBars):
     """The bar of a sweep's jobs."""
 
-    def ended(self, text: str, done: int, total: int) -> None:
-        """Write a line, and move the bar of the jobs."""
-        self.say(text)
+    def jobs(self, done: int, total: int) -> None:
+        """Move the bar of the jobs."""
         self._move("jobs", done, total)
 
 

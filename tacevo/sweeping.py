@@ -261,6 +261,7 @@ class _Lookout:
         self._view = view
         self._done = done
         self._total = total
+        view.jobs(done, total)
 
     def look(self) -> None:
         """Tell of the jobs that have ended since the last look."""
@@ -273,4 +274,5 @@ class _Lookout:
             del self._left[job]
             self._done += status.standing is Standing.finished
             found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
-            self._view.ended(f"{job.name}: {status.standing}, {found}", self._done, self._total)
+            self._view.say(f"{job.name}: {status.standing}, {found} ({self._done} of {self._total} jobs finished)")
+            self._view.jobs(self._done, self._total)
