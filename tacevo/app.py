@@ -20,6 +20,7 @@ from tacevo.data_commands import add_data
 from tacevo.errors import BundleError, DivergenceError, TacevoError
 from tacevo.publish_commands import add_publish, in_bundle, verify_bundle
 from tacevo.study_commands import add_study
+from tacevo.sweep_commands import add_multirun, add_sweep, run_sweep
 
 if TYPE_CHECKING:
     from tacevo.progress import View
@@ -28,6 +29,7 @@ _EPILOG = """\
 examples:
   tacevo search experiment=demo               a small search, in minutes
   tacevo search experiment=demo seed=1        another one
+  tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1   a sweep of four
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
   tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
@@ -109,11 +111,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     search.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     search.add_argument("--estimate", action="store_true", help="print requests, tokens and cost, and ask nobody")
+    add_multirun(search)
     search.set_defaults(command=_search)
 
     _add_replay(commands)
     add_publish(commands)
     add_continue(commands)
+    add_sweep(commands)
     add_study(commands)
     add_analysis(commands)
 
@@ -184,6 +188,12 @@ def _add_check(commands: "argparse._SubParsersAction[Parser]") -> None:
 
 
 def _search(options: argparse.Namespace) -> int:
+    if options.multirun and options.estimate:
+        options.parser.error("--estimate tells of one search, and so takes no -m")
+    if options.multirun:
+        return run_sweep(options)
+    if options.into is not None:
+        options.parser.error("--into names the folder of a sweep, and so needs -m; a search has run.dir=DIR")
     if options.estimate:
         return _estimate(options)
     from rich.console import Console

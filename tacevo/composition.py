@@ -1,4 +1,4 @@
-"""From what a user typed to a checked configuration: the only module that knows Hydra."""
+"""From what a user typed to a checked configuration: the only module that composes with Hydra."""
 
 import difflib
 import re
@@ -11,6 +11,8 @@ from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -35,6 +37,43 @@ def compose(overrides: Sequence[str]) -> RunConfig:
             the key as the user wrote it.
     """
     return cast(RunConfig, _compose(overrides, _RUN))
+
+
+def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Write each override as all that it stands for in a sweep: `seed=0,1` becomes `seed=0` and `seed=1`.
+
+    Args:
+        overrides: with values of a sweep, where Hydra's multirun takes such: lists, `range(0,5)`, `glob(*)`.
+
+    Returns:
+        For each override its values, at least one, each as an override of its own.
+
+    Raises:
+        ConfigError: an override cannot be read, or has no end of values.
+    """
+    _require_settings(overrides)
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
+            parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
+            return tuple(_values(parser.parse_override(override)) for override in overrides)
+    except ConfigError:
+        raise
+    except (HydraException, OmegaConfBaseException, ValueError, TypeError) as error:
+        raise ConfigError(_explained(error, {})) from error
+
+
+def _values(override: Override) -> tuple[str, ...]:
+    """List the values of one override."""
+    written = str(override.input_line)
+    if not override.is_sweep_override():
+        return (written,)
+    if not override.is_discrete_sweep():
+        raise ConfigError(f"a sweep needs values that can be counted, as in KEY=1,2 or KEY=range(0,5); got {written!r}")
+    values = tuple(f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator())
+    if not values:
+        raise ConfigError(f"a sweep needs at least one value; {written!r} stands for none")
+    return values
 
 
 def compose_study(overrides: Sequence[str]) -> StudyConfig:
@@ -69,15 +108,7 @@ _STUDY = _Root(name="study", schema="study_schema", type=StudyConfig, told="`tac
 
 def _compose(overrides: Sequence[str], root: _Root) -> object:
     """Compose a file of conf/ with overrides, into its schema."""
-    added = [override for override in overrides if override.startswith(("+", "~"))]
-    if added:
-        raise ConfigError(f"every setting has its place already, so none can be added or removed; got {added[0]!r}")
-    ignored = [override for override in overrides if override.startswith(("hydra.", "hydra/"))]
-    if ignored:
-        raise ConfigError(f"Hydra's own settings have no effect here; got {ignored[0]!r}")
-    strange = [override for override in overrides if "=" not in override]
-    if strange:
-        raise ConfigError(f"a setting is written KEY=VALUE or GROUP=CHOICE; got {strange[0]!r}")
+    _require_settings(overrides)
     ConfigStore.instance().store(name=root.schema, node=root.type)
     GlobalHydra.instance().clear()
     try:
@@ -111,6 +142,23 @@ def _with_arm(composed: DictConfig, overrides: Sequence[str]) -> DictConfig:
     without = hydra_compose(_RUN.name, overrides=others)
     require_change(choice, arm, cast(dict[str, Json], OmegaConf.to_container(without, enum_to_str=True)))
     return cast(DictConfig, OmegaConf.merge(without, arm))
+
+
+def _require_settings(overrides: Sequence[str]) -> None:
+    """Refuse what is no setting of ours.
+
+    Raises:
+        ConfigError: a setting is added or removed, is Hydra's own, or has no value.
+    """
+    added = [override for override in overrides if override.startswith(("+", "~"))]
+    if added:
+        raise ConfigError(f"every setting has its place already, so none can be added or removed; got {added[0]!r}")
+    ignored = [override for override in overrides if override.startswith(("hydra.", "hydra/"))]
+    if ignored:
+        raise ConfigError(f"Hydra's own settings have no effect here; got {ignored[0]!r}")
+    strange = [override for override in overrides if "=" not in override]
+    if strange:
+        raise ConfigError(f"a setting is written KEY=VALUE or GROUP=CHOICE; got {strange[0]!r}")
 
 
 def to_plain(config: RunConfig) -> dict[str, Json]:

@@ -41,6 +41,13 @@ class StudyView(Listener, Protocol):
         """Show how many trainings are done."""
 
 
+class SweepView(Listener, Protocol):
+    """Who is told how far a sweep is."""
+
+    def jobs(self, done: int, total: int) -> None:
+        """Show how many jobs are finished."""
+
+
 class View(Listener, Protocol):
     """Who is told how far a run is."""
 
@@ -94,6 +101,9 @@ class PlainView:
         """Write a line at each tenth of a study."""
         if 10 * done // total > 10 * (done - 1) // total:
             self.say(f"{done} of {total} trainings are done")
+
+    def jobs(self, done: int, total: int) -> None:
+        """Nothing is shown but the line of each job."""
 
 
 class _LiveBars:
@@ -172,6 +182,14 @@ class _RateColumn(ProgressColumn):
         return Text("" if speed is None else f"{speed:.2g}/s")
 
 
+class LiveSweepView(_LiveBars):
+    """The bar of a sweep's jobs."""
+
+    def jobs(self, done: int, total: int) -> None:
+        """Move the bar of the jobs."""
+        self._move("jobs", done, total)
+
+
 def _bars(console: Console) -> Progress:
     """Lay out bars with a note, rate and time left."""
     return Progress(
@@ -189,6 +207,11 @@ def _bars(console: Console) -> Progress:
 def make_study_view(console: Console) -> PlainView | LiveStudyView:
     """Choose the view of a study that suits a console."""
     return LiveStudyView(console) if console.is_terminal else PlainView(console)
+
+
+def make_sweep_view(console: Console) -> PlainView | LiveSweepView:
+    """Choose the view of a sweep that suits a console."""
+    return LiveSweepView(console) if console.is_terminal else PlainView(console)
 
 
 def make_view(console: Console, *, total: int, generations: int) -> PlainView | LiveView:

@@ -73,19 +73,24 @@ class RunDirectory:
         Raises:
             RunError: another process is at work in it, or the folder cannot be made.
         """
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            handle = os.open(self.path / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise RunError(f"run.dir={self.path} cannot be used: {error}") from error
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise RunError(
-                f"another process is running in {self.path}; wait for it, or choose another run.dir"
-            ) from error
-        else:
+        with locked(self.path, "run.dir"):
             yield
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a process holds the directory at this moment."""
+        try:
+            handle = os.open(self.path / ".lock", os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            return False
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # a file system without locks
+            return False
+        else:
+            return False
         finally:
             os.close(handle)
 
@@ -286,6 +291,32 @@ class RunDirectory:
                 if "id" in entry:
                     spent[entry["id"]] = Spending.from_json(entry)
         return spent
+
+
+@contextlib.contextmanager
+def locked(folder: Path, setting: str) -> Iterator[None]:
+    """Hold a folder for this process alone; a killed process lets go of it by itself.
+
+    Args:
+        folder: made where it is absent.
+        setting: what names it, e.g. `run.dir`.
+
+    Raises:
+        RunError: another process is at work in it, or the folder cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        raise RunError(f"{setting}={folder} cannot be used: {error}") from error
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise RunError(f"another process is running in {folder}; wait for it, or choose another {setting}") from error
+    else:
+        yield
+    finally:
+        os.close(handle)
 
 
 def _is_recorded(occupants: Sequence[tuple[int, Json]], recorded: str) -> bool:

@@ -3,16 +3,18 @@
 sweep.json            the overrides that all jobs share, and the jobs
 NAME/                 the run directory of a job (tacevo.rundir)
 failed/NAME.json      why a job came to nothing, until it is given again and succeeds
+launch/               what launching leaves behind: the last output of each job (NAME.log), and Hydra's own files
 """
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.rundir import RunDirectory
+from tacevo.rundir import RunDirectory, locked
 from tacevo.store import sweep, write_durably
 
 #: Layout of sweep.json.
@@ -48,6 +50,30 @@ class SweepDirectory:
     def is_one(self) -> bool:
         """Whether a sweep has been begun here."""
         return (self.path / "sweep.json").exists()
+
+    @property
+    def launch(self) -> Path:
+        """Where launching leaves its files."""
+        return self.path / "launch"
+
+    @property
+    def halt(self) -> Path:
+        """The file that asks all jobs to stop, as long as it is there."""
+        return self.launch / "halt"
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the sweep for this process alone.
+
+        Raises:
+            RunError: another process is at work in it, or the folder cannot be made.
+        """
+        with locked(self.path, "--into"):
+            yield
+
+    def log(self, name: str) -> Path:
+        """Name the file that holds the last output of a job."""
+        return self.launch / f"{name}.log"
 
     def run(self, job: Job) -> RunDirectory:
         """Give the run directory of a job, begun or not."""
@@ -99,6 +125,11 @@ class SweepDirectory:
         except (OSError, ValueError, KeyError, TypeError) as error:
             return f"{path} is damaged: {error}"
 
+    def endings(self, job: Job) -> tuple[int, ...]:
+        """Tell apart the ends of a job: when it last finished and last failed, in ns; 0 for never."""
+        files = (self.path / job.name / "summary.md", self.path / "failed" / f"{job.name}.json")
+        return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in files)
+
     def _write(self, name: str, value: Json) -> None:
         write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
@@ -106,7 +137,7 @@ class SweepDirectory:
 def _job(entry: Mapping[str, Json]) -> Job:
     """Read one job; its name must be that of a folder in the sweep's own."""
     name = entry["name"]
-    if not isinstance(name, str) or Path(name).name != name or name in {"", ".", "..", "failed"}:
+    if not isinstance(name, str) or Path(name).name != name or name in {"", ".", "..", "failed", "launch"}:
         raise ValueError(f"a job's name must be that of a folder; got {name!r}")
     return Job(
         name=name,

@@ -45,7 +45,7 @@ def test_another_layout_is_named(tmp_path: Path) -> None:
         SweepDirectory(tmp_path).read()
 
 
-@pytest.mark.parametrize("name", ["../none", "/none", "", "..", "failed", 3])
+@pytest.mark.parametrize("name", ["../none", "/none", "", "..", "failed", "launch", 3])
 def test_a_job_lies_in_its_sweep(tmp_path: Path, name: object) -> None:
     """An edited sweep.json cannot lead elsewhere."""
     directory = SweepDirectory(tmp_path)
