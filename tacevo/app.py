@@ -9,21 +9,18 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from tacevo import __version__
 from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
-from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser, existing_store
+from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
 from tacevo.continue_commands import add_continue
 from tacevo.data_commands import add_data
 from tacevo.errors import BundleError, DivergenceError, TacevoError
-from tacevo.publish_commands import add_publish, in_bundle, verify_bundle
+from tacevo.publish_commands import add_publish
+from tacevo.replay_commands import add_replay
 from tacevo.study_commands import add_study
 from tacevo.sweep_commands import add_multirun, add_sweep, run_sweep
-
-if TYPE_CHECKING:
-    from tacevo.progress import View
 
 _EPILOG = """\
 examples:
@@ -87,10 +84,6 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-#: What `--retrain` without a number stands for.
-_ALL = 0
-
-
 def _parser() -> argparse.ArgumentParser:
     """Describe the command line; commands import what they need only when they run, so that help is quick."""
     parser = Parser(
@@ -114,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     add_multirun(search)
     search.set_defaults(command=_search)
 
-    _add_replay(commands)
+    add_replay(commands)
     add_publish(commands)
     add_continue(commands)
     add_sweep(commands)
@@ -143,34 +136,6 @@ def _parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help="whether this machine has what a run needs")
     doctor.set_defaults(command=_doctor)
     return parser
-
-
-def _add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
-    """Describe `tacevo replay`."""
-    replay = commands.add_parser(
-        "replay",
-        help="run a recorded search again from its stores and compare",
-        description="Run a recorded search and its finished studies again, without model, training or data set, and "
-        "compare every line; with --retrain, train the candidates of the search again, too. A published run is "
-        "replayed from what it holds, with every table. With --diff, run nothing again, and hold the run against "
-        "another one.",
-    )
-    replay.add_argument("run", metavar="RUN", help="the folder of a run, or a file that `tacevo publish` wrote")
-    replay.add_argument(
-        "--store",
-        metavar="DIR",
-        help="where its stores lie, if they were moved; for a published run, where --retrain keeps images",
-    )
-    replay.add_argument(
-        "--retrain",
-        nargs="?",
-        type=_count,
-        const=_ALL,
-        metavar="N",
-        help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
-    )
-    replay.add_argument("--diff", metavar="OTHER", help="say where this run and another one part; 1 is the status then")
-    replay.set_defaults(command=_replay)
 
 
 def _add_check(commands: "argparse._SubParsersAction[Parser]") -> None:
@@ -234,65 +199,6 @@ def _as_typed(command: str) -> str:
     if shutil.which(command):
         return command
     return os.path.relpath(Path(sys.executable).parent / command)
-
-
-def _replay(options: argparse.Namespace) -> int:
-    if options.diff is not None:
-        return _diff(options)
-    from rich.console import Console
-
-    from tacevo.bundle import insist_on_walls, opened
-    from tacevo.costs import in_words
-    from tacevo.progress import PlainView
-    from tacevo.replaying import replay
-    from tacevo.studying import replay_studies
-
-    with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
-        if options.retrain is not None:
-            insist_on_walls(found)
-        if found.root is None:
-            store = existing_store(options.store)
-            replayed, studies, beside = replay(found.run, store, view), replay_studies(found.run, store, view), []
-        else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made
-            verified = verify_bundle(found, view)
-            replayed, studies = verified.replayed, dict(verified.studies)
-            beside = [in_bundle(verified), f"bundle digest: {found.digest}"]
-        trained = None if options.retrain is None else _retrain(found.run, options, view)
-    print(f"{replayed.lines} ledger lines, both archives and every candidate's source are as recorded")
-    print(f"recorded: {in_words(replayed.spent)}; this replay made no call and cost nothing")
-    for name, digest in studies.items():
-        print(f"study {name}: every score is as recorded, digest {digest}")
-    for text in [*beside, *([] if trained is None else [trained])]:
-        print(text)
-    print(f"digest: {replayed.digest}")
-    return DONE
-
-
-def _diff(options: argparse.Namespace) -> int:
-    """Hold two runs against each other."""
-    if options.retrain is not None or options.store is not None:
-        options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
-    from tacevo.bundle import opened
-    from tacevo.comparing import compare, describe, read_recorded
-
-    with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
-        found = compare(read_recorded(one.run), read_recorded(other.run))
-    print(describe(found))
-    return DONE if found.is_equal else DIFFERENT
-
-
-def _retrain(run: Path, options: argparse.Namespace, view: "View") -> str:
-    """Train candidates of a run again; say what was compared."""
-    from tacevo.retraining import describe, retrain
-
-    return describe(retrain(run, options.store, options.retrain or None, view))
-
-
-def _count(text: str) -> int:
-    """Read the number of evaluations to train again."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number of evaluations >= 1; got {text!r}")
-    return int(text)
 
 
 def _show(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from tacevo.commandline import DONE, OVERRIDE, Parser
 from tacevo.publish_commands import verify_bundle
 
 if TYPE_CHECKING:
-    from tacevo.bundle import Opened
+    from tacevo.opening import Opened
     from tacevo.progress import View
 
 
@@ -31,8 +31,8 @@ def _continue(options: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from tacevo.bundle import opened
     from tacevo.continuing import continue_run
+    from tacevo.opening import opened
     from tacevo.progress import PlainView
 
     with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
@@ -53,5 +53,5 @@ def _checked(published: "Opened", view: "View") -> set[Path]:
         verify_bundle(published, view)
         return set(published.store.rglob("*.json"))
     read: set[Path] = set()
-    replay(published.run, str(published.store), view, seen=read.add)
+    replay(published.folder, str(published.store), view, seen=read.add)
     return read

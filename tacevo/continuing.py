@@ -9,11 +9,11 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from tacevo.bundle import Opened, insist_on_walls
 from tacevo.composition import compose, from_plain, to_plain
 from tacevo.config import RunConfig, identity
 from tacevo.development import Tools
 from tacevo.errors import ConfigError
+from tacevo.opening import Opened, insist_on_walls
 from tacevo.packing import take_in
 from tacevo.plurals import counted
 from tacevo.progress import View
@@ -44,15 +44,20 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
 
     Raises:
         ConfigError: an override would make it another run, or not a longer one.
+        RunError: it is a sweep.
         DataError: the data set is not there, or is another one.
         TacevoError: what `check` raises, and as `tacevo.session.search`.
     """
+    run = published.one_run(
+        "give the folder of one of its jobs, or a file into which that was published by itself: `tacevo publish "
+        "SWEEP/JOB -o FILE.zip`"
+    )
     insist_on_walls(published)
-    directory = RunDirectory(published.run)
+    directory = RunDirectory(run)
     settings, task, facts = read_run(directory)
     recorded = directory.read_finished()
     config = continued(settings, overrides)
-    _refuse_same_folder(config, published.run)
+    _refuse_same_folder(config, run)
     require_means(config)
     read = sorted(check(published))
     data = load_same(config, facts, view)

@@ -31,6 +31,7 @@ _DESCRIPTIONS = {
     "run/ledger.jsonl": "Every decision of the search, one line each, chained by hashes",
     "run/run.json": "Resolved configuration, task, data facts, versions, machine",
     "run/summary.md": "What the search found",
+    "sweep/sweep.json": "The jobs of the sweep",
     "store.jsonl.xz": "Recorded answers, probes, evaluations, trainings and centroids",
 }
 
@@ -59,7 +60,7 @@ def metadata(subject: Subject, terms: Terms, names: Iterable[str]) -> str:
     ]
     if people:
         crate.root_dataset["author"] = people
-    crate.root_dataset["identifier"] = subject.run["digest"]
+    crate.root_dataset["identifier"] = subject.digest
     for name in sorted(names):
         described = {"description": _DESCRIPTIONS[name]} if name in _DESCRIPTIONS else {}
         crate.add_file(dest_path=name, properties={"name": name, "encodingFormat": _media_type(name), **described})
@@ -73,7 +74,7 @@ def _media_type(name: str) -> str:
 
 def _add_action(crate: ROCrate, subject: Subject) -> None:
     """Say which software made the run, as the Process Run Crate profile does."""
-    version = subject.run["versions"]["tacevo"]
+    version = subject.first["versions"]["tacevo"]
     software = crate.add(
         SoftwareApplication(crate, "#tacevo", properties={"name": "TacEvo", "softwareVersion": version})
     )
@@ -81,9 +82,15 @@ def _add_action(crate: ROCrate, subject: Subject) -> None:
         ContextEntity(
             crate,
             "#search",
-            properties={"@type": "CreateAction", "name": f"The search of {subject.run['name']}"},
+            properties={"@type": "CreateAction", "name": _searched(subject)},
         )
     )
     action["instrument"] = software
-    action["result"] = crate.get("run/ledger.jsonl")
+    folders = [f"sweep/{job.name}" for job in subject.jobs] or ["run"]
+    ledgers = [crate.get(f"{folder}/ledger.jsonl") for folder in folders]
+    action["result"] = ledgers if subject.jobs else ledgers[0]
     crate.root_dataset["mentions"] = action
+
+
+def _searched(subject: Subject) -> str:
+    return "The searches of a sweep" if subject.jobs else f"The search of {subject.first['name']}"

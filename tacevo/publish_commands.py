@@ -11,7 +11,7 @@ from tacevo.commandline import DONE, Parser
 
 if TYPE_CHECKING:
     from analysis.collection import Collection
-    from tacevo.bundle import Opened
+    from tacevo.opening import Opened
     from tacevo.progress import View
     from tacevo.verifying import Verified
 
@@ -20,13 +20,13 @@ def add_publish(commands: "argparse._SubParsersAction[Parser]") -> None:
     """Describe the command."""
     publish = commands.add_parser(
         "publish",
-        help="one file with which anybody can replay a run",
-        description="Replay a finished run and its studies, and write all that a replay elsewhere needs, with tables, "
-        "figures, licence and checksums, into one file: an RO-Crate.",
+        help="one file with which anybody can replay a run or a sweep",
+        description="Replay a finished run or sweep and its studies, and write all that a replay elsewhere needs, with "
+        "tables, figures, licence and checksums, into one file: an RO-Crate.",
     )
-    publish.add_argument("run", metavar="RUN", help="the folder of a run")
+    publish.add_argument("run", metavar="RUN", help="the folder of a run or of a sweep")
     publish.add_argument(
-        "studies", metavar="STUDY", nargs="*", help="the folder of a study of it (default: all finished ones)"
+        "studies", metavar="STUDY", nargs="*", help="the folder of a study of a run (default: all finished ones)"
     )
     publish.add_argument("-o", "--output", required=True, metavar="FILE", help="e.g. run.zip")
     publish.add_argument("--store", metavar="DIR", help="where the stores of the run lie, if they were moved")
@@ -55,19 +55,37 @@ def in_bundle(verified: "Verified") -> str:
     )
 
 
-def table_files(run: Path, store: Path) -> dict[str, bytes]:
-    """Make every table of a run, from its records and recorded probes alone; give contents by file name."""
-    return _tables(_collect(run, store), store)
+def table_files(folder: Path, store: Path) -> dict[str, bytes]:
+    """Make every table of a run or a sweep, from its records and recorded probes alone; give contents by file name."""
+    return _sweep_tables(folder) if _is_sweep(folder) else _tables(_collect(folder, store), store)
 
 
-def pages(run: Path, store: Path) -> tuple[dict[str, bytes], dict[str, bytes]]:
-    """Make every table of a run, and every figure that follows from its records; give contents by file name."""
+def pages(folder: Path, store: Path) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """Make every table of a run or a sweep, and every figure that follows from its records; give contents by name."""
     from analysis.collection import pictures_of
     from analysis.style import render
 
-    found = _collect(run, store)
+    if _is_sweep(folder):
+        return _sweep_tables(folder), {}
+    found = _collect(folder, store)
     figures = {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures_of(found)}
     return _tables(found, store), figures
+
+
+def _is_sweep(folder: Path) -> bool:
+    from tacevo.sweepdir import SweepDirectory
+
+    return SweepDirectory(folder).is_one
+
+
+def _sweep_tables(folder: Path) -> dict[str, bytes]:
+    from analysis.loading import load_run
+    from analysis.published_tables import beside_published
+    from analysis.rendering import table_texts
+    from tacevo.opening import located
+
+    table = beside_published([load_run(run) for run in located(folder).runs])
+    return {name: text.encode() for name, text in table_texts(table).items()}
 
 
 def _tables(found: "Collection", store: Path) -> dict[str, bytes]:
@@ -98,7 +116,7 @@ def _publish(options: argparse.Namespace) -> int:
     with PlainView(Console(stderr=True)) as view:
         done = publish(request, Path(options.output), make_pages=pages, view=view)
     print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
-    print(f"run: {done.run}")
+    print(f"{done.what}: {done.content}")
     print(f"bundle digest: {done.digest}")
     return DONE
 

@@ -1,4 +1,4 @@
-"""`tacevo publish`: a finished run, its studies and all that follows from them, gathered into one bundle.
+"""`tacevo publish`: a finished run or sweep, its studies and all that follows from them, gathered into one bundle.
 
 Equal runs give equal bytes wherever, whenever and by whomever they are published, under one version of this package, of
 Matplotlib and of the libraries that compress. Nothing in a bundle names a folder or a host of the machine.
@@ -7,39 +7,42 @@ Matplotlib and of the libraries that compress. Nothing in a bundle names a folde
 import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tacevo import solid
-from tacevo.bundle import LOCK, MANIFEST, RUN_FILES, STORE, private_folder, sealed
+from tacevo.anonymity import published_config, published_overrides
+from tacevo.bundle import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
 from tacevo.confdir import conf_root
 from tacevo.crate import metadata
 from tacevo.errors import ConfigError, RunError
+from tacevo.opening import Opened, located, over_runs, private_folder, standing_for
 from tacevo.papers import Subject, Terms, citation, licence, readme
 from tacevo.progress import View
 from tacevo.records import Json
-from tacevo.replaying import Replayed, replay
+from tacevo.replaying import read_run
 from tacevo.rundir import PACKAGES, RunDirectory
 from tacevo.store import write_durably
 from tacevo.studydir import StudyDirectory, studies_of
-from tacevo.studying import replay_studies
-from tacevo.verifying import check_records
+from tacevo.sweep_checks import arm_of, check_jobs, config_hash
+from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.verifying import Rerun, rerun
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
     """What a user wants published, and how."""
 
-    #: The folder of the run.
+    #: The folder of the run, or of the sweep.
     run: Path
-    #: Folders of its studies; none for all that are finished.
+    #: Folders of its studies; none for all that are finished. Those of a sweep are not chosen.
     studies: tuple[Path, ...] = ()
     #: Where the stores lie, if not where the run had them.
     store: Path | None = None
     #: SPDX identifier.
     licence: str = "CC-BY-4.0"
     authors: tuple[str, ...] = field(default=())
-    #: As YYYY-MM-DD; None for the day on which the run ended.
+    #: As YYYY-MM-DD; None for the day on which the run, or the last one of the sweep, ended.
     published: str | None = None
 
 
@@ -47,8 +50,10 @@ class Request:
 class Published:
     """A bundle that was written."""
 
-    #: Of the run's ledger.
-    run: str
+    #: `run` or `sweep`.
+    what: str
+    #: The digest of the run's ledger, or of the sweep.
+    content: str
     #: Of the bundle: SHA-256 of its manifest.
     digest: str
     #: Files in it, and its size in bytes.
@@ -63,80 +68,100 @@ def publish(
     make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
     view: View,
 ) -> Published:
-    """Replay a finished run and its studies, and write all that belongs to it into one file.
+    """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
 
     Args:
         request: what to publish.
         target: the file to write; one that stands there is replaced.
-        make_pages: gives the files of every table, and those of every figure, from the folders of run and stores.
+        make_pages: gives the files of every table, and those of every figure, from the folders of a run or a sweep and
+            of its stores.
         view: who is told.
 
     Raises:
-        DivergenceError: the run is not what its stores give.
+        DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
-        RunError: this is no finished run, or a study is none of its finished ones.
+        RunError: this is no finished run or sweep, or a study is none of its finished ones.
         ConfigError: licence, date or an author cannot be used.
     """
-    directory = RunDirectory(request.run)
-    ledger = directory.read_finished()
-    run = _publishable(directory)
-    terms = Terms(licence=request.licence, authors=request.authors, published=_day(request))
-    store = request.store or Path(directory.read_run()["config"]["store"]["root"])
+    found = located(request.run)
+    terms = Terms(licence=request.licence, authors=request.authors, published=_day(request, found))
+    store = request.store or found.store
     with private_folder(request.run.parent) as folder:
-        staged = folder / run["name"]
-        _stage(request, run, staged, view)
+        staged = _staged(request, found, folder, view)
         read: set[Path] = set()
-        replayed = replay(staged, str(store), view, seen=read.add)
-        studies = replay_studies(staged, str(store), view, seen=read.add)
-        check_records(staged, replayed)
-        candidates = sum(line["kind"] == "candidate" for line in ledger)
-        tables, figures = make_pages(staged, store)
+        with standing_for(staged.folder, request.run):
+            runs = over_runs(staged, lambda run: rerun(run, str(store), view, seen=read.add), view.say)
+            if staged.jobs is not None:
+                check_jobs(SweepDirectory(staged.folder))
+        tables, figures = make_pages(staged.folder, store)
         members = {
-            **_run_members(staged, replayed),
+            **_members(staged, runs),
             STORE: solid.pack(json.loads(path.read_bytes()) for path in read),
             **_in_folder("tables", tables),
             **_in_folder("figures", figures),
         }
-    members |= _papers(Subject(run=run, candidates=candidates, studies=studies), terms, members)
+        subject = _subject(staged, runs)
+    members |= _papers(subject, terms, members)
     data, digest = sealed(members)
     write_durably(target, data)
-    return Published(run=replayed.digest, digest=digest, files=len(members) + 1, size=len(data))
+    return Published(what=subject.what, content=subject.digest, digest=digest, files=len(members) + 1, size=len(data))
+
+
+def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened:
+    """Lay what is to be published of a run or a sweep into a folder whose name tables and figures may bear.
+
+    Raises:
+        DivergenceError: the sweep's jobs are not what its sweep.json says.
+        RunError: a run is not finished, or a study is none of its finished ones.
+    """
+    if found.jobs is None:
+        run = _publishable(RunDirectory(found.folder))
+        _stage(found.folder, run, folder / run["name"], _studies(request, found.folder, run["digest"], view))
+        return replace(found, folder=folder / run["name"])
+    if request.studies:
+        raise RunError("a sweep is published with every finished study of its runs; name none")
+    directory = SweepDirectory(found.folder)
+    check_jobs(directory)
+    staged = replace(found, folder=folder / SWEEP)
+    for source, target in zip(found.runs, staged.runs, strict=True):
+        run = _publishable(RunDirectory(source))
+        _stage(source, run, target, _studies(request, source, run["digest"], view))
+    shared, jobs = directory.read()
+    SweepDirectory(staged.folder).write(
+        published_overrides(shared), [_published_job(staged.folder, job) for job in jobs]
+    )
+    return staged
+
+
+def _published_job(folder: Path, job: Job) -> Job:
+    """Give a job without what belongs to one machine, from the run that was staged."""
+    overrides = published_overrides(job.overrides)
+    config, _, _ = read_run(RunDirectory(folder / job.name))
+    return replace(job, arm=arm_of(overrides), overrides=overrides, config=config_hash(config))
 
 
 def _publishable(directory: RunDirectory) -> dict[str, Json]:
-    """Read run.json without what belongs to one machine: paths, addresses, a tracker.
+    """Read run.json of a finished run without what belongs to one machine: paths, addresses, a tracker.
 
     None of it is part of the run's identity (`tacevo.config.identity`).
     """
+    directory.read_finished()
     run = directory.read_run()
     with directory.believed():
-        config = run["config"]
-        data, llm, task = config["data"], config["llm"], config["task"]
-        published = {
-            **config,
-            "data": {**data, "root": None if data["root"] is None else Path(data["root"]).name},
-            "llm": {**llm, "base_url": None, "prices": Path(llm["prices"]).name},
-            "task": {**task, **{key: _relative(task[key]) for key in ("baseline", "instructions", "system")}},
-            "tracking": {**config["tracking"], "kind": "none", "uri": ""},
-            "store": {**config["store"], "root": "cache"},
-            "run": {**config["run"], "dir": None},
-        }
-        return {**run, "name": run["name"] or "run", "config": published}
+        return {**run, "name": run["name"] or "run", "config": published_config(run["config"])}
 
 
-def _relative(path: str) -> str:
-    return Path(path).name if Path(path).is_absolute() else path
-
-
-def _day(request: Request) -> str:
-    """Give the day of publication: by default the last one in the run's timings, so that it is the run's own.
+def _day(request: Request, found: Opened) -> str:
+    """Give the day of publication: by default the last one in the runs' timings, so that it is their own.
 
     Raises:
         ConfigError: there is none.
     """
-    if request.published is not None:
-        return request.published
-    path = request.run / "timings.jsonl"
+    return request.published or max(_last_day(run) for run in found.runs)
+
+
+def _last_day(run: Path) -> str:
+    path = run / "timings.jsonl"
     try:
         last = path.read_text(encoding="utf-8").splitlines()[-1]
         return str(json.loads(last)["at"])[: len("YYYY-MM-DD")]
@@ -144,28 +169,27 @@ def _day(request: Request) -> str:
         raise ConfigError(f"{path} does not say when the run ended; give the day with --date YYYY-MM-DD") from error
 
 
-def _stage(request: Request, run: dict[str, Json], staged: Path, view: View) -> None:
-    """Lay what is to be published of a run into a folder of the run's own name, which tables and figures bear."""
-    shutil.copytree(request.run / "candidates", staged / "candidates")
+def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[StudyDirectory]) -> None:
+    """Lay what is to be published of a run into another folder."""
+    shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
-        source = request.run / name
-        if source.exists() and name != "run.json":
-            shutil.copy(source, staged / name)
+        if (source / name).exists() and name != "run.json":
+            shutil.copy(source / name, staged / name)
     RunDirectory(staged).write_json("run.json", run)
-    for study in _studies(request, str(run["digest"]), view):
+    for study in studies:
         folder = staged / "studies" / study.path.name
         folder.mkdir(parents=True)
         for name in ("study.json", "scores.jsonl"):
             shutil.copy(study.path / name, folder / name)
 
 
-def _studies(request: Request, digest: str, view: View) -> list[StudyDirectory]:
-    """Choose the studies: those that were named, or all that are finished.
+def _studies(request: Request, run: Path, digest: str, view: View) -> list[StudyDirectory]:
+    """Choose the studies of a run: those that were named, or all that are finished.
 
     Raises:
         RunError: one that was named is not a finished study of this run.
     """
-    every = studies_of(request.run)
+    every = studies_of(run)
     whole = [study for study in every if _is_finished(study, digest)]
     if not request.studies:
         for study in every:
@@ -176,7 +200,7 @@ def _studies(request: Request, digest: str, view: View) -> list[StudyDirectory]:
     for path in request.studies:
         if path.resolve() not in by_place:
             finished = ", ".join(str(study.path) for study in whole) or "none"
-            raise RunError(f"{path} is not the folder of a finished study of {request.run}; finished: {finished}")
+            raise RunError(f"{path} is not the folder of a finished study of {run}; finished: {finished}")
     return [by_place[place] for place in sorted({path.resolve() for path in request.studies})]
 
 
@@ -185,12 +209,33 @@ def _is_finished(study: StudyDirectory, digest: str) -> bool:
     return recorded.get("digest") is not None and recorded.get("run") == digest
 
 
-def _run_members(staged: Path, replayed: Replayed) -> dict[str, bytes]:
-    """Read the files of a staged run: those that were compared."""
+def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
+    """Read the files of staged runs: those that were compared."""
+    if staged.jobs is None:
+        return _run_members("run", staged.folder, runs[0])
+    members = {JOBS: (staged.folder / "sweep.json").read_bytes()}
+    for folder, done in zip(staged.runs, runs, strict=True):
+        members |= _run_members(f"{SWEEP}/{folder.name}", folder, done)
+    return members
+
+
+def _run_members(place: str, staged: Path, done: Rerun) -> dict[str, bytes]:
     paths = [staged / name for name in RUN_FILES if (staged / name).exists()]
-    paths += [staged / "candidates" / name for name in replayed.files]
+    paths += [staged / "candidates" / name for name in done.replayed.files]
     paths += staged.glob("studies/*/*")
-    return {f"run/{path.relative_to(staged).as_posix()}": path.read_bytes() for path in paths}
+    return {f"{place}/{path.relative_to(staged).as_posix()}": path.read_bytes() for path in paths}
+
+
+def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
+    """Gather what the pages say of what is published."""
+    directories = [RunDirectory(path) for path in staged.runs]
+    jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
+    return Subject(
+        runs=tuple(directory.read_run() for directory in directories),
+        candidates=sum(line["kind"] == "candidate" for directory in directories for line in directory.read_ledger()),
+        studies=tuple(done.studies for done in runs),
+        jobs=jobs,
+    )
 
 
 def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
@@ -199,7 +244,7 @@ def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str, bytes]:
     """Write what describes a bundle, the metadata last: it lists all others."""
-    lock = _lock(subject.run["versions"])
+    lock = _lock(subject.first["versions"])
     texts = {
         "README.md": readme(subject, has_lock=lock is not None),
         "LICENSE.txt": licence(terms),

@@ -7,6 +7,7 @@ confined process, so it is that process's claim, then as now; losses of validati
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
 from tacevo.config import RunConfig
@@ -32,6 +33,9 @@ _BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
 _COMPUTING = ("torch", "numpy")
 
 
+T = TypeVar("T")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retrained:
     """Evaluations that were found to be as recorded."""
@@ -48,22 +52,71 @@ class Retrained:
     doubts: tuple[str, ...]
 
 
-def retrain(path: Path, store: str | None, count: int | None, view: View) -> Retrained:
-    """Train candidates of a finished run again, and compare every bit that the run recorded of it.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Chosen:
+    """What of one run is trained again."""
+
+    run: Path
+    #: Ledger lines of evaluations.
+    lines: tuple[Mapping[str, Json], ...]
+
+
+def retrain(runs: Sequence[Path], store: str | None, count: int | None, view: View) -> Retrained:
+    """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
+
+    An evaluation that several runs share counts once.
 
     Args:
-        path: the run directory; its ledger must have been checked.
-        store: where the stores lie, if not where the run had them; of these the images are used.
-        count: how many evaluations to draw, with the run's seed; None for all of them.
+        runs: the run directories, one or a sweep's; their ledgers must have been checked.
+        store: where the stores lie, if not where the runs had them; of these the images are used.
+        count: how many evaluations to draw from those of all runs, with the first run's seed; None for all of them.
         view: who is told.
 
     Raises:
         DivergenceError: the first difference.
-        DataError: the run's data set is not there, or is another one.
-        ConfigError: this machine cannot compute what the run's numerics ask for.
+        DataError: a run's data set is not there, or is another one.
+        ConfigError: this machine cannot compute what a run's numerics ask for.
         RunError: a candidate's source is missing or was edited, or run.json is damaged.
     """
-    directory = RunDirectory(path)
+    pairs = _evaluations(runs)
+    seed = read_run(RunDirectory(runs[0]))[0].seed
+    drawn = sampled(pairs, count, seed)
+    chosen = [_Chosen(run=run, lines=tuple(line for of, line in drawn if of == run)) for run in runs]
+    doubts: dict[str, None] = {}
+    for part in chosen:
+        if part.lines:
+            name = f"{part.run.name} " if len(runs) > 1 else ""
+            doubts |= dict.fromkeys(_retrain(part, store, view, name))
+    lines = [line for part in chosen for line in part.lines]
+    trained = [line for line in lines if "stage" not in line]
+    return Retrained(
+        trained=len(trained),
+        rejected=len(lines) - len(trained),
+        of=len(pairs),
+        not_recorded=tuple(name for name in _FIELDS if any(name not in line for line in trained)),
+        doubts=tuple(doubts),
+    )
+
+
+def _evaluations(runs: Sequence[Path]) -> list[tuple[Path, Mapping[str, Json]]]:
+    """List the evaluations of all runs, each with the first run that has it."""
+    found: dict[str, tuple[Path, Mapping[str, Json]]] = {}
+    for run in runs:
+        for line in evaluated(RunDirectory(run).read_ledger()):
+            found.setdefault(line["evaluation"], (run, line))
+    return list(found.values())
+
+
+def _retrain(chosen: _Chosen, store: str | None, view: View, name: str) -> tuple[str, ...]:
+    """Train candidates of one run again and compare; say why equal bits were not promised.
+
+    Args:
+        chosen: the candidates, one or more.
+        store: see `retrain`.
+        view: who is told.
+        name: what stands before a candidate's id; empty where there is one run only.
+    """
+    directory = RunDirectory(chosen.run)
     config, task, facts = read_run(directory, store)
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
@@ -71,22 +124,14 @@ def retrain(path: Path, store: str | None, count: int | None, view: View) -> Ret
         doubts = doubts_of(directory.read_run(), config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    lines = evaluated(directory.read_ledger())
-    chosen = sampled(lines, count, config.seed)
-    sources = [directory.read_source(line["id"], line["source"]) for line in chosen]
+    sources = [directory.read_source(line["id"], line["source"]) for line in chosen.lines]
     data = load_same(config, facts, view)
     with open_trainer(config, task, data) as (train, executor):
-        for number, (line, result) in enumerate(zip(chosen, executor.map(train, sources), strict=True), start=1):
-            _insist_on_equal(line, result, doubts)
-            view.say(f"{line['id']}: as recorded ({number} of {len(chosen)})")
-    trained = [line for line in chosen if "stage" not in line]
-    return Retrained(
-        trained=len(trained),
-        rejected=len(chosen) - len(trained),
-        of=len(lines),
-        not_recorded=tuple(name for name in _FIELDS if any(name not in line for line in trained)),
-        doubts=doubts,
-    )
+        results = zip(chosen.lines, executor.map(train, sources), strict=True)
+        for number, (line, result) in enumerate(results, start=1):
+            _insist_on_equal(name, line, result, doubts)
+            view.say(f"{name}{line['id']}: as recorded ({number} of {len(chosen.lines)})")
+    return doubts
 
 
 def describe(found: Retrained) -> str:
@@ -111,7 +156,7 @@ def evaluated(ledger: Sequence[Mapping[str, Json]]) -> list[Mapping[str, Json]]:
     return list(lines.values())
 
 
-def sampled(lines: Sequence[Mapping[str, Json]], count: int | None, seed: int) -> list[Mapping[str, Json]]:
+def sampled(lines: Sequence[T], count: int | None, seed: int) -> list[T]:
     """Draw lines without repetition, in their order; all of them where `count` is None or not below their number."""
     if count is None or count >= len(lines):
         return list(lines)
@@ -170,7 +215,7 @@ def _differ(what: str, recorded: object, recomputed: object) -> str:
     return f"{what}: recorded {recorded}, recomputed {recomputed}"
 
 
-def _insist_on_equal(line: Mapping[str, Json], result: Training | Rejection, doubts: Sequence[str]) -> None:
+def _insist_on_equal(name: str, line: Mapping[str, Json], result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
     found = difference(line, result)
     if found is None:
@@ -180,7 +225,7 @@ def _insist_on_equal(line: Mapping[str, Json], result: Training | Rejection, dou
         reasons.append("this depends on the machine's speed and memory; try with executor.workers=1 or a quiet machine")
     if "not_portable" in line:
         reasons.append(f"the candidate uses {', '.join(line['not_portable'])}, whose bits depend on the CPU")
-    raise DivergenceError("; ".join([f"{line['id']} differs in {found}", *reasons]))
+    raise DivergenceError("; ".join([f"{name}{line['id']} differs in {found}", *reasons]))
 
 
 def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue: Catalogue | None = None) -> Dataset:

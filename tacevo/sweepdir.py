@@ -15,7 +15,7 @@ from pathlib import Path
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.rundir import RunDirectory, locked
-from tacevo.store import sweep, write_durably
+from tacevo.store import content_hash, sweep, write_durably
 
 #: Layout of sweep.json.
 SCHEMA = 1
@@ -132,6 +132,11 @@ class SweepDirectory:
 
     def _write(self, name: str, value: Json) -> None:
         write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def sweep_digest(digests: Mapping[str, str]) -> str:
+    """Give the digest of a sweep from those of its runs, by the names of their jobs: 64 hex digits."""
+    return content_hash(dict(digests))
 
 
 def _job(entry: Mapping[str, Json]) -> Job:

@@ -1,4 +1,4 @@
-"""Whether the records of a published run follow from each other: its search, its studies, its tables.
+"""Whether the records of a published run or sweep follow from each other: searches, studies, tables, a sweep's jobs.
 
 Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made anew from the records (figures,
 which depend on fonts and libraries, and the pages that describe the bundle) is held against its checksum only.
@@ -7,30 +7,41 @@ which depend on fonts and libraries, and the pages that describe the bundle) is 
 import contextlib
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.bundle import Opened
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
+from tacevo.opening import Opened, over_runs
 from tacevo.progress import View
 from tacevo.replaying import Replayed, replay
 from tacevo.rundir import RunDirectory
+from tacevo.store import Seen
 from tacevo.studydir import studies_of
 from tacevo.studying import replay_studies
 from tacevo.summary import summarise
+from tacevo.sweep_checks import check_jobs
+from tacevo.sweepdir import SweepDirectory
 
-#: Makes every table of a run anew: its folder and that of its stores to contents by file name.
+#: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.
 MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rerun:
+    """A run whose search and studies were run again, and found to be as recorded."""
+
+    replayed: Replayed
+    #: Digest of each study, by name.
+    studies: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verified:
     """A bundle whose records were found to follow from each other."""
 
-    replayed: Replayed
-    #: Digest of each study, by name.
-    studies: Mapping[str, str]
+    #: One, or those of a sweep's jobs in their order.
+    runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
     #: Files of tables that were made anew and compared.
@@ -48,22 +59,48 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
         view: who is told.
 
     Raises:
-        DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell.
+        DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
+            job that is not what sweep.json says.
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
     if bundle.root is None:
-        raise ValueError(f"{bundle.run} is no bundle")
+        raise ValueError(f"{bundle.folder} is no bundle")
+    read: set[Path] = set()
+
+    def check(run: Path) -> Rerun:
+        with _refusing(run):
+            checked = rerun(run, str(bundle.store), view, seen=read.add)
+            _check_files(run, checked)
+            return checked
+
+    runs = over_runs(bundle, check, view.say)
     with _refusing(bundle.root):
-        check_sizes(bundle.run)
-        read: set[Path] = set()
-        replayed = replay(bundle.run, str(bundle.store), view, seen=read.add)
-        studies = replay_studies(bundle.run, str(bundle.store), view, seen=read.add)
-        check_records(bundle.run, replayed)
-        _check_files(bundle, replayed, studies, read)
-        made = make_tables(bundle.run, bundle.store)
+        _check_entries(bundle.store, read)
+        if bundle.jobs is not None:
+            check_jobs(SweepDirectory(bundle.folder))
+        made = make_tables(bundle.folder, bundle.store)
         compare_tables(bundle.root / "tables", made)
     figures = len(list(bundle.root.glob("figures/*")))
-    return Verified(replayed=replayed, studies=studies, entries=len(read), tables=len(made), figures=figures)
+    return Verified(runs=runs, entries=len(read), tables=len(made), figures=figures)
+
+
+def rerun(run: Path, store: str, view: View, *, seen: Seen) -> Rerun:
+    """Run a search and its studies again, and hold all of its own files against that.
+
+    Args:
+        run: its folder.
+        store: where the stores lie.
+        view: who is told.
+        seen: told of every store entry that is read.
+
+    Raises:
+        TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
+    """
+    check_sizes(run)
+    replayed = replay(run, store, view, seen=seen)
+    studies = replay_studies(run, store, view, seen=seen)
+    check_records(run, replayed)
+    return Rerun(replayed=replayed, studies=studies)
 
 
 def check_sizes(run: Path) -> None:
@@ -167,23 +204,31 @@ def _first_line(was: str, now: str) -> str | None:
     return None if len(old) == len(new) else f"recorded {len(old)} lines, replayed {len(new)}"
 
 
-def _check_files(bundle: Opened, replayed: Replayed, studies: Mapping[str, str], read: set[Path]) -> None:
-    """See that a bundle has no candidate, study or store entry beside those that were compared.
+def _check_files(run: Path, checked: Rerun) -> None:
+    """See that a run has no candidate or study beside those that were compared.
 
     Raises:
         BundleError: it has.
     """
     found = {
-        "the ledger": ({path.name for path in bundle.run.glob("candidates/*")}, replayed.files),
-        "a study of this run": ({path.name for path in bundle.run.glob("studies/*")}, frozenset(studies)),
-        "the replay": (
-            {path.name for path in bundle.store.rglob("*.json")},
-            {path.name for path in read},
-        ),
+        "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
+        "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
     }
     for what, (there, known) in found.items():
         for name in sorted(there - known):
-            raise BundleError(f"{bundle.root}: {name} is there, and belongs to nothing of {what}")
+            raise BundleError(f"{run}: {name} is there, and belongs to nothing of {what}")
+
+
+def _check_entries(store: Path, read: Set[Path]) -> None:
+    """See that every store entry of a bundle was needed by a run of it.
+
+    Raises:
+        BundleError: one was not.
+    """
+    names = {path.name for path in read}
+    for path in sorted(store.rglob("*.json")):
+        if path.name not in names:
+            raise BundleError(f"{store}: {path.name} is there, and belongs to nothing of the replay")
 
 
 @contextlib.contextmanager

@@ -61,3 +61,16 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
     assert main(["publish", str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone"]) == 0
     return folder
+
+
+@pytest.fixture(scope="session")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of a tiny sweep (`sweep`, `cache`), published as `sweep.zip`; nothing may be changed."""
+    from sweeps import run_sweep
+
+    from tacevo.app import main
+
+    folder = tmp_path_factory.mktemp("swept")
+    run_sweep(folder / "sweep", folder / "cache")
+    assert main(["publish", str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone"]) == 0
+    return folder

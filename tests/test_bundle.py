@@ -7,22 +7,23 @@ import pytest
 from bundles import members_of, resealed
 
 from tacevo.app import main
-from tacevo.bundle import Opened, insist_on_walls, opened, private_folder, sealed
+from tacevo.bundle import sealed
 from tacevo.errors import BundleError, DivergenceError, RunError
+from tacevo.opening import Opened, insist_on_walls, opened, private_folder
 
 
 def test_folder_is_opened_where_it_lies(published: Path) -> None:
     """With the stores that its run.json names; nothing is copied."""
     with opened(published / "run") as found:
-        assert (found.run, found.store) == (published / "run", published / "cache")
+        assert (found.folder, found.store) == (published / "run", published / "cache")
         assert (found.root, found.digest) == (None, None)
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
     """A folder of the run's own name, stores beside it, and neither afterwards."""
     with opened(published / "run.zip") as found:
-        assert found.run.name == "run"
-        assert (found.run / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
+        assert found.folder.name == "run"
+        assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
         assert any(found.store.glob("completions/*/*.json"))
         assert found.root is not None
         assert (found.root.stat().st_mode & 0o777) == 0o700
@@ -83,4 +84,4 @@ def test_bundle_does_not_take_the_walls_down(
     for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
         assert main(command) == 1
         assert setting in capsys.readouterr().err
-    insist_on_walls(Opened(run=found.run, store=found.store))
+    insist_on_walls(Opened(folder=found.folder, store=found.store))

@@ -72,7 +72,7 @@ def rewritten(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]
 def again(count: int | None = None) -> Retrained:
     """Train again in the working directory."""
     with PlainView(Console(quiet=True)) as view:
-        return retrain(Path("run"), None, count, view)
+        return retrain([Path("run")], None, count, view)
 
 
 def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

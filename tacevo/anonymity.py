@@ -1,0 +1,74 @@
+"""What of a run's settings is published: not what belongs to one machine, and decides no result; pure.
+
+Paths keep their last part, so that a reader sees which file it was; addresses, trackers and folders of results go.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import PurePath
+
+from tacevo.records import Json
+
+#: What stands for a folder without a name of its own, such as `.`.
+_NAMELESS = "data"
+
+#: Groups of overrides that say where a run lies, or who watches it.
+_ELSEWHERE = ("run.", "store.", "tracking.")
+
+
+def last_part(path: str) -> str:
+    """Give the last part of a path."""
+    name = PurePath(path).name
+    return _NAMELESS if name in {"", ".."} else name
+
+
+def relative(path: str) -> str:
+    """Give an absolute path's last part; another path as it is, for it says nothing of the machine."""
+    return last_part(path) if PurePath(path).is_absolute() else path
+
+
+#: Settings that are paths, and what is published of them.
+_PATHS: Mapping[str, Callable[[str], str]] = {
+    "data.root": last_part,
+    "data.table": relative,
+    "data.sensor": relative,
+    "data.pattern": relative,
+    "llm.prices": last_part,
+    "task.baseline": relative,
+    "task.instructions": relative,
+    "task.system": relative,
+}
+
+
+def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
+    """Give a run's configuration, as in run.json, without what belongs to one machine.
+
+    Raises:
+        KeyError: it is no configuration.
+    """
+    published = {group: dict(value) if isinstance(value, Mapping) else value for group, value in config.items()}
+    for key, shorten in _PATHS.items():
+        group, _, name = key.partition(".")
+        path = published[group][name]
+        published[group][name] = None if path is None else shorten(path)
+    published["llm"]["base_url"] = None
+    published["tracking"] |= {"kind": "none", "uri": ""}
+    published["store"]["root"] = "cache"
+    published["run"]["dir"] = None
+    return published
+
+
+def published_overrides(overrides: Sequence[str]) -> tuple[str, ...]:
+    """Give a sweep's overrides without what belongs to one machine; they compose what `published_config` gives."""
+    kept = (_published(override) for override in overrides)
+    return tuple(override for override in kept if override is not None)
+
+
+def _published(override: str) -> str | None:
+    key, _, value = override.partition("=")
+    if key.startswith(_ELSEWHERE) or key == "llm.base_url":
+        return None
+    bare = value.strip("'\"")
+    if key not in _PATHS or bare == "null":
+        return override
+    quote = value[: value.index(bare)] if bare else ""
+    return f"{key}={quote}{_PATHS[key](bare)}{quote}"

@@ -1,0 +1,142 @@
+"""The command `tacevo replay`; what it does is imported when it runs, so that help is quick."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tacevo.commandline import DIFFERENT, DONE, Parser, existing_store
+from tacevo.publish_commands import in_bundle, verify_bundle
+
+if TYPE_CHECKING:
+    from tacevo.opening import Opened
+    from tacevo.progress import View
+    from tacevo.verifying import Rerun
+
+#: What `--retrain` without a number stands for.
+_ALL = 0
+
+
+def add_replay(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe `tacevo replay`."""
+    replay = commands.add_parser(
+        "replay",
+        help="run a recorded search again from its stores and compare",
+        description="Run a recorded search and its finished studies again, without model, training or data set, and "
+        "compare every line; of a sweep, every search. With --retrain, train the candidates again, too. A published "
+        "run or sweep is replayed from what it holds, with every table. With --diff, run nothing again, and hold the "
+        "run against another one.",
+    )
+    replay.add_argument(
+        "run", metavar="RUN", help="the folder of a run or a sweep, or a file that `tacevo publish` wrote"
+    )
+    replay.add_argument(
+        "--store",
+        metavar="DIR",
+        help="where its stores lie, if they were moved; for a published run, where --retrain keeps images",
+    )
+    replay.add_argument(
+        "--retrain",
+        nargs="?",
+        type=_count,
+        const=_ALL,
+        metavar="N",
+        help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
+    )
+    replay.add_argument("--diff", metavar="OTHER", help="say where this run and another one part; 1 is the status then")
+    replay.set_defaults(command=_replay)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    if options.diff is not None:
+        return _diff(options)
+    from rich.console import Console
+
+    from tacevo.opening import insist_on_walls, opened
+    from tacevo.progress import PlainView
+
+    with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
+        if options.retrain is not None:
+            insist_on_walls(found)
+        if found.root is None:
+            runs, beside = _rerun(found, existing_store(options.store), view), []
+        else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made
+            verified = verify_bundle(found, view)
+            runs, beside = verified.runs, [in_bundle(verified), f"bundle digest: {found.digest}"]
+        trained = [] if options.retrain is None else [_retrain(found, options, view)]
+    for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
+        print(text)
+    return DONE
+
+
+def _rerun(found: "Opened", store: str | None, view: "View") -> tuple["Rerun", ...]:
+    """Run every search and study of a folder again; of a sweep, hold its list of jobs against them."""
+    from tacevo.opening import over_runs
+    from tacevo.replaying import replay
+    from tacevo.studying import replay_studies
+    from tacevo.sweep_checks import check_jobs
+    from tacevo.sweepdir import SweepDirectory
+    from tacevo.verifying import Rerun
+
+    def again(run: Path) -> Rerun:
+        return Rerun(replayed=replay(run, store, view), studies=replay_studies(run, store, view))
+
+    runs = over_runs(found, again, view.say)
+    if found.jobs is not None:
+        check_jobs(SweepDirectory(found.folder))
+    return runs
+
+
+def _told(found: "Opened", runs: Sequence["Rerun"]) -> list[str]:
+    """Say what was compared of each run, and of a sweep of all together, for a person."""
+    from tacevo.costs import in_words, total
+
+    lines = sum(run.replayed.lines for run in runs)
+    spent = in_words(total(run.replayed.spent for run in runs))
+    told = [
+        f"{lines} ledger lines, both archives and every candidate's source are as recorded",
+        f"recorded: {spent}; this replay made no call and cost nothing",
+    ]
+    for job, run in zip(found.jobs or ("",), runs, strict=True):
+        place = f"{job}, " if job else ""
+        told += [f"job {job}: digest {run.replayed.digest}"] if job else []
+        told += [
+            f"{place}study {name}: every score is as recorded, digest {digest}" for name, digest in run.studies.items()
+        ]
+    return told
+
+
+def _digest(found: "Opened", runs: Sequence["Rerun"]) -> str:
+    """Give the digest of a run, or of a sweep."""
+    from tacevo.sweepdir import sweep_digest
+
+    digests = [run.replayed.digest for run in runs]
+    return digests[0] if found.jobs is None else sweep_digest(dict(zip(found.jobs, digests, strict=True)))
+
+
+def _diff(options: argparse.Namespace) -> int:
+    """Hold two runs against each other."""
+    if options.retrain is not None or options.store is not None:
+        options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
+    from tacevo.comparing import compare, describe, read_recorded
+    from tacevo.opening import opened
+
+    with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
+        remedy = "give the folders of two runs, of a sweep those of two jobs (a published one is unpacked for that)"
+        found = compare(read_recorded(one.one_run(remedy)), read_recorded(other.one_run(remedy)))
+    print(describe(found))
+    return DONE if found.is_equal else DIFFERENT
+
+
+def _retrain(found: "Opened", options: argparse.Namespace, view: "View") -> str:
+    """Train candidates of a run or a sweep again; say what was compared."""
+    from tacevo.retraining import describe, retrain
+
+    return describe(retrain(found.runs, options.store, options.retrain or None, view))
+
+
+def _count(text: str) -> int:
+    """Read the number of evaluations to train again."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number of evaluations >= 1; got {text!r}")
+    return int(text)

@@ -1,0 +1,73 @@
+"""Promise: published settings name no folder of a machine, and overrides give what the configuration says."""
+
+import pytest
+
+from tacevo.anonymity import published_config, published_overrides
+from tacevo.composition import compose, from_plain, to_plain
+
+#: Settings that are paths, in every form.
+PATHS = [
+    "data=csv",
+    "data.target_columns=[fx]",
+    "data.root=/home/secret/images",
+    "data.table=/home/secret/labels.csv",
+    "data.sensor=/home/secret/gelsight",
+    "data.pattern=/home/secret/pattern",
+    "llm.prices=/home/secret/prices.yaml",
+    "task.baseline=/home/secret/baseline.py",
+    "task.instructions=/home/secret/instructions.yaml",
+    "task.system=/home/secret/system.txt",
+    "store.root=/home/secret/cache",
+    "run.dir=/home/secret/run",
+    "tracking.uri=http://secret:5000",
+    "llm.base_url=http://secret/v1",
+]
+
+
+def test_no_path_and_no_address_is_left() -> None:
+    """Each keeps its last part, or goes."""
+    published = published_config(to_plain(compose(PATHS)))
+    assert "secret" not in str(published)
+    assert published["data"]["root"] == "images"
+    assert published["data"]["table"] == "labels.csv"
+    assert (published["data"]["sensor"], published["data"]["pattern"]) == ("gelsight", "pattern")
+
+
+@pytest.mark.parametrize("root", [".", "..", "/", "images/.."])
+def test_folder_without_a_name_gets_one(root: str) -> None:
+    """An empty name would make the published configuration none that can be read."""
+    published = published_config(to_plain(compose(["data=folder", f"data.root={root}"])))
+    assert published["data"]["root"] == "data"
+    assert from_plain(published).data.root == "data"
+
+
+def test_relative_files_stay() -> None:
+    """They say nothing of the machine, and which file it was."""
+    config = to_plain(compose(["data=csv", "data.root=x", "data.target_columns=[fx]", "data.table=tables/labels.csv"]))
+    assert published_config(config)["data"]["table"] == "tables/labels.csv"
+    assert published_config(config)["task"] == config["task"]
+
+
+def test_overrides_give_the_published_configuration() -> None:
+    """What is left of the command composes to what is left of the settings."""
+    published = published_config(to_plain(compose([*PATHS, "seed=4"])))
+    composed = to_plain(compose(published_overrides([*PATHS, "seed=4"])))
+    assert "secret" not in str(published_overrides(PATHS))
+    for group in ("seed", "data", "task", "search", "archive"):
+        assert composed[group] == published[group]
+
+
+def test_quoted_override_stays_quoted() -> None:
+    """A name with a space is still one value."""
+    assert published_overrides(["data.root='/home/a b/c d'", "data.pattern=null"]) == (
+        "data.root='c d'",
+        "data.pattern=null",
+    )
+
+
+def test_original_is_left_as_it_is() -> None:
+    """Publishing changes nothing of the run."""
+    config = to_plain(compose(PATHS))
+    before = str(config)
+    published_config(config)
+    assert str(config) == before
