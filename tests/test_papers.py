@@ -25,7 +25,7 @@ def subject(*, provider: str, source: str) -> Subject:
         "versions": {"tacevo": "0.1.0", "python": "3.11", "torch": "2.13", "numpy": "2.4"},
         "machine": {"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
     }
-    return Subject(run=run, candidates=86, studies={"s": "e" * 64, "t": "f" * 64})
+    return Subject(runs=(run,), candidates=86, studies=({"s": "e" * 64, "t": "f" * 64},))
 
 
 def test_grammar_is_not_passed_off_as_a_model() -> None:

@@ -1,0 +1,79 @@
+"""Promise: a run is opened wherever it lies, and what was unpacked for that is gone at the end."""
+
+import json
+from pathlib import Path
+
+import pytest
+from bundles import members_of, resealed
+
+from tacevo.app import main
+from tacevo.errors import BundleError, DivergenceError, RunError
+from tacevo.opening import Opened, insist_on_walls, opened, private_folder
+
+
+def test_folder_is_opened_where_it_lies(published: Path) -> None:
+    """With the stores that its run.json names; nothing is copied."""
+    with opened(published / "run") as found:
+        assert (found.folder, found.store) == (published / "run", published / "cache")
+        assert (found.root, found.digest) == (None, None)
+
+
+def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
+    """A folder of the run's own name, stores beside it, and neither afterwards."""
+    with opened(published / "run.zip") as found:
+        assert found.folder.name == "run"
+        assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
+        assert any(found.store.glob("completions/*/*.json"))
+        assert found.root is not None
+        assert (found.root.stat().st_mode & 0o777) == 0o700
+    assert not found.root.exists()
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    """Neither a folder of something else nor a name of nothing."""
+    for path in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(RunError, match=r"is not the folder of a run: it has no run\.json"), opened(path):
+            pass
+
+
+def fail_within(place: Path, error: type[BaseException], made: list[Path]) -> None:
+    """Fail over a file in the private folder that stands for a place, and say where that was."""
+    with private_folder(place) as folder:
+        made.append(folder)
+        raise error(f"{folder}/run/a.json differs")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_private_folder_is_gone_after_an_error(error: type[BaseException], tmp_path: Path) -> None:
+    """Whatever ended the work."""
+    made: list[Path] = []
+    with pytest.raises(error, match="differs"):
+        fail_within(tmp_path, error, made)
+    assert not made[0].exists()
+
+
+def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> None:
+    """A user never sees the temporary folder."""
+    made: list[Path] = []
+    with pytest.raises(DivergenceError, match=rf"^{tmp_path}/x\.zip/run/a\.json differs$"):
+        fail_within(tmp_path / "x.zip", DivergenceError, made)
+    assert not made[0].exists()
+
+
+@pytest.mark.parametrize("setting", ["sandbox.require=none", "training.device=cuda"])
+def test_bundle_does_not_take_the_walls_down(
+    setting: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its candidates run behind walls or not at all; a folder is its owner's own."""
+    members = members_of(published / "run.zip")
+    run = json.loads(members["run/run.json"])
+    key, _, value = setting.partition("=")
+    group, _, name = key.partition(".")
+    run["config"][group][name] = value
+    bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
+    with opened(bundle) as found, pytest.raises(BundleError, match=setting):
+        insist_on_walls(found)
+    for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
+        assert main(command) == 1
+        assert setting in capsys.readouterr().err
+    insist_on_walls(Opened(folder=found.folder, store=found.store))

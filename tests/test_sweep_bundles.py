@@ -1,0 +1,225 @@
+"""Promise: a sweep is one file, replayed whole; whoever edits its list of jobs or its runs is found out."""
+
+import json
+import lzma
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from bundles import Members, entries_of, members_of, resealed, with_entries
+from sweeps import OWN, edited
+
+from tacevo.app import main
+from tacevo.bundle import JOBS, STORE
+from tacevo.rundir import RunDirectory
+from tacevo.store import Store
+from tacevo.sweepdir import SweepDirectory, sweep_digest
+
+Refused = Callable[[Members, str], None]
+
+
+@pytest.fixture
+def whole(swept: Path) -> Members:
+    """Give the members of a sound bundle."""
+    return members_of(swept / "sweep.zip")
+
+
+@pytest.fixture
+def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Replay members, with checksums made anew, that must be refused with these words in one line."""
+
+    def check(members: Members, words: str) -> None:
+        assert main(["replay", str(resealed(members, tmp_path / "x.zip"))]) == 1
+        said = capsys.readouterr().err.splitlines()[-1]
+        assert said.startswith(("refused: ", "different: "))
+        assert words in said
+        assert "tacevo-" not in said
+
+    return check
+
+
+def run_of(members: Members, job: str) -> Members:
+    """Give the files of one job's run, without its folder."""
+    place = f"sweep/{job}/"
+    return {name.removeprefix(place): data for name, data in members.items() if name.startswith(place)}
+
+
+def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
+    """Another folder and name of the sweep, other stores, and more in them."""
+    shutil.copytree(swept / "sweep", tmp_path / "elsewhere")
+    shutil.copytree(swept / "cache", tmp_path / "stores")
+    Store(tmp_path / "stores", "completions").write({"of": "another run"}, {"x": 1})
+    command = ["publish", str(tmp_path / "elsewhere"), "--store", str(tmp_path / "stores"), "--author", "A. Nyone"]
+    assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
+    assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
+
+
+def test_nothing_tells_of_the_machine(swept: Path, whole: Members) -> None:
+    """Neither sweep.json nor a run nor the store names a folder."""
+    whole[STORE] = lzma.decompress(whole[STORE])
+    assert [name for name, data in whole.items() if str(swept).encode() in data or b"/tmp/" in data] == []
+
+
+def test_store_entry_of_several_runs_is_there_once(whole: Members) -> None:
+    """Runs of one seed share the first generation."""
+    lines = lzma.decompress(whole[STORE]).splitlines()
+    assert len(set(lines)) == len(lines)
+    trained = [json.loads(line) for job in OWN for line in run_of(whole, job)["ledger.jsonl"].splitlines()]
+    keys = {line["evaluation"] for line in trained if "evaluation" in line}
+    assert sum(entry["kind"] == "evaluations" for entry in entries_of(whole)) == len(keys) < len(OWN) * 4
+
+
+def test_pages_say_what_it_is(whole: Members) -> None:
+    """A sweep, its arms and seeds, and the digest of every run."""
+    text = whole["README.md"].decode()
+    assert "arms none, fixed_temperature, seeds 0, 1" in " ".join(text.split())
+    for job in OWN:
+        assert f"- run of job `{job}` `{json.loads(run_of(whole, job)['run.json'])['digest']}`" in text
+    graph = json.loads(whole["ro-crate-metadata.json"])["@graph"]
+    (action,) = (entity for entity in graph if entity["@type"] == "CreateAction")
+    assert {ledger["@id"] for ledger in action["result"]} == {f"sweep/{job}/ledger.jsonl" for job in OWN}
+
+
+def test_replay_tells_every_digest_and_the_sweeps(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A published sweep and its folder give the same; in an empty folder, nothing else is needed."""
+    monkeypatch.chdir(tmp_path)
+    digests = {job: RunDirectory(swept / "sweep" / job).read_run()["digest"] for job in OWN}
+    for place in ("sweep", "sweep.zip"):
+        assert main(["replay", str(swept / place)]) == 0
+        said = capsys.readouterr().out
+        assert all(f"job {job}: digest {digest}\n" in said for job, digest in digests.items())
+        assert said.endswith(f"digest: {sweep_digest(digests)}\n")
+    assert "files of tables follow from the records" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_retraining_draws_from_all_runs(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two of all evaluations, each counted once; every one is told with its job."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", str(swept / "sweep.zip"), "--retrain", "2"]) == 0
+    said = capsys.readouterr()
+    assert "retrained: 2 of" in said.out
+    told = [line for line in said.err.splitlines() if ": as recorded (" in line]
+    assert len(told) == 2
+    assert all(line.split()[0] in OWN for line in told)
+
+
+def test_other_commands_ask_for_one_run(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They say so in one line, with what to do."""
+    for place in (str(swept / "sweep"), str(swept / "sweep.zip")):
+        assert main(["replay", place, "--diff", place]) == 2
+        assert "this is a sweep of 3; give the folders of two runs" in capsys.readouterr().err
+        assert main(["continue", place, "search.generations=9"]) == 2
+        assert "this is a sweep of 3; give the folder of one of its jobs" in capsys.readouterr().err
+
+
+def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every job that did not come to its end is named, with the reason where one is known."""
+    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    directory = SweepDirectory(tmp_path / "sweep")
+    jobs = directory.read()[1]
+    directory.fail(jobs[0], "the disk is full")
+    shutil.rmtree(directory.run(jobs[1]).path)
+    run = directory.run(jobs[2])
+    run.write_json("run.json", {**run.read_run(), "digest": None})
+    for command in (["publish", str(directory.path), "-o", str(tmp_path / "x.zip")], ["replay", str(directory.path)]):
+        assert main(command) == 2
+        words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; the `tacevo search -m`"
+        assert words in capsys.readouterr().err
+    assert not (tmp_path / "x.zip").exists()
+
+
+def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its entries are packed from one."""
+    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    run = RunDirectory(tmp_path / "sweep" / "none-seed1")
+    told = run.read_run()
+    told["config"]["store"]["root"] = "other"
+    run.write_json("run.json", told)
+    assert main(["publish", str(tmp_path / "sweep"), "-o", str(tmp_path / "x.zip")]) == 2
+    assert "keep their answers in several stores" in capsys.readouterr().err
+
+
+# From here on somebody edits a published sweep, and writes every checksum anew.
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": "gone"}, "'gone' is a job, and its run is not there"),
+        ({"name": "../../evil"}, "a job's name must be that of a folder"),
+        ({"name": "none-seed0"}, "lists the job 'none-seed0' twice"),
+        ({"arm": "mine"}, "sweep.json, job none-seed1: field 'arm' is 'mine'"),
+        ({"seed": 9}, "sweep.json, job none-seed1: field 'seed' is 9"),
+        ({"seed": "one"}, "sweep.json is damaged"),
+    ],
+)
+def test_edited_job_is_found(change: dict[str, object], words: str, whole: Members, refused: Refused) -> None:
+    """Where its run is, what it is called, and whose it is."""
+    refused({**whole, JOBS: edited(whole[JOBS], 1, **change)}, words)
+
+
+def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None:
+    """The jobs and the folders are the same."""
+    told = json.loads(whole[JOBS])
+    fewer = {**told, "jobs": told["jobs"][:2]}
+    refused({**whole, JOBS: json.dumps(fewer).encode()}, "'fixed_temperature-seed0' is there, and is no job")
+    refused({**whole, JOBS: json.dumps({**told, "jobs": []}).encode()}, "lists no job")
+    without = {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}
+    refused(without, "'none-seed1' is a job, and its run is not there")
+    refused({**without, JOBS: json.dumps({**told, "jobs": told["jobs"][::2]}).encode()}, "belongs to nothing of the")
+
+
+def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) -> None:
+    """Each is sound in itself."""
+    one, other = (run_of(whole, job) for job in ("none-seed0", "fixed_temperature-seed0"))
+    swapped = {f"sweep/fixed_temperature-seed0/{name}": data for name, data in one.items()}
+    swapped |= {f"sweep/none-seed0/{name}": data for name, data in other.items()}
+    rest = {name: data for name, data in whole.items() if not name.startswith(("sweep/none-seed0/", "sweep/fixed"))}
+    refused({**rest, **swapped}, "sweep.json, job none-seed0: field 'config' is ")
+
+
+def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> None:
+    """A difference in one of many runs is told with the job."""
+    source = "sweep/none-seed1/candidates/g00s00.py"
+    refused({**whole, source: whole[source] + b"# mine\n"}, "job none-seed1: the file of g00s00 in ")
+    foreign = {**whole, "sweep/none-seed1/candidates/g99s99.py": b"class Mine: pass\n"}
+    refused(foreign, "job none-seed1: ")
+
+
+def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) -> None:
+    """Row and column are named."""
+    name = next(name for name in whole if name.startswith("tables/") and name.endswith(".csv"))
+    header, row, *rest = whole[name].decode().split("\r\n")
+    text = "\r\n".join([header, ",".join(["mine", *row.split(",")[1:]]), *rest])
+    refused({**whole, name: text.encode()}, f"table {name.removeprefix('tables/')}, row 1, column ")
+
+
+def test_foreign_entry_is_found(whole: Members, refused: Refused) -> None:
+    """What no run of the sweep reads has no place in it."""
+    entries = [*entries_of(whole), {"kind": "probes", "request": "of another run", "answer": {}}]
+    refused(with_entries(whole, entries), "belongs to nothing of the replay")
+
+
+def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:
+    """Not both, and not a half of either."""
+    both = {**whole, **{f"run/{name}": data for name, data in run_of(whole, "none-seed0").items()}}
+    refused(both, "'run/archive.json' has no place in a published sweep")
+    refused({name: data for name, data in whole.items() if name != JOBS}, "lacks sweep/sweep.json")
+    ledger = "sweep/none-seed1/ledger.jsonl"
+    refused({name: data for name, data in whole.items() if name != ledger}, f"lacks {ledger}")
+
+
+def test_job_does_not_take_the_walls_down(whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One job of many is enough for a refusal."""
+    name = "sweep/none-seed1/run.json"
+    run = json.loads(whole[name])
+    run["config"]["sandbox"]["require"] = "none"
+    bundle = resealed({**whole, name: json.dumps(run).encode()}, tmp_path / "x.zip")
+    assert main(["replay", str(bundle), "--retrain", "1"]) == 1
+    assert "sandbox.require=none, with which its candidates would run here without walls" in capsys.readouterr().err
