@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 _FORMATS = ("pdf", "svg", "png")
 
+#: What a user who gave a sweep may do.
+_ONE = "give the folder of one of its jobs; a published sweep has its own tables in it"
+
 
 def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
     """Describe the commands on finished runs."""
@@ -100,13 +103,13 @@ def _paper_tables(options: argparse.Namespace) -> int:
     from analysis.loading import load_run
     from analysis.rendering import as_markdown
     from analysis.writing import write_tables
-    from tacevo.bundle import opened
+    from tacevo.opening import opened
 
     if options.run is None:
         tables = _published([])
     else:
         with opened(Path(options.run)) as place:
-            tables = _published([load_run(place.run)])
+            tables = _published([load_run(place.one_run(_ONE))])
     folder = None if options.output is None else output_folder(options.output)
     print("\n".join(map(as_markdown, tables)))
     if folder is not None:
@@ -219,13 +222,13 @@ class _Gathered:
 def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
     """Read a run and its studies, from its folder or a bundle, and say what is missing."""
     from analysis.collection import collect
-    from tacevo.bundle import opened
+    from tacevo.opening import opened
 
     named = existing_store(store)
     with opened(Path(run)) as place:
         is_bundle = place.root is not None
         used = str(place.store) if is_bundle and named is None else named
-        found = collect(place.run, None if used is None else Path(used))
+        found = collect(place.one_run(_ONE), None if used is None else Path(used))
         gathered = _Gathered(found=found, store=used, is_bundle=is_bundle)
         _say(_remarks(gathered))
         yield gathered

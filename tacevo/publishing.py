@@ -16,6 +16,7 @@ from tacevo.bundle import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
 from tacevo.confdir import conf_root
 from tacevo.crate import metadata
 from tacevo.errors import ConfigError, RunError
+from tacevo.job_checks import arm_of, check_jobs, config_hash
 from tacevo.opening import Opened, located, over_runs, private_folder, standing_for
 from tacevo.papers import Subject, Terms, citation, licence, readme
 from tacevo.progress import View
@@ -24,7 +25,6 @@ from tacevo.replaying import read_run
 from tacevo.rundir import PACKAGES, RunDirectory
 from tacevo.store import write_durably
 from tacevo.studydir import StudyDirectory, studies_of
-from tacevo.sweep_checks import arm_of, check_jobs, config_hash
 from tacevo.sweepdir import Job, SweepDirectory
 from tacevo.verifying import Rerun, rerun
 

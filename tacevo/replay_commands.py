@@ -71,10 +71,10 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _rerun(found: "Opened", store: str | None, view: "View") -> tuple["Rerun", ...]:
     """Run every search and study of a folder again; of a sweep, hold its list of jobs against them."""
+    from tacevo.job_checks import check_jobs
     from tacevo.opening import over_runs
     from tacevo.replaying import replay
     from tacevo.studying import replay_studies
-    from tacevo.sweep_checks import check_jobs
     from tacevo.sweepdir import SweepDirectory
     from tacevo.verifying import Rerun
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
+from tacevo.job_checks import check_jobs
 from tacevo.opening import Opened, over_runs
 from tacevo.progress import View
 from tacevo.replaying import Replayed, replay
@@ -20,7 +21,6 @@ from tacevo.store import Seen
 from tacevo.studydir import studies_of
 from tacevo.studying import replay_studies
 from tacevo.summary import summarise
-from tacevo.sweep_checks import check_jobs
 from tacevo.sweepdir import SweepDirectory
 
 #: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.

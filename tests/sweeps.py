@@ -5,9 +5,9 @@ from pathlib import Path
 
 from smallest import SMALLEST, UNTRACKED
 
+from tacevo.job_checks import arm_of, config_hash
 from tacevo.records import Json
 from tacevo.replaying import read_run
-from tacevo.sweep_checks import arm_of, config_hash
 from tacevo.sweepdir import Job, SweepDirectory
 
 #: What all jobs share.

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from tacevo.errors import DivergenceError
+from tacevo.job_checks import arm_of, check_jobs, config_hash
 from tacevo.records import Json
 from tacevo.replaying import read_run
 from tacevo.rundir import RunDirectory
-from tacevo.sweep_checks import arm_of, check_jobs, config_hash
 from tacevo.sweepdir import SweepDirectory
 
 Edit = Callable[[Json], object]
