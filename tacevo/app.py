@@ -17,6 +17,7 @@ from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, 
 from tacevo.continue_commands import add_continue
 from tacevo.data_commands import add_data
 from tacevo.errors import BundleError, DivergenceError, TacevoError
+from tacevo.printable import printable
 from tacevo.publish_commands import add_publish
 from tacevo.replay_commands import add_replay
 from tacevo.study_commands import add_study
@@ -53,10 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.close()
         return DONE
     except (BundleError, DivergenceError) as error:
-        print(f"{'refused' if isinstance(error, BundleError) else 'different'}: {error}", file=sys.stderr)
+        print(
+            f"{'refused' if isinstance(error, BundleError) else 'different'}: {printable(str(error))}", file=sys.stderr
+        )
         return DIFFERENT
     except TacevoError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {printable(str(error))}", file=sys.stderr)
         return MISTAKE
     except OSError as error:  # a full disk, a folder without permission
         named = error.filename is not None and error.strerror is not None

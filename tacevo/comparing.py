@@ -14,6 +14,7 @@ from pathlib import Path
 from scipy.stats import spearmanr
 
 from tacevo.choices import ArchiveKind
+from tacevo.errors import RunError
 from tacevo.ledger import first_difference, place_of, unsealed
 from tacevo.plurals import counted
 from tacevo.records import Json
@@ -140,9 +141,9 @@ def read_recorded(path: Path) -> Recorded:
         finished = [study.read_scores() for study in studies_of(path) if study.read()["digest"] is not None]
         studies = {_kind_of_study(scores[0]): scores for scores in finished}
         sources = {line["id"]: line["source"] for line in ledger if "fitness" in line}
-        elites = {niche: sources[name] for niche, name in directory.read_niches().items()}
+        elites = {int(niche): str(sources[name]) for niche, name in directory.read_niches().items()}
         return Recorded(
-            config=directory.read_run()["config"],
+            config=dict(directory.read_run()["config"]),
             ledger=ledger,
             fitness=fitness_by_source(ledger),
             end=last_generation(ledger),
@@ -152,7 +153,18 @@ def read_recorded(path: Path) -> Recorded:
 
 
 def compare(one: Recorded, other: Recorded) -> Comparison:
-    """Hold two runs against each other."""
+    """Hold two runs against each other.
+
+    Raises:
+        RunError: one of them holds something that no search writes.
+    """
+    try:
+        return _compare(one, other)
+    except RecursionError as error:
+        raise RunError("one of the runs holds a value that is nested deeper than any that a search writes") from error
+
+
+def _compare(one: Recorded, other: Recorded) -> Comparison:
     pairs = list(zip(one.ledger, other.ledger, strict=False))
     places = (place for place, pair in enumerate(pairs) if unsealed(pair[0]) != unsealed(pair[1]))
     first, second = next(places, None), next(places, None)
@@ -176,7 +188,7 @@ def compare(one: Recorded, other: Recorded) -> Comparison:
 
 def fitness_by_source(ledger: Iterable[Mapping[str, Json]]) -> dict[str, float]:
     """Give the fitness of every trained source by its hash."""
-    return {line["source"]: float(line["fitness"]) for line in ledger if "fitness" in line}
+    return {str(line["source"]): float(line["fitness"]) for line in ledger if "fitness" in line}
 
 
 def last_generation(ledger: Sequence[Mapping[str, Json]]) -> Mapping[str, Json]:

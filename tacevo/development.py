@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
+from tacevo.errors import CacheMissError
 from tacevo.gate.admission import Admitted
 from tacevo.llm.client import LLM
 from tacevo.proposals import Proposal, repair_request
@@ -96,11 +97,29 @@ def _ask(
     asked: Mapping[int, Request], proposals: Sequence[Proposal], tools: Tools, futures: dict[int, Future[Outcome]]
 ) -> None:
     """Make requests at once, and develop each answer as it arrives; one of an earlier round becomes an attempt."""
-    places = list(asked)
-    for position, completion in tools.llm.complete(list(asked.values())):
-        index = places[position]
+    for index, completion in _answers(asked, proposals, tools.llm):
         before = futures[index].result() if index in futures else None
         futures[index] = tools.executor.submit(_develop_one, proposals[index], completion, tools, before)
+
+
+def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: LLM) -> Iterator[tuple[int, Completion]]:
+    """Give each answer with its place among the proposals.
+
+    Raises:
+        CacheMissError: a replay, which answers in order, has no answer to the next one; the message names its slot.
+    """
+    places = list(asked)
+    answered = 0
+    try:
+        for position, completion in llm.complete(list(asked.values())):
+            answered += 1
+            yield places[position], completion
+    except CacheMissError as error:
+        raise _missed(proposals[places[answered]], error) from error
+
+
+def _missed(proposal: Proposal, error: CacheMissError) -> CacheMissError:
+    return CacheMissError(f"generation {proposal.generation}, slot {proposal.slot}: {error}")
 
 
 def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
@@ -120,8 +139,11 @@ def _develop_one(
 ) -> Outcome:
     """Take one answer through the gate and, where it passes, through training."""
     began = time.perf_counter()
-    gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
-    result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
+    try:
+        gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
+        result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
+    except CacheMissError as error:
+        raise _missed(proposal, error) from error
     return Outcome(
         proposal=proposal,
         completion=completion,

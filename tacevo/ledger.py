@@ -138,7 +138,7 @@ def _checked(path: Path, number: int, text: bytes, previous: str) -> dict[str, J
     try:
         line: dict[str, Json] = json.loads(text)
         sound = is_sealed(line, previous)
-    except (ValueError, AttributeError) as error:
+    except (ValueError, AttributeError, RecursionError) as error:
         raise RunError(
             f"{path}, line {number} is not JSON ({error}); restore the file, or start in a new run.dir"
         ) from error

@@ -20,6 +20,7 @@ from rich.text import Text
 
 from tacevo.archive import coverage
 from tacevo.development import Outcome
+from tacevo.printable import printable
 from tacevo.records import Json
 from tacevo.search import Plan, SearchState
 
@@ -78,7 +79,7 @@ class PlainView:
 
     def say(self, text: str) -> None:
         """Write one line."""
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
     def data(self, done: int, total: int) -> None:
         """Write when the images are complete."""
@@ -128,7 +129,7 @@ class _LiveBars:
 
     def say(self, text: str) -> None:
         """Write one line above the bars."""
-        self._progress.console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._progress.console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
     def data(self, done: int, total: int) -> None:
         """Move the bar of the images."""

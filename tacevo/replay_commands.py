@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacevo.commandline import DIFFERENT, DONE, Parser, existing_store
+from tacevo.printable import printable
 from tacevo.publish_commands import in_bundle, verify_bundle
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def _replay(options: argparse.Namespace) -> int:
             runs, beside = verified.runs, [in_bundle(verified), f"bundle digest: {found.digest}"]
         trained = [] if options.retrain is None else [_retrain(found, options, view)]
     for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
-        print(text)
+        print(printable(text))
     return DONE
 
 
@@ -124,7 +125,7 @@ def _diff(options: argparse.Namespace) -> int:
     with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
         remedy = "give the folders of two runs, of a sweep those of two jobs (a published one is unpacked for that)"
         found = compare(read_recorded(one.one_run(remedy)), read_recorded(other.one_run(remedy)))
-    print(describe(found))
+    print(printable(describe(found)))
     return DONE if found.is_equal else DIFFERENT
 
 

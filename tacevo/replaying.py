@@ -63,7 +63,7 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         others = deviations(directory.read_run()["versions"], versions())
     for other in others:
         view.say(f"another version: {other}")
-    with _doubting(others):
+    with doubting(others):
         return _replay(directory, store, view, seen)
 
 
@@ -88,7 +88,7 @@ def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen |
 
 
 @contextlib.contextmanager
-def _doubting(others: Sequence[str]) -> Iterator[None]:
+def doubting(others: Sequence[str]) -> Iterator[None]:
     """Say beside a failure of a replay which versions are others; where none is, it stays as it is."""
     try:
         yield

@@ -22,7 +22,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from tacevo.costs import Spending
-from tacevo.errors import RunError
+from tacevo.errors import RunError, TacevoError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json, Rejection
 from tacevo.store import canonical, content_hash, sweep, write_durably
@@ -136,7 +136,9 @@ class RunDirectory:
         """
         try:
             yield
-        except (KeyError, TypeError, AttributeError, IndexError) as error:
+        except TacevoError:
+            raise
+        except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError) as error:
             raise RunError(f"{self.path} is damaged: {type(error).__name__}: {error}") from error
 
     def read_ledger(self) -> tuple[dict[str, Json], ...]:
@@ -184,7 +186,7 @@ class RunDirectory:
             return {elite["niche"]: elite["id"] for elite in elites}
         except FileNotFoundError:
             return {}
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
 
     def read_archives(self, ledger: Sequence[Mapping[str, Json]]) -> tuple[dict[str, Json], dict[str, Json]]:
@@ -243,7 +245,7 @@ class RunDirectory:
     def _read_json(self, name: str) -> dict[str, Json]:
         try:
             value: dict[str, Json] = json.loads((self.path / name).read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError) as error:
+        except (FileNotFoundError, ValueError, RecursionError) as error:
             raise self._edited(name) from error
         return value
 
@@ -286,7 +288,7 @@ class RunDirectory:
         path = self.path / "timings.jsonl"
         spent: dict[str, Spending] = {}
         for text in path.read_bytes().splitlines() if path.exists() else ():
-            with contextlib.suppress(ValueError, TypeError, AttributeError, ArithmeticError):
+            with contextlib.suppress(ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
                 entry = json.loads(text)
                 if "id" in entry:
                     spent[entry["id"]] = Spending.from_json(entry)

@@ -44,6 +44,10 @@ _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 #: What `flock` answers where a file system has no locks.
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
+#: What a user may do about a miss: where there is no recording at all, and where there are others.
+EMPTY = "that store is empty or not there: name it by store.root (in a replay, --store)"
+OTHERWISE = "replay with the configuration of the recording, or record anew with llm.mode=record"
+
 #: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
 _COMPARED = 20_000
 
@@ -176,11 +180,11 @@ class Store:
         missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]} in {self._folder}"
         found = self.nearest(request, _COMPARED)
         if found is None:
-            return f"{missed}; that store is empty or not there: name it by store.root (in a replay, --store)"
+            return f"{missed}; {EMPTY}"
         nearest, fields = found
         return (
-            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {shown(fields[0])!r} differs. "
-            "Replay with the configuration of the recording, or record anew with llm.mode=record."
+            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {shown(fields[0])!r} differs; "
+            f"{OTHERWISE}"
         )
 
 

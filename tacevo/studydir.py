@@ -122,7 +122,7 @@ class StudyDirectory:
         """Read study.json; None where it is missing or damaged."""
         try:
             study = json.loads((self.path / "study.json").read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
+        except (FileNotFoundError, ValueError, RecursionError):
             return None
         return study if isinstance(study, dict) else None
 
@@ -155,7 +155,7 @@ def _checked(text: bytes, previous: str) -> dict[str, Json] | None:
     try:
         line: dict[str, Json] = json.loads(text)
         return line if is_sealed(line, previous) else None
-    except (ValueError, AttributeError, TypeError):
+    except (ValueError, AttributeError, TypeError, RecursionError):
         return None
 
 
@@ -163,6 +163,8 @@ def _row(lines: Sequence[dict[str, Json]], number: int) -> str:
     """Name the row of a line by its place: networks one after the other, each with all seeds."""
     if number == 0:
         return "the header"
-    networks, seeds = lines[0].get("networks", ()), lines[0].get("seeds", 1)
-    network, seed = divmod(number - 1, seeds)
-    return f"{networks[network]['name']}, seed {seed}" if network < len(networks) else f"line {number + 1}"
+    try:
+        network, seed = divmod(number - 1, lines[0]["seeds"])
+        return f"{lines[0]['networks'][network]['name']}, seed {seed}"
+    except (LookupError, TypeError, ArithmeticError):  # of a header that no study has
+        return f"line {number + 1}"

@@ -19,9 +19,9 @@ from tacevo.progress import Listener, StudyView
 from tacevo.proposals import Task
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Kind, Limits, Mode, Recipe, Rejection
-from tacevo.replaying import read_run
+from tacevo.replaying import doubting, read_run
 from tacevo.retraining import load_same
-from tacevo.rundir import RunDirectory, machine, versions
+from tacevo.rundir import RunDirectory, deviations, machine, versions
 from tacevo.sandbox.confinement import require
 from tacevo.store import Seen, sweep_stores
 from tacevo.study_config import StudyConfig
@@ -142,8 +142,17 @@ def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen 
         elif recorded.get("run") in before:
             view.say(f"study {name} is about the run before it was extended, and is passed over")
         else:
-            digests[name] = _replay(path, store, directory, recorded, seen)
+            with doubting(_others(directory, recorded)):
+                digests[name] = _replay(path, store, directory, recorded, seen)
     return digests
+
+
+def _others(directory: StudyDirectory, recorded: dict[str, Json]) -> tuple[str, ...]:
+    """Say which versions are others here than those that a study was made with."""
+    try:
+        return deviations(recorded["versions"], versions())
+    except (KeyError, AttributeError) as error:
+        raise RunError(f"{directory.path}/study.json is damaged: {type(error).__name__}: {error}") from error
 
 
 def _replay(

@@ -13,18 +13,23 @@ from pathlib import Path
 
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
 from tacevo.job_checks import check_jobs
+from tacevo.ledger import unsealed
 from tacevo.opening import Opened, over_runs
 from tacevo.progress import View
 from tacevo.replaying import Replayed, replay
 from tacevo.rundir import RunDirectory
-from tacevo.store import Seen
-from tacevo.studydir import studies_of
+from tacevo.store import EMPTY, OTHERWISE, Seen
+from tacevo.studydir import name_study, studies_of
 from tacevo.studying import replay_studies
 from tacevo.summary import summarise
 from tacevo.sweepdir import SweepDirectory
 
 #: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.
 MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
+
+
+#: What there is to say of a miss in a bundle, whose user has no other store and records nothing.
+_INCOMPLETE = "a bundle has every entry that its replay reads, so this one was edited, or this version asks otherwise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,6 +105,7 @@ def rerun(run: Path, store: str, view: View, *, seen: Seen) -> Rerun:
     replayed = replay(run, store, view, seen=seen)
     studies = replay_studies(run, store, view, seen=seen)
     check_records(run, replayed)
+    _check_names(run)
     return Rerun(replayed=replayed, studies=studies)
 
 
@@ -148,6 +154,19 @@ def check_records(run: Path, replayed: Replayed) -> None:
     found = _first_line(recorded, summary)
     if found is not None:
         raise DivergenceError(f"{path}, {found}; {remedy}")
+
+
+def _check_names(run: Path) -> None:
+    """See that every study is called what it is; tables and figures of it bear that name.
+
+    Raises:
+        DivergenceError: one is not.
+    """
+    for study in studies_of(run):
+        header = unsealed(study.read_scores()[0])
+        name = name_study(header, epochs=header["recipe"]["epochs"])
+        if {study.path.name, study.read()["name"]} != {name}:
+            raise DivergenceError(f"{study.path} and the name in its study.json must be {name}, which is what it is")
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
@@ -236,7 +255,10 @@ def _refusing(place: Path) -> Iterator[None]:
     """Refuse a bundle whose records cannot be used at all, whatever is wrong with them."""
     try:
         yield
-    except (RunError, StoreError, CacheMissError, ConfigError) as error:
+    except CacheMissError as error:
+        message = str(error).replace(OTHERWISE, _INCOMPLETE).replace(EMPTY, _INCOMPLETE)
+        raise BundleError(message) from error
+    except (RunError, StoreError, ConfigError) as error:
         raise BundleError(str(error)) from error
     # Checksums can be written anew around any content, and the readers of records take the form of these for granted.
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:

@@ -5,6 +5,7 @@ written anew (the bundle's digest is another one then), and records that were al
 `--retrain` finds.
 """
 
+import io
 import json
 import os
 import signal
@@ -17,11 +18,15 @@ from pathlib import Path
 
 import pytest
 from bundles import Members, entries_of, honest, members_of, resealed, with_entries, with_line, zipped
+from rich.console import Console
 
 from tacevo.app import main
 from tacevo.bundle import MANIFEST, STORE
+from tacevo.errors import BundleError
+from tacevo.opening import opened
+from tacevo.progress import PlainView
 from tacevo.records import Json
-from tacevo.verifying import table_difference
+from tacevo.verifying import table_difference, verify
 
 
 @pytest.fixture
@@ -54,6 +59,12 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
         assert "tacevo-" not in said[0]
 
     return check
+
+
+def verify_at(bundle: Path) -> None:
+    """Verify a bundle's searches and studies, without its tables."""
+    with opened(bundle) as found, PlainView(Console(file=io.StringIO())) as view:
+        verify(found, lambda run, store: {}, view)
 
 
 def changed(entries: list[dict[str, Json]], kind: str, change: Callable[[Json], object]) -> list[dict[str, Json]]:
@@ -240,6 +251,53 @@ def test_entry_more_or_less_is_found(whole: Members, refused: Refused, tmp_path:
     foreign: dict[str, Json] = {"kind": "probes", "request": "of another run", "answer": {}}
     refused(resealed(with_entries(whole, [*entries, foreign]), tmp_path / "x.zip"), "belongs to nothing of the replay")
     refused(resealed(with_entries(whole, entries[1:]), tmp_path / "x.zip"), "no recorded answer for")
+
+
+@pytest.mark.parametrize("kind", ["answers", "completions", "evaluations", "probes"])
+def test_missing_entry_is_told_with_its_place(kind: str, whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """Generation and slot, and nothing of recording anew, which no reader of a bundle can."""
+    entries = entries_of(whole)
+    gone = next(place for place, entry in enumerate(entries) if entry["kind"] == kind)
+    bundle = resealed(with_entries(whole, entries[:gone] + entries[gone + 1 :]), tmp_path / "x.zip")
+    with pytest.raises(BundleError, match=r"generation \d, slot \d: no recorded answer for") as told:
+        verify_at(bundle)
+    assert "llm.mode=record" not in str(told.value)
+    assert "a bundle has every entry that its replay reads" in str(told.value)
+    refused(bundle, f"no recorded answer for {kind} request")
+
+
+def test_study_under_another_name_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """Folder and study.json alike, with its tables: more seeds in a name than in the study, say."""
+    old = next(name for name in whole if name.endswith("study.json")).split("/")[2]
+    new = old.replace("seeds4", "seeds40")
+    study = json.loads(whole[f"run/studies/{old}/study.json"])
+    renamed = {name.replace(old, new): data for name, data in whole.items()}
+    renamed[f"run/studies/{new}/study.json"] = json.dumps({**study, "name": new}).encode()
+    refused(resealed(renamed, tmp_path / "x.zip"), f"must be {old}, which is what it is")
+    told = {**whole, f"run/studies/{old}/study.json": json.dumps({**study, "name": new}).encode()}
+    refused(resealed(told, tmp_path / "x.zip"), f"must be {old}, which is what it is")
+
+
+def test_study_of_another_version_is_told_beside_its_failure(whole: Members, refused: Refused, tmp_path: Path) -> None:
+    """As the search of another version is."""
+    name = next(name for name in whole if name.endswith("study.json"))
+    study = json.loads(whole[name])
+    study["versions"]["tacevo"] = "0.0.1"
+    edited = {**whole, name: json.dumps({**study, "terms": {**study["terms"], "alpha": 0.5}}).encode()}
+    refused(resealed(edited, tmp_path / "x.zip"), "this may come of another version: tacevo is ")
+
+
+def test_no_raw_text_reaches_the_terminal(whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A version, say, that would clear the screen: in what is said, and in an error."""
+    run = json.loads(whole["run/run.json"])
+    run["versions"]["torch"] = "\x1b[2J2.0"
+    sound = resealed({**whole, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
+    assert main(["replay", str(sound)]) == 0
+    broken = {**whole, "run/run.json": json.dumps(run).encode(), "run/archive.json": b"{}"}
+    assert main(["replay", str(resealed(broken, tmp_path / "y.zip"))]) == 1
+    said = "".join(capsys.readouterr())
+    assert r"\x1b[2J2.0" in said
+    assert "\x1b" not in said
 
 
 def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refused, tmp_path: Path) -> None:
