@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tacevo.composition import compose
-from tacevo.config import RunConfig, identity
+from tacevo.config import RunConfig
 from tacevo.errors import ConfigError, DivergenceError
-from tacevo.records import Json, to_json
+from tacevo.records import Json
 from tacevo.replaying import read_run
-from tacevo.store import Field, content_hash, differences, shown, value_at
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.store import Field, differences, shown, value_at
+from tacevo.sweepdir import Job, SweepDirectory, name_arm
+from tacevo.sweepstatus import config_hash, decisive
 
 #: Groups of which everything counts, beside the identity of the run.
 _PARTS = {"data", "task"}
@@ -45,7 +46,7 @@ def check_jobs(directory: SweepDirectory) -> None:
         config, _, _ = read_run(directory.run(job))
         _insist(place, job, "seed", job.seed, config.seed)
         _insist(place, job, "config", job.config, config_hash(config))
-        _insist(place, job, "arm", job.arm, arm_of(job.overrides))
+        _insist(place, job, "arm", job.arm, name_arm(job.overrides))
         overrides = [*shared, *job.overrides]
         found = _Compared(job=job, recorded=decisive(config), composed=decisive(_composed(job, overrides)))
         for field in _named(overrides, found.recorded):
@@ -54,26 +55,6 @@ def check_jobs(directory: SweepDirectory) -> None:
     _insist_on_different_jobs(jobs)
     for other in compared[1:]:
         _check_pair(compared[0], other)
-
-
-def arm_of(overrides: Sequence[str]) -> str:
-    """Name what a job compares: its ablation, and what else is varied but the seed."""
-    given = dict(override.split("=", 1) for override in overrides)
-    given.pop("seed", None)
-    ablation = given.pop("ablation", None)
-    others = [f"{key}={value}" for key, value in given.items()]
-    return " ".join([*([] if ablation is None else [ablation]), *others]) or "none"
-
-
-def config_hash(config: RunConfig) -> str:
-    """Hash what decides the results of a job: 64 hex digits."""
-    return content_hash(decisive(config))
-
-
-def decisive(config: RunConfig) -> Json:
-    """Give what decides the results of a job, as far as it is known without the data."""
-    part = {"config": identity(config), "generations": config.search.generations}
-    return to_json({**part, "data": config.data, "task": config.task})
 
 
 def _composed(job: Job, overrides: Sequence[str]) -> RunConfig:

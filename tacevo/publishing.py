@@ -16,7 +16,7 @@ from tacevo.bundle import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
 from tacevo.confdir import conf_root
 from tacevo.crate import metadata
 from tacevo.errors import ConfigError, RunError
-from tacevo.job_checks import arm_of, check_jobs, config_hash
+from tacevo.job_checks import check_jobs
 from tacevo.opening import Opened, located, over_runs, private_folder, standing_for
 from tacevo.papers import Subject, Terms, citation, licence, readme
 from tacevo.progress import View
@@ -25,7 +25,8 @@ from tacevo.replaying import read_run
 from tacevo.rundir import PACKAGES, RunDirectory
 from tacevo.store import write_durably
 from tacevo.studydir import StudyDirectory, studies_of
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.sweepdir import Job, SweepDirectory, name_arm
+from tacevo.sweepstatus import config_hash
 from tacevo.verifying import Rerun, rerun
 
 
@@ -137,7 +138,7 @@ def _published_job(folder: Path, job: Job) -> Job:
     """Give a job without what belongs to one machine, from the run that was staged."""
     overrides = published_overrides(job.overrides)
     config, _, _ = read_run(RunDirectory(folder / job.name))
-    return replace(job, arm=arm_of(overrides), overrides=overrides, config=config_hash(config))
+    return replace(job, arm=name_arm(overrides), overrides=overrides, config=config_hash(config))
 
 
 def _publishable(directory: RunDirectory) -> dict[str, Json]:

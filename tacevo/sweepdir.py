@@ -134,6 +134,15 @@ class SweepDirectory:
         write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
+def name_arm(own: Sequence[str]) -> str:
+    """Name what a job compares: its ablation, and what else is varied but the seed."""
+    given = dict(override.split("=", 1) for override in own)
+    given.pop("seed", None)
+    ablation = given.pop("ablation", None)
+    parts = [*([ablation] if ablation else []), *(f"{key}={value}" for key, value in given.items())]
+    return " ".join(parts) or "none"
+
+
 def sweep_digest(digests: Mapping[str, str]) -> str:
     """Give the digest of a sweep from those of its runs, by the names of their jobs: 64 hex digits."""
     return content_hash(dict(digests))

@@ -21,7 +21,7 @@ from tacevo.plurals import counted
 from tacevo.progress import SweepView
 from tacevo.replaying import read_run
 from tacevo.session import require_means
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.sweepdir import Job, SweepDirectory, name_arm
 from tacevo.sweepstatus import Standing, Status, config_hash, status_of
 from tacevo.tracking.entries import without_password
 
@@ -144,15 +144,6 @@ def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Plan
             twins = " and ".join(" ".join(job.overrides) for job in (other, entry.job))
             raise ConfigError(f"a sweep needs a folder for each job; {twins} would share {entry.job.name}")
     return tuple(planned.values())
-
-
-def name_arm(own: Sequence[str]) -> str:
-    """Name what a job compares: its ablation, and what else is varied but the seed."""
-    given = dict(override.split("=", 1) for override in own)
-    given.pop("seed", None)
-    ablation = given.pop("ablation", None)
-    parts = [*([ablation] if ablation else []), *(f"{key}={value}" for key, value in given.items())]
-    return " ".join(parts) or "none"
 
 
 def name_job(arm: str, seed: int) -> str:

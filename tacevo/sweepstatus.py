@@ -43,12 +43,17 @@ class Status:
 
 
 def config_hash(config: RunConfig) -> str:
-    """Hash what decides the results of a job: 64 hex digits.
+    """Hash what decides the results of a job: 64 hex digits."""
+    return content_hash(decisive(config))
+
+
+def decisive(config: RunConfig) -> Json:
+    """Give what decides the results of a job.
 
     Unlike a ledger's header it is known without the data, and holds the number of generations.
     """
     part = {"config": identity(config), "generations": config.search.generations}
-    return content_hash(to_json({**part, "data": config.data, "task": config.task}))
+    return to_json({**part, "data": config.data, "task": config.task})
 
 
 def status_of(directory: SweepDirectory, job: Job) -> Status:

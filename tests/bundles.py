@@ -62,7 +62,7 @@ def with_entries(members: Mapping[str, bytes], entries: list[dict[str, Json]]) -
     return {**members, STORE: lzma.compress(("\n".join(lines) + "\n").encode())}
 
 
-def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Json]], None]) -> Members:
+def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Json]], object]) -> Members:
     """Give members whose ledger has another line, every hash after it made anew, and the digest with them."""
     previous, lines = GENESIS, []
     for place, text in enumerate(members["run/ledger.jsonl"].splitlines()):

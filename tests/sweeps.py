@@ -5,10 +5,10 @@ from pathlib import Path
 
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.job_checks import arm_of, config_hash
 from tacevo.records import Json
 from tacevo.replaying import read_run
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.sweepdir import Job, SweepDirectory, name_arm
+from tacevo.sweepstatus import config_hash
 
 #: What all jobs share.
 SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]
@@ -33,7 +33,7 @@ def run_sweep(folder: Path, store: Path) -> None:
 
 
 def _job(directory: SweepDirectory, name: str) -> Job:
-    job = Job(name=name, arm=arm_of(OWN[name]), seed=int(name[-1]), overrides=OWN[name], config="")
+    job = Job(name=name, arm=name_arm(OWN[name]), seed=int(name[-1]), overrides=OWN[name], config="")
     config, _, _ = read_run(directory.run(job))
     return Job(name=name, arm=job.arm, seed=job.seed, overrides=job.overrides, config=config_hash(config))
 

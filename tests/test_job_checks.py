@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from tacevo.errors import DivergenceError
-from tacevo.job_checks import arm_of, check_jobs, config_hash
+from tacevo.job_checks import check_jobs
 from tacevo.records import Json
 from tacevo.replaying import read_run
 from tacevo.rundir import RunDirectory
-from tacevo.sweepdir import SweepDirectory
+from tacevo.sweepdir import SweepDirectory, name_arm
+from tacevo.sweepstatus import config_hash
 
 Edit = Callable[[Json], object]
 
@@ -137,4 +138,4 @@ def test_overrides_that_compose_nothing_are_found(sweep: Path) -> None:
 )
 def test_arm_is_what_is_varied_but_the_seed(overrides: list[str], arm: str) -> None:
     """An ablation by its name alone."""
-    assert arm_of(overrides) == arm
+    assert name_arm(overrides) == arm
