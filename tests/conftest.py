@@ -66,7 +66,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the folder of a tiny sweep (`sweep`, `cache`), published as `sweep.zip`; nothing may be changed."""
-    from sweeps import run_sweep
+    from tiny_sweep import run_sweep
 
     from tacevo.app import main
 

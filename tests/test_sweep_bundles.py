@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from bundles import Members, entries_of, members_of, resealed, with_entries
-from sweeps import OWN, edited
+from tiny_sweep import OWN, edited
 
 from tacevo.app import main
 from tacevo.bundle import JOBS, STORE
