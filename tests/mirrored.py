@@ -100,10 +100,9 @@ def write_facts(run_dir: Path, digest: str | None) -> None:
     config: dict[str, Json] = {
         "seed": 0,
         "llm": {"model": "m", "base_url": None},
-        "data": {"target_columns": ["fx", "fy"]},
+        "tracking": {"kind": "none", "uri": "", "experiment": "tacevo"},
     }
-    config |= {"tracking": {"kind": "none", "uri": "", "experiment": "tacevo"}}
-    facts = {"schema": 1, "name": "force-0", "config": config, "digest": digest}
+    facts = {"schema": 1, "name": run_dir.name, "config": config, "digest": digest}
     write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
 
 

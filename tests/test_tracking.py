@@ -222,7 +222,7 @@ def test_search_is_one_run_with_one_nested_run_a_candidate(run_dir: Path, uri: s
     said = contents(uri)
     assert set(said) == {"parent", "g00s00", "g00s01", "g00s02"}
     name, status, params, _, histories, _ = said["parent"]
-    assert (name, status, params["llm.model"]) == ("force-0", "FINISHED", "m")
+    assert (name, status, params["llm.model"]) == ("run", "FINISHED", "m")
     assert histories["temperature"] == [(0, 0.6), (1, 0.65)]
     assert histories["generation_best"] == [(0, 0.25)]
     assert histories["candidates"] == [(0, 3.0), (1, 0.0)]
