@@ -6,7 +6,7 @@ from pathlib import Path
 from threading import Barrier
 
 import pytest
-from mirrored import BASELINE, ENTRIES, GENERATION, SECOND_GENERATION, build_run, build_sweep, everything, mirror_once
+from mirrored import ENTRIES, GENERATION, SECOND_GENERATION, build_run, build_sweep, everything, mirror_once
 
 from tacevo.costs import Spending
 from tacevo.sweepdir import SweepDirectory
@@ -168,10 +168,3 @@ def test_standing_leaves_out_what_does_not_apply_yet() -> None:
     assert standing_measures(Standing().after(nothing, Spending()), nothing) == (
         Measure(key="evaluations", value=0.0, step=0),
     )
-
-
-def test_baseline_of_a_sweep_is_a_candidate_like_any(sweep: Path, uri: str) -> None:
-    """What a search's candidates say does not depend on whether it belongs to a sweep."""
-    mirror_once(sweep / "none-seed0", uri)
-    _, status, _, _, histories, files = everything(uri)["sweep", "none-seed0", "g00s00"]
-    assert (status, files, histories["fitness"]) == ("FINISHED", ["g00s00.py"], [(0, BASELINE["fitness"])])
