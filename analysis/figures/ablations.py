@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,13 +32,16 @@ _Dash = str | tuple[int, tuple[int, ...]]
 
 _COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, GREY)
 _DASHES: tuple[_Dash, ...] = ("--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
-_MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">")
+_MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">", "*", "p", "h")
 
 #: Half of what the seeds of an arm are apart, as part of its place.
 _SPREAD = 0.24
 
-#: In inches: the height of a panel of curves, and of an arm's row among final values.
-_PANEL, _ROW = 2.1, 0.26
+#: In inches: the height of a panel of curves, of an arm's row among final values, and of a further line of its name.
+_PANEL, _ROW, _LINE = 2.1, 0.26, 0.1
+
+#: In characters: the width of the legend, what the line of an entry takes of it, and that of a name beside its row.
+_LEGEND, _HANDLE, _NAME = 130, 8, 28
 
 #: What final values are drawn of: the words below, and what values are multiplied by.
 _ENDS = {
@@ -51,7 +55,7 @@ _Values = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Look:
-    """How an arm is drawn; no two of the first 315 arms look alike."""
+    """How an arm is drawn; no two of the first 420 arms look alike."""
 
     colour: str
     dash: _Dash
@@ -61,8 +65,9 @@ class _Look:
 @house_style()
 def curves(found: Ablation) -> Figure:
     """Draw best fitness, QD-score and coverage by generation: the median of each arm's seeds over its quartiles."""
-    legend_rows = -(-len(found.arms) // 4)
-    figure, panels = new_figure("double", _PANEL + 0.2 * legend_rows, columns=3)
+    columns = max(1, min(4, _LEGEND // max(len(arm.name) + _HANDLE for arm in found.arms)))
+    rows = -(-len(found.arms) // columns)
+    figure, panels = new_figure("double", _PANEL + 0.16 * rows, columns=3)
     drawn = (_best(found.outcomes), _of_archive(found.outcomes, "qd_score"), _of_archive(found.outcomes, "coverage"))
     for axes, values in zip(panels, drawn, strict=True):
         for name, look in _looks(found).items():
@@ -75,15 +80,16 @@ def curves(found: Ablation) -> Figure:
     for axes in panels[1:]:
         axes.set_ylim(bottom=0)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
     return figure
 
 
 @house_style()
 def final_values(found: Ablation) -> Figure:
     """Draw where every run ended, arm by arm, over boxes of quartiles; the dotted line is the reference's median."""
-    names = [arm.name for arm in found.arms]
-    figure, panels = new_figure("double", 0.6 + _ROW * len(names), columns=3)
+    names = [fill(arm.name, _NAME) for arm in found.arms]
+    lines = max(name.count("\n") for name in names)
+    figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=3)
     for axes, (metric, (label, factor)) in zip(panels, _ENDS.items(), strict=True):
         samples = [factor * np.array(list(arm.metrics[metric].values.values())) for arm in found.arms]
         _boxes(axes, samples)
