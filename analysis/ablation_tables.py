@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from analysis.ablation import ALPHA, FEWEST_SEEDS, FRACTIONS, LESS_IS_BETTER, Ablation, Arm, Contrast, Metric, Standing
 from analysis.effects import LEVEL, RESAMPLES, Interval
+from analysis.rounding import shown
 from analysis.sweeps import REFERENCE, Missing, Sweep
 from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
 from tacevo.digits import rounded
@@ -160,9 +161,20 @@ def _median_note(found: Ablation) -> str:
     few = [arm.name for arm in found.arms if len(arm.seeds) < FEWEST_SEEDS]
     words = (
         f"Median over seeds; in brackets {100 * LEVEL:g} % percentile intervals of {RESAMPLES:,} bootstrap resamples "
-        "of the seeds."
+        f"of the seeds.{_range_note(found)}"
     )
     return f"{words} No interval and no test with fewer than {FEWEST_SEEDS} seeds: {listed(few)}." if few else words
+
+
+def _range_note(found: Ablation) -> str:
+    """Say what the interval of few seeds can be trusted with: each lies above the median with a chance of a half."""
+    fewest = min((len(arm.seeds) for arm in found.arms if len(arm.seeds) >= FEWEST_SEEDS), default=None)
+    if fewest is None or (chance := 1 - 2.0 ** (1 - fewest)) >= LEVEL:
+        return ""
+    return (
+        " None reaches beyond the seeds, whose range holds the median of all seeds with a chance of "
+        f"{shown(Percent(chance))} for {fewest} of them."
+    )
 
 
 def _test_notes(found: Ablation, metric: Metric) -> list[str]:

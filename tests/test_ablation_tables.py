@@ -108,6 +108,12 @@ def test_single_seed_is_a_value_alone() -> None:
     assert any("No interval and no test with fewer than 2 seeds: one." in note for note in best(sweep, found).notes)
 
 
+def test_weakness_of_few_seeds_is_told() -> None:
+    """By hand: all five lie on one side of the median with a chance of 2 / 32; of six, 2 / 64 is below 5 %."""
+    assert any("with a chance of 93.8 % for 5 of them" in note for note in best().notes)
+    assert not any("None reaches beyond" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
+
+
 def test_missing_reference_is_told() -> None:
     """All columns of tests are empty."""
     sweep, found = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))
