@@ -1,16 +1,21 @@
 """All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables and pictures."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from analysis.ablation import Ablation, compare_arms, outcome
 from analysis.ablation_tables import ablation_tables, common_note
 from analysis.common_archive import common_archive
 from analysis.figures.ablations import curves, final_values
 from analysis.gallery import Picture
+from analysis.loading import Run
 from analysis.sweep_checks import check_sweep
-from analysis.sweeps import REFERENCE, Sweep, load_sweep
+from analysis.sweeps import REFERENCE, Finished, Sweep, load_sweep
 from analysis.tables import Table
 from analysis.tessellation import load_niches
 from tacevo.errors import RunError
@@ -39,16 +44,32 @@ def collect_sweep(path: Path, store: Path | None = None) -> SweepCollection:
     """
     sweep = load_sweep(path)
     check_sweep(sweep)
-    runs = [one.run for one in sweep.finished]
+    measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks)
+    common = common_archive([one.run for one in sweep.finished], measure.run, centroids)
+    found = compare_arms([outcome(one, common) for one in sweep.finished])
+    return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name)
+
+
+def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) -> tuple[Finished, NDArray[np.float64]]:
+    """Choose the job in whose niches all are measured: the first that has some over both descriptors, `none` first.
+
+    Args:
+        sweep: the sweep.
+        centroids_of: gives the centroids of a run's network archive, shape (niches, axes), in [0, 1].
+
+    Returns:
+        The job, and its centroids.
+
+    Raises:
+        RunError: there is none.
+    """
     for one in sorted(sweep.finished, key=lambda one: one.job.arm != REFERENCE):
-        centroids = load_niches(one.run, store).networks
-        if centroids.shape[1] == 2:
-            common = common_archive(runs, one.run, centroids)
-            found = compare_arms([outcome(each, common) for each in sweep.finished])
-            return SweepCollection(sweep=sweep, found=found, niches_of=one.job.name)
+        centroids = centroids_of(one.run)
+        if len(centroids) and centroids.shape[1] == 2:
+            return one, centroids
     raise RunError(
-        f"no finished job of {path} has an archive over both descriptors, in whose niches all could be measured; add "
-        f"the arm {REFERENCE} to the sweep"
+        f"no finished job of {sweep.path} has an archive over both descriptors, in whose niches all could be measured; "
+        f"add the arm {REFERENCE} to the sweep"
     )
 
 

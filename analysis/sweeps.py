@@ -52,12 +52,6 @@ class Sweep:
         """The task's name."""
         return self.finished[0].run.task
 
-    @property
-    def arms(self) -> tuple[str, ...]:
-        """The arms of its finished jobs: the one that is compared with first, the others in their order."""
-        names = dict.fromkeys(one.job.arm for one in self.finished)
-        return tuple(sorted(names, key=lambda name: name != REFERENCE))
-
 
 def load_sweep(path: Path) -> Sweep:
     """Read the finished jobs of a sweep, and say of the others why they are missing.
