@@ -12,6 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from tacevo import __version__
+from tacevo.ablation_commands import add_ablations
 from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
 from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser, existing_store
@@ -121,6 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     add_sweep(commands)
     add_study(commands)
     add_analysis(commands)
+    add_ablations(commands)
 
     show = commands.add_parser("show", help="what a run found, or one candidate of it")
     show.add_argument("run", metavar="RUN", help="the folder of a run")
