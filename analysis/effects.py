@@ -61,6 +61,14 @@ def median_difference(x: ArrayLike, y: ArrayLike) -> float:
     return float(np.median(checked(x, name="x")) - np.median(checked(y, name="y")))
 
 
+def median(x: ArrayLike, *, rng: np.random.Generator, resamples: int = RESAMPLES) -> Interval:
+    """Estimate a median with its 95 % interval; arguments and errors as of `effects`."""
+    sample = checked(x, name="x")
+    _check_resamples(resamples)
+    drawn = rng.integers(len(sample), size=(resamples, len(sample)))
+    return _interval(float(np.median(sample)), np.median(sample[drawn], axis=1))
+
+
 def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: int = RESAMPLES) -> Effects:
     """Estimate all effects with their 95 % intervals.
 
@@ -77,8 +85,7 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
         ValueError: a sample has another shape or values that are not finite, or there are too few resamples.
     """
     first, second = checked(x, name="x"), checked(y, name="y")
-    if resamples < 39:
-        raise ValueError(f"a 95 % interval needs resamples >= 39; got {resamples}")
+    _check_resamples(resamples)
     from_first = rng.integers(len(first), size=(resamples, len(first)))
     from_second = rng.integers(len(second), size=(resamples, len(second)))
     drawn = _dominance(first, second)[from_first[:, :, None], from_second[:, None, :]]
@@ -89,6 +96,11 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
         cliffs_delta=_interval(cliffs_delta(first, second), deltas),
         median_difference=_interval(median_difference(first, second), differences),
     )
+
+
+def _check_resamples(resamples: int) -> None:
+    if resamples < 39:
+        raise ValueError(f"a 95 % interval needs resamples >= 39; got {resamples}")
 
 
 def _dominance(x: Sample, y: Sample) -> NDArray[np.int8]:

@@ -27,7 +27,8 @@ from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
 from tacevo.replaying import replay
 from tacevo.sandbox.client import Sandbox
-from tacevo.session import search, track
+from tacevo.session import search
+from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import environment
 from tacevo.wiring import source_of
 
@@ -136,7 +137,7 @@ def tracking() -> str:
             return place
 
         untracked = with_tracking("tracking=none")
-        track(untracked, uri)  # makes the database
+        _mirror(untracked, uri)  # makes the database
         rivals = {
             "with MLflow": lambda: with_tracking("tracking=mlflow", f"tracking.uri={uri}"),
             "without": lambda: with_tracking("tracking=none"),
@@ -145,10 +146,19 @@ def tracking() -> str:
         return f"{figures}; the mirror alone takes {_mirror_cpu_seconds(with_tracking('tracking=none'), uri):.1f} CPU s"
 
 
+def _mirror(run: Path, uri: str) -> None:
+    """Mirror a finished run as a search does, and wait for the end."""
+    mirror = Mirror(run, uri=uri, experiment="tacevo")
+    mirror.start()
+    warning = mirror.finish(None)
+    if warning is not None:
+        raise RuntimeError(warning)
+
+
 def _mirror_cpu_seconds(run: Path, uri: str) -> float:
     """Mirror a finished run; give the processor seconds of the mirror's process, which is the only one to end."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    track(run, uri)
+    _mirror(run, uri)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return (after.ru_utime + after.ru_stime) - (before.ru_utime + before.ru_stime)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 from tacevo import __version__
+from tacevo.ablation_commands import add_ablations
 from tacevo.analysis_commands import add_analysis
 from tacevo.cache_commands import add_cache
 from tacevo.commandline import DIFFERENT, DONE, INTERRUPTED, MISTAKE, OVERRIDE, Parser
@@ -22,6 +23,7 @@ from tacevo.publish_commands import add_publish
 from tacevo.replay_commands import add_replay
 from tacevo.study_commands import add_study
 from tacevo.sweep_commands import add_multirun, add_sweep, run_sweep
+from tacevo.track_commands import add_track
 
 _EPILOG = """\
 examples:
@@ -116,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     add_sweep(commands)
     add_study(commands)
     add_analysis(commands)
+    add_ablations(commands)
 
     show = commands.add_parser("show", help="what a run found, or one candidate of it")
     show.add_argument("run", metavar="RUN", help="the folder of a run")
@@ -124,15 +127,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_check(commands)
 
-    track = commands.add_parser(
-        "track",
-        help="write a run's ledger into MLflow, or what is missing of it there",
-        description="Mirror a run directory into MLflow. Doing it twice writes nothing twice.",
-    )
-    track.add_argument("run", metavar="RUN", help="the folder of a run")
-    track.add_argument("--uri", help="MLflow tracking URI (default: the run's own)")
-    track.set_defaults(command=_track)
-
+    add_track(commands)
     add_data(commands)
     add_cache(commands)
 
@@ -170,7 +165,7 @@ def _search(options: argparse.Namespace) -> int:
     from tacevo.progress import make_view
     from tacevo.records import Mode
     from tacevo.session import search
-    from tacevo.tracking.entries import without_password
+    from tacevo.tracking.entries import viewing
 
     config = compose(options.overrides)
     total = 1 + config.search.initial + config.search.generations * config.search.candidates
@@ -184,7 +179,7 @@ def _search(options: argparse.Namespace) -> int:
     print(f"look:   {tacevo} show {result.directory} {result.best}")
     print(f"verify: {tacevo} replay {result.directory}")
     if config.tracking.kind.value == "mlflow":
-        print(f"MLflow: {mlflow} ui --backend-store-uri {without_password(config.tracking.uri)}")
+        print(f"MLflow: {viewing(config.tracking.uri, mlflow)}")
     print(f"digest: {result.digest}")
     return DONE
 
@@ -217,13 +212,6 @@ def _check(options: argparse.Namespace) -> int:
 
     for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
         print(line, flush=True)
-    return DONE
-
-
-def _track(options: argparse.Namespace) -> int:
-    from tacevo.session import track
-
-    print(track(Path(options.run), options.uri))
     return DONE
 
 

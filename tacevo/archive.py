@@ -149,6 +149,11 @@ def qd_score(archive: Archive, quality: Callable[[float], float]) -> float:
     return math.fsum(quality(elite.objective) for elite in archive.elites.values())
 
 
+def quality(objective: float) -> float:
+    """Turn an objective, the negative of a loss f >= 0, into a quality in (0, 1]: 1 / (1 + f)."""
+    return 1.0 / (1.0 - objective)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
     """The range of each descriptor that min-max normalisation maps to [0, 1]."""

@@ -56,7 +56,7 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
             parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
-            return tuple(_values(parser.parse_override(override)) for override in overrides)
+            return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
     except ConfigError:
         raise
     except (HydraException, OmegaConfBaseException, ValueError, TypeError) as error:
@@ -287,6 +287,9 @@ def _explained(error: Exception, given: Mapping[str, object], root: _Root = _RUN
         close = difflib.get_close_matches(name, root.names(), n=1)
         meant = f"; did you mean {close[0]!r}?" if close else f"; {root.told}"
         return f"there is no setting {name!r}{meant}"
+    if lines[0].startswith("Ambiguous value"):
+        several = lines[0].partition("'")[2].rstrip("'")
+        return f"{several} stands for several values, and this takes one; `tacevo search -m` runs a search for each"
     misfit = _misfit(error, given, root.type)
     if misfit is not None:
         return misfit

@@ -1,11 +1,11 @@
 """What a run writes down: the first line of its ledger, and both archives as JSON."""
 
-from tacevo.archive import Elite, Places, coverage, qd_score
+from tacevo.archive import Elite, Places, coverage, qd_score, quality
 from tacevo.config import RunConfig, identity
 from tacevo.proposals import Task
 from tacevo.records import DataFacts, Json, to_json
 from tacevo.rundir import SCHEMA
-from tacevo.search import Plan, SearchState, quality
+from tacevo.search import Plan, SearchState
 from tacevo.store import content_hash
 
 

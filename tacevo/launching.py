@@ -22,9 +22,13 @@ from pathlib import Path
 from typing import Any
 
 from hydra import initialize
+from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import MISSING
+from omegaconf.errors import OmegaConfBaseException
 
 from tacevo.errors import ConfigError, RunError
 from tacevo.sandbox.kernel import end_with
@@ -101,6 +105,21 @@ def fitted(launcher: Launcher, *, jobs: int, workers: int, cores: int) -> Launch
     return Launcher(name=launcher.name, overrides=(*launcher.overrides, f"hydra.launcher.{size}"))
 
 
+def require_launcher(launcher: Launcher) -> None:
+    """Tell what is wrong with a launcher before anything runs.
+
+    Raises:
+        ConfigError: it is not installed, or has no such setting.
+    """
+    try:
+        with _initialised(Assignment(sweep=".", job="any")) as hydra:
+            hydra.compose_config("assignment", _overrides(launcher, []), RunMode.MULTIRUN)
+    except (HydraException, OmegaConfBaseException) as error:
+        remedy = "; pip install 'tacevo[slurm]' brings it" if launcher.name.startswith("submitit") else ""
+        cause = _in_short(error.__cause__ or error).rstrip(".")
+        raise ConfigError(f"hydra/launcher={launcher.name} cannot be used: {cause}{remedy}") from error
+
+
 def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]) -> None:
     """Run jobs to their ends; how each ended stands in the sweep's folder.
 
@@ -131,27 +150,35 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, l
 def _multirun(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher) -> None:
     """Let Hydra run over the names of the jobs."""
     caller = os.getpid() if launcher.name in _LOCAL else 0
-    ConfigStore.instance().store(name="assignment", node=Assignment(sweep=str(directory.path), caller=caller))
+    with _initialised(Assignment(sweep=str(directory.path), caller=caller)) as hydra:
+        overrides = _overrides(launcher, [f"job={','.join(job.name for job in jobs)}"])
+        hydra.multirun("assignment", watch, overrides, with_log_configuration=False)
+
+
+@contextlib.contextmanager
+def _initialised(assignment: Assignment) -> Iterator[Hydra]:
+    """Give Hydra with nothing to compose but an assignment."""
+    ConfigStore.instance().store(name="assignment", node=assignment)
     GlobalHydra.instance().clear()
     with initialize(config_path=None, version_base="1.3", job_name="tacevo"):
         hydra = GlobalHydra.instance().hydra
         if hydra is None:
-            raise RunError("Hydra was expected to be initialised, and is not")
-        hydra.multirun(
-            config_name="assignment",
-            task_function=watch,
-            overrides=[
-                f"hydra/launcher={launcher.name}",
-                *launcher.overrides,
-                "hydra.sweep.dir=${sweep}/launch",
-                "hydra.sweep.subdir=.",
-                "hydra.output_subdir=null",
-                "hydra/hydra_logging=none",
-                "hydra/job_logging=none",
-                f"job={','.join(job.name for job in jobs)}",
-            ],
-            with_log_configuration=False,
-        )
+            raise RunError("Hydra has just been initialised, and says that it is not; install hydra-core again")
+        yield hydra
+
+
+def _overrides(launcher: Launcher, more: Sequence[str]) -> list[str]:
+    """Write what Hydra is told: who launches, and that nothing of it goes into the run directories."""
+    return [
+        f"hydra/launcher={launcher.name}",
+        *launcher.overrides,
+        "hydra.sweep.dir=${sweep}/launch",
+        "hydra.sweep.subdir=.",
+        "hydra.output_subdir=null",
+        "hydra/hydra_logging=none",
+        "hydra/job_logging=none",
+        *more,
+    ]
 
 
 @contextlib.contextmanager
@@ -254,6 +281,6 @@ def _is_alive(caller: int) -> bool:
     return True
 
 
-def _in_short(error: Exception) -> str:
+def _in_short(error: BaseException) -> str:
     lines = [line for line in str(error).splitlines() if line.strip()]
     return lines[0].strip() if lines else type(error).__name__

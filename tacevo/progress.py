@@ -106,6 +106,9 @@ class PlainView:
     def jobs(self, done: int, total: int) -> None:
         """Nothing is shown but the line of each job."""
 
+    def tracked(self, done: int, total: int) -> None:
+        """Write nothing: what came of the runs is told at the end."""
+
 
 class _LiveBars:
     """Bars with rate and time left, on a terminal: what all of them show.
@@ -139,6 +142,14 @@ class _LiveBars:
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total, note="")
         self._progress.update(self._tasks[name], completed=done)
+
+
+class LiveTrackView(_LiveBars):
+    """The bar of runs on their way into MLflow."""
+
+    def tracked(self, done: int, total: int) -> None:
+        """Move the bar."""
+        self._move("runs", done, total)
 
 
 class LiveStudyView(_LiveBars):
@@ -213,6 +224,11 @@ def make_study_view(console: Console) -> PlainView | LiveStudyView:
 def make_sweep_view(console: Console) -> PlainView | LiveSweepView:
     """Choose the view of a sweep that suits a console."""
     return LiveSweepView(console) if console.is_terminal else PlainView(console)
+
+
+def make_track_view(console: Console) -> PlainView | LiveTrackView:
+    """Choose the view of runs on their way into MLflow that suits a console."""
+    return LiveTrackView(console) if console.is_terminal else PlainView(console)
 
 
 def make_view(console: Console, *, total: int, generations: int) -> PlainView | LiveView:

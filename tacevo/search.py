@@ -16,7 +16,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from tacevo.archive import AddStatus, Elite, NetworkArchive, Placed, Places, Point, Tessellation, coverage, qd_score
+from tacevo.archive import (
+    AddStatus,
+    Elite,
+    NetworkArchive,
+    Placed,
+    Places,
+    Point,
+    Tessellation,
+    coverage,
+    qd_score,
+    quality,
+)
 from tacevo.choices import Axis, PromptPolicy, Scale, TemperatureRule
 from tacevo.descriptors import Descriptor, describe, scaled
 from tacevo.development import Attempt, Outcome, Tools, develop
@@ -208,11 +219,6 @@ def close(
     if any("repairs" in line for line in lines):
         entry["repaired"] = len(repaired)
     return replace(state, generation=state.generation + 1, temperature=temperature, best=best), entry
-
-
-def quality(objective: float) -> float:
-    """Turn an objective, the negative of a loss f >= 0, into a quality in (0, 1]: 1 / (1 + f)."""
-    return 1.0 / (1.0 - objective)
 
 
 def _insist_on_baseline(outcome: Outcome, task: Task) -> None:

@@ -13,7 +13,7 @@ from tacevo.config import RunConfig
 from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome, Tools
 from tacevo.documents import archive_files, run_header
-from tacevo.errors import ConfigError, DivergenceError, RunError
+from tacevo.errors import DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Task
@@ -113,36 +113,6 @@ def record(
             summary = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
         return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=best)
-
-
-def track(path: Path, uri: str | None) -> str:
-    """Mirror a run directory into MLflow; what stands there already is not written again.
-
-    Args:
-        path: the run directory.
-        uri: the tracking URI; None for the one in the run's configuration.
-
-    Returns:
-        One line that says where the run is now.
-
-    Raises:
-        RunError: this is no run directory, or the mirror failed.
-        ConfigError: neither the run nor the caller names a URI.
-    """
-    directory = RunDirectory(path)
-    run = directory.read_run()
-    with directory.believed():
-        place, experiment = uri or run["config"]["tracking"]["uri"], run["config"]["tracking"]["experiment"]
-    if not place:
-        raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
-    if "***" in place:
-        raise ConfigError(f"{path} keeps no password of {place}; give the whole address with --uri")
-    mirror = Mirror(path, uri=place, experiment=experiment)
-    mirror.start()
-    warning = mirror.finish(None)
-    if warning is not None:
-        raise RunError(warning)
-    return f"{path} is in MLflow: mlflow ui --backend-store-uri {without_password(place)}"
 
 
 def _opened(directory: RunDirectory, begun: Sequence[dict[str, Json]]) -> Ledger:

@@ -9,14 +9,14 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.composition import compose, load_task, spread
 from tacevo.config import RunConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.launching import fitted, launch, split_launcher
+from tacevo.launching import Launcher, fitted, launch, require_launcher, split_launcher
 from tacevo.plurals import counted
 from tacevo.progress import SweepView
 from tacevo.replaying import read_run
@@ -30,6 +30,10 @@ _OWN = ("ablation", "seed")
 
 #: The longest part of a folder's name that an arm gives, in characters.
 _LONGEST = 80
+
+
+#: Runs jobs to their ends; see `tacevo.launching.launch`.
+Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[], None]], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,19 +53,21 @@ class Swept:
     statuses: tuple[Status, ...]
 
 
-def sweep(overrides: Sequence[str], into: str | None, view: SweepView) -> Swept:
+def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Launch = launch) -> Swept:
     """Run the jobs of a sweep that are not finished.
 
     Args:
         overrides: as for a search, with lists of values, and Hydra's settings of a launcher.
         into: the sweep's folder; None for one named after what the jobs share.
         view: who is told.
+        run: runs the jobs.
 
     Raises:
         TacevoError: see its subclasses; a mistake in any job is told before one runs.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     launcher, settings = split_launcher(overrides)
+    require_launcher(launcher)
     shared, varied = part(settings)
     planned = plan(shared, varied)
     for entry in planned:
@@ -77,17 +83,32 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView) -> Swept:
         statuses = [_checked(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
         directory.write(shared, [*before, *(job for job in jobs if job not in before)])
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
-        left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
-        if left:
-            workers, cores = max(entry.config.executor.workers for entry in planned), len(os.sched_getaffinity(0))
-            chosen = fitted(launcher, jobs=len(left), workers=workers, cores=cores)
-            view.say(f"launcher: {' '.join([chosen.name, *chosen.overrides])} ({counted(cores, 'core')})")
-            lookout = _Lookout(directory, left, view, done=len(jobs) - len(left), total=len(jobs))
-            try:
-                launch(directory, left, chosen, lookout.look)
-            finally:
-                lookout.look()
+        _run(directory, statuses, planned, launcher=launcher, view=view, run=run)
         return Swept(directory=directory.path, statuses=tuple(status_of(directory, job) for job in jobs))
+
+
+def _run(
+    directory: SweepDirectory,
+    statuses: Sequence[Status],
+    planned: Sequence[Planned],
+    *,
+    launcher: Launcher,
+    view: SweepView,
+    run: Launch,
+) -> None:
+    """Run the jobs that are neither finished nor run by somebody else."""
+    left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
+    if not left:
+        return
+    workers, cores = max(entry.config.executor.workers for entry in planned), len(os.sched_getaffinity(0))
+    chosen = fitted(launcher, jobs=len(left), workers=workers, cores=cores)
+    view.say(f"launcher: {' '.join([chosen.name, *chosen.overrides])} ({counted(cores, 'core')})")
+    done = sum(status.standing is Standing.finished for status in statuses)
+    lookout = _Lookout(directory, left, view, done=done, total=len(statuses))
+    try:
+        run(directory, left, chosen, lookout.look)
+    finally:
+        lookout.look()
 
 
 def part(settings: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:

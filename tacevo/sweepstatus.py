@@ -8,6 +8,7 @@ from enum import StrEnum
 from tacevo.composition import from_plain
 from tacevo.config import RunConfig, identity
 from tacevo.errors import RunError, TacevoError
+from tacevo.plurals import counted
 from tacevo.records import Json, to_json
 from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
@@ -102,7 +103,7 @@ def describe(statuses: Sequence[Status]) -> str:
     rows = [_row(status) for status in statuses]
     reasons = [f"{status.job.name}: {status.reason}" for status in statuses if status.reason]
     header = ["job", "arm", "seed", "state", "lines", "best", "digest"]
-    return "\n\n".join([f"{len(statuses)} jobs: {told or 'none'}", table(header, rows), *reasons])
+    return "\n\n".join([f"{counted(len(statuses), 'job')}: {told or 'none'}", table(header, rows), *reasons])
 
 
 def _row(status: Status) -> list[str]:

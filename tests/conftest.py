@@ -1,6 +1,8 @@
 """What holds for every test: no connection leaves this machine, and Hypothesis tries the same examples every time."""
 
 import ipaddress
+import os
+import shutil
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -74,3 +76,21 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_sweep(folder / "sweep", folder / "cache")
     assert main(["publish", str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone"]) == 0
     return folder
+
+
+@pytest.fixture(scope="session")
+def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make an empty MLflow database once, because its many migrations take seconds."""
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
+    from mlflow import MlflowClient
+
+    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
+    MlflowClient(f"sqlite:///{path}")
+    return path
+
+
+@pytest.fixture
+def uri(empty_store: Path, tmp_path: Path) -> str:
+    """Give the URI of a store of the test's own."""
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
+    return f"sqlite:///{tmp_path}/mlflow.db"

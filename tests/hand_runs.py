@@ -111,7 +111,7 @@ def run(
     elites: Sequence[Elite] = (),
     instructions: Sequence[str] = ("refine", "widen"),
     archive: Json = None,
-    bounds: tuple[tuple[float, float], tuple[float, float]] | None = ((0.0, 1.0), (0.0, 1.0)),
+    bounds: tuple[tuple[float, float], ...] | None = ((0.0, 1.0), (0.0, 1.0)),
 ) -> Run:
     """Make a run; `archive` holds settings of its archive that differ from `CONFIG`."""
     return Run(

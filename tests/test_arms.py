@@ -188,6 +188,17 @@ def test_mutation_only_differs_from_the_first_crossover_on(folder: Path) -> None
     assert not common(lines, plain, first)
 
 
+@pytest.mark.parametrize("name", ["fixed_temperature", "stall_temperature"])
+def test_temperature_arms_share_generation_1(name: str, folder: Path) -> None:
+    """T_1 is the same under every rule, and so is all that follows from it."""
+    lines, recorder = searched(name, folder)
+    plain, _ = searched("none", folder)
+    assert common(lines, plain, 1)
+    assert not common(lines, plain, 6)
+    temperatures = [line["temperature"] for line in recorder.lines if line["kind"] == "generation"]
+    assert (len(set(temperatures)) == 1) == (name == "fixed_temperature")
+
+
 def test_best_of_n_mutates_the_baseline_alone(folder: Path) -> None:
     """No candidate descends from another; prompts, temperatures and draws of mutating generations are those of none."""
     lines, _ = searched("random_parents_only_baseline", folder)
@@ -208,6 +219,10 @@ def test_operator_per_candidate_mixes_a_generation(folder: Path) -> None:
     shared = [(one, other) for one, other in pairs if one is not None and other is not None]
     assert shared
     assert all(one == other for one, other in shared)
+    first = [pair for pair in zip(lines, plain, strict=True) if pair[0]["generation"] == 1]
+    alike = [one["request"] == other["request"] for one, other in first if one["operator"] == other["operator"]]
+    assert alike
+    assert all(alike)
 
 
 def test_best_archive_holds_the_fittest_of_all(folder: Path) -> None:
@@ -233,6 +248,21 @@ def test_single_descriptor_places_by_it_alone(name: str, axis: int, folder: Path
     for niche, elite in networks.archive.elites.items():
         point = networks.bounds.normalise((measured[elite.name],))
         assert plan.networks.niche_of(point) == niche  # type: ignore[union-attr]
+
+
+def test_fixed_bounds_are_those_of_the_axes(folder: Path) -> None:
+    """One axis has one pair of bounds, its own; an archive without niches has none."""
+    bounds = ["archive.bounds=fixed", "archive.arch_div_bounds=[0.1,0.2]", "archive.eff_ratio_bounds=[3,4]"]
+    plans = [planned(arm(name, *bounds), folder) for name in ("none", "arch_div_only", "eff_ratio_only", "no_qd")]
+    told = [plan.archive.bounds and (plan.archive.bounds.low, plan.archive.bounds.high) for plan in plans]
+    assert told == [((0.1, 3.0), (0.2, 4.0)), ((0.1,), (0.2,)), ((3.0,), (4.0,)), None]
+
+
+def test_every_arm_is_documented() -> None:
+    """Whoever adds an arm says what it changes, what stays common, and why it is asked."""
+    page = (Path(__file__).parents[1] / "docs" / "ablations.md").read_text(encoding="utf-8")
+    table = page.partition("| arm |")[2].partition("\n\n")[0]
+    assert [name for name in groups()["ablation"] if f"`{name}`" not in table] == []
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Promise: a run without niches, or with one descriptor, is analysed as what it is."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import hand_runs
@@ -14,8 +15,12 @@ from analysis.gallery import run_pictures, undrawn
 from analysis.health import alarms
 from analysis.loading import Elite, Run
 from analysis.occupation import occupation, reachable
-from analysis.tessellation import Niches
+from analysis.tessellation import Niches, load_niches
 from tacevo.app import main
+from tacevo.archive import find_centroids
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.store import content_hash
 
 NO_NICHES = Niches(networks=np.empty((0, 2)), prompts=np.array([[0.5, 0.5]]))
 TENTHS = (np.arange(10).reshape(-1, 1) + 0.5) / 10
@@ -73,6 +78,18 @@ def test_growth_names_places() -> None:
     upper = figure.axes[0]
     assert upper.get_ylabel() == "occupied (%)"
     assert upper.get_lines()[0].get_label() == "networks (of the places for the best)"
+
+
+@pytest.mark.parametrize(("archive", "networks", "axes"), [({"kind": "best"}, 0, 2), ({"axes": ["arch_div"]}, 3, 1)])
+def test_niches_are_those_that_were_searched(archive: Json, networks: int, axes: int, tmp_path: Path) -> None:
+    """An archive without niches has no centroids, one with a single descriptor one number each; others are refused."""
+    shape = {"niches": 3, "prompt_niches": 2, "samples": 50, "seed": 0, **archive}
+    prompts = find_centroids(niches=2, dimensions=2, samples=50, seed=0)
+    own = find_centroids(niches=networks, dimensions=axes, samples=50, seed=0) if networks else []
+    run = replace(hand_runs.run([], [], archive=shape), centroids=content_hash([own, prompts]))
+    assert load_niches(run, tmp_path).networks.shape == (networks, axes)
+    with pytest.raises(RunError, match=r"are not those that .* was searched with"):
+        load_niches(replace(run, centroids=content_hash([prompts, prompts])), tmp_path)
 
 
 def test_alarms_of_niches_need_niches() -> None:

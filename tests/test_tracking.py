@@ -6,7 +6,6 @@ is about the process. MLflow is imported only when a test runs, because its tele
 
 import contextlib
 import io
-import json
 import os
 import shutil
 import signal
@@ -15,17 +14,27 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mirrored import (
+    BASELINE,
+    ENTRIES,
+    INSTRUCTIONS,
+    MUTATION,
+    REJECTED,
+    SECOND_GENERATION,
+    build_run,
+    contents,
+    mirror_once,
+    open_store,
+)
 
 from tacevo.costs import Spending
-from tacevo.ledger import Ledger
-from tacevo.records import Json, to_json
+from tacevo.records import to_json
 from tacevo.rundir import RunDirectory
-from tacevo.store import write_durably
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
     Measure,
@@ -41,8 +50,7 @@ from tacevo.tracking.process import URI_VARIABLE, Mirror
 from tacevo.tracking.veil import Veil
 
 if TYPE_CHECKING:
-    from mlflow import MlflowClient
-    from mlflow.entities import Run
+    pass
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
@@ -50,157 +58,12 @@ pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy i
 #: Seconds after which a process is taken for stuck; the mirror has a low priority, and machines are busy.
 PATIENCE = 300
 
-INSTRUCTIONS = [{"id": "widen", "text": "Widen every convolution."}, {"id": "gelu", "text": "ReLU to GELU."}]
-HEADER: dict[str, Json] = {"kind": "run", "schema": 1, "task": "force"}
-BASELINE: dict[str, Json] = {
-    "kind": "candidate",
-    "generation": 0,
-    "slot": 0,
-    "id": "g00s00",
-    "operator": "baseline",
-    "parents": [],
-    "prompt": None,
-    "temperature": None,
-    "parameters": 1200,
-    "flops": 34000,
-    "arch_div": 0.5,
-    "eff_ratio": 1.5,
-    "entropy": 0.7,
-    "density": 0.3,
-    "variation": 0.5,
-    "fitness": 0.25,
-    "train_losses": [0.75, 0.5],
-    "validation_losses": [0.5, 0.25],
-    "niche": 4,
-    "status": "new",
-    "curiosity": 1.8,
-}
-MUTATION = {
-    **BASELINE,
-    "slot": 1,
-    "id": "g00s01",
-    "operator": "mutation",
-    "parents": ["g00s00"],
-    "prompt": 1,
-    "temperature": 0.625,
-    "status": "rejected",
-    "curiosity": 0.5,
-}
-REJECTED: dict[str, Json] = {
-    "kind": "candidate",
-    "generation": 0,
-    "slot": 2,
-    "id": "g00s02",
-    "operator": "crossover",
-    "parents": ["g00s00", "g00s01"],
-    "prompt": None,
-    "temperature": 0.6,
-    "stage": "policy",
-    "reason": "forbidden_import",
-}
-GENERATION: dict[str, Json] = {
-    "kind": "generation",
-    "generation": 0,
-    "temperature": 0.6,
-    "next_temperature": 0.65,
-    "candidates": 3,
-    "trained": 2,
-    "best": 0.25,
-    "generation_best": 0.25,
-    "generation_median": 0.25,
-    "coverage": 0.01,
-    "qd_score": 0.8,
-    "prompt_coverage": 0.0,
-}
-SECOND_GENERATION = {**GENERATION, "generation": 1, "candidates": 0, "trained": 0, "temperature": 0.65}
-SECOND_GENERATION |= {"generation_best": None, "generation_median": None}
-ENTRIES = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
-
-
-def build_run(run_dir: Path, entries: list[dict[str, Json]], *, whole: bool = True) -> str:
-    """Write a run directory, or take one further, as a search does; return the digest of its ledger."""
-    run_dir.mkdir(parents=True, exist_ok=True)
-    for entry in entries:
-        if "fitness" in entry:
-            write_durably(run_dir / "candidates" / f"{entry['id']}.py", f"# {entry['id']}\n")
-    with Ledger(run_dir / "ledger.jsonl") as ledger:
-        for entry in entries:
-            ledger.commit(entry)
-        digest = ledger.digest
-    write_facts(run_dir, digest if whole else None)
-    return digest
-
-
-def write_facts(run_dir: Path, digest: str | None) -> None:
-    """Write run.json."""
-    config = {"seed": 0, "llm": {"model": "m", "base_url": None}, "data": {"target_columns": ["fx", "fy"]}}
-    facts = {"schema": 1, "name": "force-0", "config": config, "digest": digest}
-    write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
-
-
-def mirror_once(run_dir: Path, uri: str) -> None:
-    """Mirror what stands in a run directory, in this process."""
-    from tacevo.tracking.mirror import mirror
-
-    mirror(run_dir, uri=uri, experiment="tacevo", finished=lambda: True)
-
-
-@pytest.fixture(scope="session")
-def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make an empty MLflow database once, because its many migrations take seconds."""
-    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
-    from mlflow import MlflowClient
-
-    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
-    MlflowClient(f"sqlite:///{path}")
-    return path
-
-
-@pytest.fixture
-def uri(empty_store: Path, tmp_path: Path) -> str:
-    """Give the URI of a store of the test's own."""
-    shutil.copy(empty_store, tmp_path / "mlflow.db")
-    return f"sqlite:///{tmp_path}/mlflow.db"
-
 
 @pytest.fixture
 def run_dir(tmp_path: Path) -> Path:
     """Give a finished run."""
     build_run(tmp_path / "run", ENTRIES)
     return tmp_path / "run"
-
-
-def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
-    """Read a store with one search back: the client, the parent run, the nested runs by candidate."""
-    from mlflow import MlflowClient
-
-    client = MlflowClient(uri)
-    experiment = client.get_experiment_by_name("tacevo")
-    assert experiment is not None
-    runs = client.search_runs([experiment.experiment_id])
-    parents = [run for run in runs if "tacevo.run" in run.data.tags]
-    assert len(parents) == 1
-    nested = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parents[0].info.run_id]
-    assert len(nested) == len(runs) - 1
-    by_candidate = {run.data.tags["tacevo.candidate"]: run for run in nested}
-    assert len(by_candidate) == len(nested)
-    return client, parents[0], by_candidate
-
-
-def contents(uri: str) -> dict[str, Any]:
-    """Give everything that a store says of a search, but for times and MLflow's own ids."""
-    client, parent, nested = open_store(uri)
-
-    def said(run: "Run") -> Any:
-        histories = {
-            key: [(point.step, point.value) for point in client.get_metric_history(run.info.run_id, key)]
-            for key in run.data.metrics
-        }
-        tags = {key: value for key, value in run.data.tags.items() if key.startswith("tacevo.")}
-        files = [file.path for file in client.list_artifacts(run.info.run_id)]
-        return run.info.run_name, run.info.status, run.data.params, tags, histories, files
-
-    return {"parent": said(parent), **{name: said(run) for name, run in nested.items()}}
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
@@ -359,7 +222,7 @@ def test_search_is_one_run_with_one_nested_run_a_candidate(run_dir: Path, uri: s
     said = contents(uri)
     assert set(said) == {"parent", "g00s00", "g00s01", "g00s02"}
     name, status, params, _, histories, _ = said["parent"]
-    assert (name, status, params["llm.model"]) == ("force-0", "FINISHED", "m")
+    assert (name, status, params["llm.model"]) == ("run", "FINISHED", "m")
     assert histories["temperature"] == [(0, 0.6), (1, 0.65)]
     assert histories["generation_best"] == [(0, 0.25)]
     assert histories["candidates"] == [(0, 3.0), (1, 0.0)]

@@ -7,7 +7,6 @@ messages included, is without the password of the URI.
 
 import argparse
 import contextlib
-import gc
 import os
 import select
 import sys
@@ -15,11 +14,9 @@ import traceback
 from pathlib import Path
 
 from tacevo.tracking.process import URI_VARIABLE
+from tacevo.tracking.surroundings import prepare
 from tacevo.tracking.veil import Veil
 
-_QUIET = {"MLFLOW_DISABLE_TELEMETRY": "true", "DO_NOT_TRACK": "true", "MLFLOW_LOGGING_LEVEL": "WARNING"}
-#: A server that is not there is not waited for: seconds, where MLflow's own retries take minutes.
-_IMPATIENT = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2", "MLFLOW_HTTP_REQUEST_TIMEOUT": "10"}
 _LOW_PRIORITY = 10
 _PAUSE_SECONDS = 1.0
 
@@ -37,10 +34,7 @@ def main() -> int:
 
 def _mirror(options: argparse.Namespace, uri: str) -> int:
     _step_back()
-    gc.set_threshold(100_000)  # MLflow's import makes many lasting objects; looking through them was a sixth of it
-    os.environ.update(_QUIET)
-    for name, value in _IMPATIENT.items():
-        os.environ.setdefault(name, value)  # the user's own choice comes first
+    prepare()
     from tacevo.tracking.mirror import mirror  # only now: MLflow reads its environment while it is imported
 
     finished = _input_ended if options.follow else lambda: True

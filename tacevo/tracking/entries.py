@@ -130,6 +130,17 @@ def without_password(uri: str) -> str:
     return f"{scheme}://{'***@' if at else ''}{place}{'?***' if question else ''}"
 
 
+def viewing(uri: str, mlflow: str = "mlflow") -> str:
+    """Say how to look at a store: a server's own page, or a command that serves one.
+
+    Args:
+        uri: the tracking URI; a password in it is not shown.
+        mlflow: how MLflow's command is spelt here.
+    """
+    shown = without_password(uri)
+    return shown if uri.startswith(("http://", "https://")) else f"{mlflow} ui --backend-store-uri {shown}"
+
+
 def _flatten(prefix: str, value: Json) -> Iterator[tuple[str, Json]]:
     if not isinstance(value, Mapping):
         yield prefix, value

@@ -4,11 +4,8 @@ What it promises: it only reads the run; done twice, or killed and done again, i
 does not: it takes the ledger's lines as they stand; to check their chain is the ledger's business.
 """
 
-import fcntl
 import json
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from tacevo.costs import Spending, total
@@ -16,20 +13,26 @@ from tacevo.records import Json
 from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
 from tacevo.tracking.entries import (
+    Measure,
     candidate_measures,
     candidate_params,
     config_params,
     cost_measures,
     generation_measures,
 )
-from tacevo.tracking.writer import SearchWriter, find_or_create_experiment, open_store
+from tacevo.tracking.locking import alone
+from tacevo.tracking.standing import Standing, standing_measures
+from tacevo.tracking.stores import find_or_create_experiment, open_store
+from tacevo.tracking.sweeps import Membership, join_sweep, leave_sweep, membership
+from tacevo.tracking.writer import SearchWriter
 
 
 def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool]) -> None:
     """Write a run into MLflow, and follow it until it is finished.
 
-    The parent run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
-    last line, else as `KILLED`. A mirror of the same directory that is still at work is waited for.
+    The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
+    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's, which ends with its last
+    job. A mirror of the same directory that is still at work is waited for.
 
     Args:
         run_dir: the run directory; nothing is written there.
@@ -39,29 +42,35 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             to answer sets the pace.
 
     Raises:
+        RunError: the folder of the run's sweep is damaged.
         OSError: the run directory cannot be read, or the folder of a SQLite database cannot be made.
         MlflowException: the store cannot be written.
     """
-    with _alone(run_dir):
+    with alone(run_dir):
         lines = follow(run_dir / "ledger.jsonl", finished)
         header = next(lines, None)
         if header is None:
             return
         facts = _facts(run_dir)
+        member = membership(run_dir)
         client = open_store(uri)
+        place = find_or_create_experiment(client, experiment)
         writer = SearchWriter(
             client,
-            find_or_create_experiment(client, experiment),
-            key=content_hash([header["hash"], run_dir.resolve().name]),
+            place,
+            key=_key(run_dir, header, member),
             name=facts["name"],
+            tags={} if member is None else join_sweep(client, place, member),
         )
         writer.write_params(config_params(facts["config"]))
         last = header["hash"]
-        costs = _Costs(run_dir)
+        sums = _Sums(run_dir)
         for line in lines:
-            _write_line(writer, run_dir, facts, line, costs)
+            _write_line(writer, run_dir, facts, line, sums)
             last = line["hash"]
         writer.end(last if _facts(run_dir)["digest"] == last else None)
+        if member is not None:
+            leave_sweep(client, place, member)
 
 
 def follow(path: Path, finished: Callable[[], bool]) -> Iterator[dict[str, Json]]:
@@ -76,38 +85,44 @@ def follow(path: Path, finished: Callable[[], bool]) -> Iterator[dict[str, Json]
             yield json.loads(text)
 
 
-class _Costs:
-    """What the candidates' answers cost, from the run directory, where they stand before the ledger's lines."""
+class _Sums:
+    """What adds up over a search: its costs, which stand in the run directory before the ledger's lines, and more."""
 
     def __init__(self, run_dir: Path) -> None:
         self._directory = RunDirectory(run_dir)
         self._known: dict[str, Spending] = {}
         self._generation: list[Spending] = []
+        self._standing = Standing()
 
     def of_candidate(self, name: str) -> Spending:
-        """Give a candidate's; the file is read again only for one that is new."""
+        """Give a candidate's cost; the file is read again only for one that is new."""
         if name not in self._known:
             self._known = self._directory.read_spending()
         self._generation.append(self._known.get(name, Spending()))
         return self._generation[-1]
 
-    def of_generation(self) -> Spending:
-        """Add up the candidates since the last generation."""
+    def of_generation(self, line: Mapping[str, Json]) -> tuple[Measure, ...]:
+        """Give what the candidates since the last generation cost, and how far the search has come with them."""
         spent, self._generation = total(self._generation), []
-        return spent
+        self._standing = self._standing.after(line, spent)
+        return (*cost_measures(spent, line["generation"]), *standing_measures(self._standing, line))
+
+
+def _key(run_dir: Path, header: Mapping[str, Json], member: Membership | None) -> str:
+    """Name a search; two sweeps may hold equal searches under equal names, so a job's is its sweep's."""
+    return content_hash([header["hash"], run_dir.resolve().name, *([] if member is None else [member.key])])
 
 
 def _write_line(
-    writer: SearchWriter, run_dir: Path, facts: dict[str, Json], line: dict[str, Json], costs: _Costs
+    writer: SearchWriter, run_dir: Path, facts: Mapping[str, Json], line: dict[str, Json], sums: _Sums
 ) -> None:
     if line["kind"] == "generation":
-        spent = cost_measures(costs.of_generation(), line["generation"])
-        writer.write_generation((*generation_measures(line), *spent))
+        writer.write_generation((*generation_measures(line), *sums.of_generation(line)))
     elif line["kind"] == "candidate":
         writer.write_candidate(
             line["id"],
             candidate_params(line, facts["task"]["instructions"]),
-            (*candidate_measures(line), *cost_measures(costs.of_candidate(line["id"]), 0)),
+            (*candidate_measures(line), *cost_measures(sums.of_candidate(line["id"]), 0)),
             run_dir / "candidates" / f"{line['id']}.py",
             failed="stage" in line,
         )
@@ -125,14 +140,3 @@ def _whole_lines(path: Path, offset: int) -> bytes:
 def _facts(run_dir: Path) -> dict[str, Json]:
     facts: dict[str, Json] = json.loads((run_dir / "run.json").read_text(encoding="utf-8"))
     return facts
-
-
-@contextmanager
-def _alone(run_dir: Path) -> Iterator[None]:
-    """Wait until no other process mirrors the directory, and keep others waiting."""
-    handle = os.open(run_dir, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)

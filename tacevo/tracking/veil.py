@@ -24,15 +24,23 @@ class Veil(io.TextIOBase):
 
     def write(self, text: str) -> int:
         """Pass a text on; return its length."""
-        veiled = text
-        for secret, shown in self._replacements:
-            veiled = veiled.replace(secret, shown)
-        self._stream.write(veiled)
+        self._stream.write(_replaced(text, self._replacements))
         return len(text)
 
     def flush(self) -> None:
         """Pass on what is held back."""
         self._stream.flush()
+
+
+def veiled(text: str, uri: str) -> str:
+    """Replace the secrets of a URI in a text, as `Veil` does."""
+    return _replaced(text, _replacements(uri))
+
+
+def _replaced(text: str, replacements: list[tuple[str, str]]) -> str:
+    for secret, shown in replacements:
+        text = text.replace(secret, shown)
+    return text
 
 
 def _replacements(uri: str) -> list[tuple[str, str]]:

@@ -1,0 +1,276 @@
+"""The arms of a sweep: what each run came to, what an arm came to over its seeds, and how it differs from `none`.
+
+Every arm is held against the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
+Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
+one seed. docs/ablation_study.md says why these.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from analysis.cautions import Caution, cautions
+from analysis.common_archive import CommonArchive, Filled, filled
+from analysis.dynamics import improvement
+from analysis.effects import Effects, Interval, effects, median
+from analysis.loading import Run
+from analysis.statistics import MannWhitney, holm, mann_whitney
+from analysis.sweeps import REFERENCE, Finished
+from tacevo.costs import Spending, total
+from tacevo.digits import rounded
+from tacevo.randomness import stream
+from tacevo.records import Operator
+
+#: The level that cautions are judged at, after Holm's correction.
+ALPHA = 0.05
+
+#: Below this many seeds there is neither an interval nor a test.
+FEWEST_SEEDS = 2
+
+
+class Metric(StrEnum):
+    """What a run is measured by; the values are what a table says."""
+
+    best_fitness = "best fitness"
+    improvement = "improvement over generation 0"
+    improvement_over_baseline = "improvement over the baseline"
+    qd_score = "QD-score"
+    coverage = "coverage"
+    trainable = "trainable"
+    evaluations = "evaluations"
+    tokens = "tokens"
+    cost = "cost (USD)"
+
+
+#: Metrics that are fractions.
+FRACTIONS = frozenset([Metric.improvement, Metric.improvement_over_baseline, Metric.coverage, Metric.trainable])
+
+#: Metrics of which less is better; of what a search used, less is better only where it came as far.
+LESS_IS_BETTER = frozenset([Metric.best_fitness, Metric.evaluations, Metric.tokens, Metric.cost])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What one run came to."""
+
+    job: str
+    arm: str
+    seed: int
+    #: Of every metric; None where the run's files do not tell.
+    values: Mapping[Metric, float | None]
+    #: Best fitness by generation; None before anything was trained.
+    best: tuple[float | None, ...]
+    #: The common archive by generation.
+    filled: tuple[Filled, ...]
+
+
+class Standing(StrEnum):
+    """What became of a test."""
+
+    tested = "tested"
+    #: Two or more shared seeds, each with one value in both arms; or one value in all runs: there is nothing to test.
+    identical = "identical"
+    #: One of both arms has values of fewer than two seeds.
+    too_few_seeds = "too few seeds"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paired:
+    """An arm against the reference, seed by seed."""
+
+    #: Of the differences arm - reference; None below two shared seeds.
+    difference: Interval | None
+    #: Shared seeds on which the arm was better, equal and worse.
+    better: int
+    equal: int
+    worse: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contrast:
+    """An arm against the reference in one metric."""
+
+    standing: Standing
+    paired: Paired
+    #: These are None unless the standing is `tested`.
+    test: MannWhitney | None
+    #: After Holm's correction over all arms that have a test or are identical.
+    p_holm: float | None
+    effects: Effects | None
+    cautions: tuple[Caution, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """An arm in one metric."""
+
+    #: Values by seed, those that are known.
+    values: Mapping[int, float]
+    #: None where no value is known.
+    median: float | None
+    #: Of the median; None below two seeds.
+    interval: Interval | None
+    #: None of the reference itself, and where there is none.
+    contrast: Contrast | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """One arm of a sweep."""
+
+    name: str
+    seeds: tuple[int, ...]
+    metrics: Mapping[Metric, Summary]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ablation:
+    """A sweep, compared."""
+
+    #: The arm that others are compared with; None where it has no finished run.
+    reference: str | None
+    #: The reference first.
+    arms: tuple[Arm, ...]
+    outcomes: tuple[Outcome, ...]
+
+
+def outcome(one: Finished, common: CommonArchive) -> Outcome:
+    """Measure a finished run."""
+    places = filled(one.run, common)
+    return Outcome(
+        job=one.job.name,
+        arm=one.job.arm,
+        seed=one.job.seed,
+        values=_values(one.run, places[-1]),
+        best=_best_so_far(one.run),
+        filled=places,
+    )
+
+
+def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
+    """Summarise every arm, and compare it with the reference.
+
+    Args:
+        outcomes: of all finished runs, each seed of an arm once.
+        seed: of the bootstrap. Each arm and metric has a stream of its own, so another arm changes no interval.
+    """
+    names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != REFERENCE)
+    summaries = {metric: _summaries(metric, names, outcomes, seed) for metric in Metric}
+    return Ablation(
+        reference=REFERENCE if REFERENCE in names else None,
+        arms=tuple(
+            Arm(
+                name=name,
+                seeds=tuple(one.seed for one in outcomes if one.arm == name),
+                metrics={metric: summaries[metric][name] for metric in Metric},
+            )
+            for name in names
+        ),
+        outcomes=tuple(outcomes),
+    )
+
+
+def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
+    found, spent = improvement(run), _spent(run)
+    return {
+        Metric.best_fitness: None if found is None else found.last,
+        Metric.improvement: None if found is None else rounded(found.over_first),
+        Metric.improvement_over_baseline: None if found is None else rounded(found.over_baseline),
+        Metric.qd_score: end.qd_score,
+        Metric.coverage: end.coverage,
+        Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
+        Metric.evaluations: len({one.evaluation for one in run.candidates} - {None}),
+        Metric.tokens: None if spent is None else spent.input_tokens + spent.output_tokens,
+        Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
+    }
+
+
+def _best_so_far(run: Run) -> tuple[float | None, ...]:
+    return tuple(line.best for line in run.generations)
+
+
+def _spent(run: Run) -> Spending | None:
+    """Add up what a run's answers cost; a sum with gaps would pass for the whole, so one gap makes it unknown."""
+    asked = [one.spent for one in run.candidates if one.operator is not Operator.baseline]
+    known = [spent for spent in asked if spent is not None]
+    return total(known) if len(known) == len(asked) else None
+
+
+def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], seed: int) -> dict[str, Summary]:
+    """Summarise all arms in one metric."""
+    samples = {name: _known(metric, name, outcomes) for name in names}
+    contrasts: dict[str, Contrast] = {}
+    if REFERENCE in samples:
+        others = {name: sample for name, sample in samples.items() if name != REFERENCE}
+        contrasts = _contrasts(metric, others, samples[REFERENCE], seed)
+    return {
+        name: Summary(
+            values=sample,
+            median=rounded(float(np.median(list(sample.values())))) if sample else None,
+            interval=_interval(list(sample.values()), seed, "median", name, metric.name),
+            contrast=contrasts.get(name),
+        )
+        for name, sample in samples.items()
+    }
+
+
+def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, float]:
+    """Give an arm's known values by seed, in the order of the seeds."""
+    values = {one.seed: one.values[metric] for one in outcomes if one.arm == name}
+    return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
+
+
+def _contrasts(
+    metric: Metric, samples: Mapping[str, Mapping[int, float]], reference: Mapping[int, float], seed: int
+) -> dict[str, Contrast]:
+    """Compare the samples of all other arms with the reference's, by seed both, and correct the family's p-values.
+
+    An identical arm counts in the family with p = 1, so that no arm's p hangs on how another one turned out.
+    """
+    standings = {name: _standing(sample, reference) for name, sample in samples.items()}
+    family = [name for name, standing in standings.items() if standing is not Standing.too_few_seeds]
+    pairs = {name: (list(samples[name].values()), list(reference.values())) for name in family}
+    tests = {name: mann_whitney(*pairs[name]) for name in family if standings[name] is Standing.tested}
+    corrected = holm([tests[name].p if name in tests else 1.0 for name in family]) if family else ()
+    p_holm = dict(zip(family, corrected, strict=True))
+    return {
+        name: Contrast(
+            standing=standing,
+            paired=_paired(metric, samples[name], reference, stream(seed, "paired", name, metric.name)),
+            test=tests.get(name),
+            p_holm=p_holm[name] if name in tests else None,
+            effects=effects(*pairs[name], rng=stream(seed, "effects", name, metric.name)) if name in tests else None,
+            cautions=cautions(*pairs[name], alpha=ALPHA / len(family)) if name in tests else (),
+        )
+        for name, standing in standings.items()
+    }
+
+
+def _standing(sample: Mapping[int, float], reference: Mapping[int, float]) -> Standing:
+    """Say whether a sample can be tested against the reference's."""
+    if min(len(sample), len(reference)) < FEWEST_SEEDS:
+        return Standing.too_few_seeds
+    shared = sample.keys() & reference.keys()
+    alike = len(shared) >= FEWEST_SEEDS and all(sample[seed] == reference[seed] for seed in shared)
+    constant = len({*sample.values(), *reference.values()}) == 1
+    return Standing.identical if alike or constant else Standing.tested
+
+
+def _paired(
+    metric: Metric, sample: Mapping[int, float], reference: Mapping[int, float], rng: np.random.Generator
+) -> Paired:
+    differences = [sample[seed] - reference[seed] for seed in sorted(sample.keys() & reference.keys())]
+    lower, higher = sum(value < 0 for value in differences), sum(value > 0 for value in differences)
+    better, worse = (lower, higher) if metric in LESS_IS_BETTER else (higher, lower)
+    return Paired(
+        difference=median(differences, rng=rng) if len(differences) >= FEWEST_SEEDS else None,
+        better=better,
+        equal=len(differences) - better - worse,
+        worse=worse,
+    )
+
+
+def _interval(values: Sequence[float], seed: int, *name: str) -> Interval | None:
+    return median(values, rng=stream(seed, *name)) if len(values) >= FEWEST_SEEDS else None

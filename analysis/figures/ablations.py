@@ -1,0 +1,157 @@
+"""The arms of a sweep: how they went, generation by generation, and where every seed of them ended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from textwrap import fill
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from analysis.ablation import Ablation, Metric, Outcome
+from analysis.figures.axes import on_loss_axis
+from analysis.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    house_style,
+    new_figure,
+)
+
+#: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
+_Dash = str | tuple[int, tuple[int, ...]]
+
+_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, GREY)
+_DASHES: tuple[_Dash, ...] = ("--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
+_MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">", "*", "p", "h")
+
+#: Half of what the seeds of an arm are apart, as part of its place.
+_SPREAD = 0.24
+
+#: In inches: the height of a panel of curves, of an arm's row among final values, and of a further line of its name.
+_PANEL, _ROW, _LINE = 2.1, 0.26, 0.1
+
+#: In characters: the width of the legend, what the line of an entry takes of it, and that of a name beside its row.
+_LEGEND, _HANDLE, _NAME = 130, 8, 28
+
+#: What final values are drawn of: the words below, and what values are multiplied by.
+_ENDS = {
+    Metric.best_fitness: ("best validation loss", 1),
+    Metric.qd_score: ("QD-score (common archive)", 1),
+    Metric.coverage: ("coverage (common archive, %)", 100),
+}
+
+_Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """How an arm is drawn; no two of the first 420 arms look alike."""
+
+    colour: str
+    dash: _Dash
+    marker: str
+
+
+@house_style()
+def curves(found: Ablation) -> Figure:
+    """Draw best fitness, QD-score and coverage by generation: the median of each arm's seeds over its quartiles."""
+    columns = max(1, min(4, _LEGEND // max(len(arm.name) + _HANDLE for arm in found.arms)))
+    rows = -(-len(found.arms) // columns)
+    figure, panels = new_figure("double", _PANEL + 0.16 * rows, columns=3)
+    drawn = (_best(found.outcomes), _of_archive(found.outcomes, "qd_score"), _of_archive(found.outcomes, "coverage"))
+    for axes, values in zip(panels, drawn, strict=True):
+        for name, look in _looks(found).items():
+            _band(axes, values[name], look, name)
+        axes.set_xlabel("generation")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    on_loss_axis(panels[0], [value for one in found.outcomes for value in one.best])
+    for axes, (label, _) in zip(panels, _ENDS.values(), strict=True):
+        axes.set_ylabel(label)
+    for axes in panels[1:]:
+        axes.set_ylim(bottom=0)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    return figure
+
+
+@house_style()
+def final_values(found: Ablation) -> Figure:
+    """Draw where every run ended, arm by arm, over boxes of quartiles; the dotted line is the reference's median."""
+    names = [fill(arm.name, _NAME) for arm in found.arms]
+    lines = max(name.count("\n") for name in names)
+    figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=3)
+    for axes, (metric, (label, factor)) in zip(panels, _ENDS.items(), strict=True):
+        samples = [factor * np.array(list(arm.metrics[metric].values.values())) for arm in found.arms]
+        _boxes(axes, samples)
+        for place, (values, look) in enumerate(zip(samples, _looks(found).values(), strict=True)):
+            offsets = np.linspace(-_SPREAD, _SPREAD, len(values)) if len(values) > 1 else np.zeros(len(values))
+            points = place + offsets, look.marker
+            axes.plot(values, *points, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)
+        if found.reference is not None and len(samples[0]):
+            axes.axvline(float(np.median(samples[0])), color=GREY, linestyle=":", linewidth=0.8, zorder=0)
+        axes.set_xlabel(label)
+        axes.set_yticks(range(len(names)), names, parse_math=False)
+        axes.set_ylim(len(names) - 0.5, -0.5)
+    for axes in panels[1:]:
+        axes.tick_params(labelleft=False)
+    return figure
+
+
+def _looks(found: Ablation) -> dict[str, _Look]:
+    """Give every arm a colour, a dash and a marker of its own; the reference is black and solid."""
+    looks = map(_Look, cycle(_COLOURS), cycle(_DASHES), cycle(_MARKERS))
+    black = _Look(BLACK, "-", "o")
+    return {arm.name: black if arm.name == found.reference else next(looks) for arm in found.arms}
+
+
+def _best(outcomes: Sequence[Outcome]) -> dict[str, _Values]:
+    """Give the best fitness by arm, shape (seeds, generations); NaN, which is not drawn, before the first one."""
+    return _by_arm(outcomes, [[np.nan if value is None else value for value in one.best] for one in outcomes])
+
+
+def _of_archive(outcomes: Sequence[Outcome], field: str) -> dict[str, _Values]:
+    """Give a figure of the common archive by arm, shape (seeds, generations); coverage in per cent."""
+    factor = 100 if field == "coverage" else 1
+    return _by_arm(outcomes, [[factor * getattr(after, field) for after in one.filled] for one in outcomes])
+
+
+def _by_arm(outcomes: Sequence[Outcome], rows: Sequence[Sequence[float]]) -> dict[str, _Values]:
+    found: dict[str, list[Sequence[float]]] = {}
+    for one, row in zip(outcomes, rows, strict=True):
+        found.setdefault(one.arm, []).append(row)
+    return {arm: np.array(values, dtype=np.float64) for arm, values in found.items()}
+
+
+def _band(axes: Axes, values: _Values, look: _Look, name: str) -> None:
+    """Draw the median of an arm's seeds over the band between its quartiles."""
+    generations = np.arange(values.shape[1])
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
+    axes.fill_between(generations, low, high, color=look.colour, alpha=0.15, linewidth=0)
+    (line,) = axes.plot(generations, middle, color=look.colour, label=name, clip_on=False, zorder=3)
+    line.set(marker=look.marker, markevery=max(1, len(generations) // 6), linestyle=look.dash)
+
+
+def _boxes(axes: Axes, samples: Sequence[_Values]) -> None:
+    axes.boxplot(
+        samples,
+        positions=range(len(samples)),
+        orientation="horizontal",
+        widths=0.66,
+        showfliers=False,
+        whis=(0, 100),
+        patch_artist=True,
+        boxprops={"facecolor": PALE, "edgecolor": GREY},
+        whiskerprops={"color": GREY},
+        capprops={"color": GREY},
+        medianprops={"color": BLACK, "linewidth": 1.4},
+    )

@@ -1,0 +1,146 @@
+"""Run directories into MLflow: one, those of a sweep, or all below a folder.
+
+What it promises: nothing is written into a run directory; what stands in MLflow already is not written again; a run
+that is damaged, or that MLflow refuses, is told of, and the others are written.
+"""
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.errors import ConfigError, RunError, TacevoError
+from tacevo.rundir import RunDirectory
+from tacevo.tracking.entries import viewing, without_password
+from tacevo.tracking.surroundings import prepare
+from tacevo.tracking.veil import Veil, veiled
+
+#: A folder with one of these is that of a run, perhaps a damaged one.
+_MARKS = frozenset({"run.json", "ledger.jsonl"})
+#: How MLflow calls it when a store is not there, rather than that it refuses something.
+_ABSENCES = frozenset({"INTERNAL_ERROR", "TEMPORARILY_UNAVAILABLE"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracked:
+    """What came of each run."""
+
+    #: The folders whose runs are in MLflow now.
+    done: tuple[Path, ...]
+    #: Why the others are not, one line each.
+    failed: tuple[str, ...]
+    #: How to look at the stores that were written, one line each.
+    views: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Target:
+    """A store, and the experiment in it."""
+
+    uri: str
+    experiment: str
+
+
+class _StoreAbsentError(RunError):
+    """The store cannot be reached, by this run or any other."""
+
+
+def track(path: Path, uri: str | None, show: Callable[[int, int], None]) -> Tracked:
+    """Mirror run directories into MLflow.
+
+    Args:
+        path: a run directory, the folder of a sweep, or a folder with either below it.
+        uri: the tracking URI; None for the one in each run's configuration.
+        show: is told how many runs are done, of how many.
+
+    Raises:
+        RunError: there is no run; or `path` is a single run, and it is damaged or could not be written.
+        ConfigError: `path` is a single run, and neither it nor the caller names a URI.
+    """
+    prepare()
+    done: list[Path] = []
+    failed: list[str] = []
+    views: dict[str, None] = {}
+    absent: set[str] = set()
+    runs = find_runs(path)
+    show(0, len(runs))
+    for number, run in enumerate(runs, 1):
+        try:
+            target = _target(run, uri)
+            _mirror(run, target, absent)
+        except TacevoError as error:
+            if run == path:
+                raise
+            failed.append(str(error))
+        else:
+            done.append(run)
+            views[viewing(target.uri)] = None
+        show(number, len(runs))
+    return Tracked(done=tuple(done), failed=tuple(failed), views=tuple(views))
+
+
+def find_runs(path: Path) -> tuple[Path, ...]:
+    """Find the run directories in a folder, by name; hidden folders are left out, and links are not followed.
+
+    Raises:
+        RunError: there is none.
+    """
+    found: list[Path] = []
+    for folder, below, files in os.walk(path):
+        if _MARKS.isdisjoint(files):
+            below[:] = sorted(name for name in below if not name.startswith("."))
+        else:
+            below.clear()
+            found.append(Path(folder))
+    if not found:
+        raise RunError(f"{path} is neither the folder of a run (it has no run.json) nor holds one; give what has runs")
+    return tuple(found)
+
+
+def _target(path: Path, uri: str | None) -> _Target:
+    """Read where a run is to be written, and see that it is sound."""
+    directory = RunDirectory(path)
+    run = directory.read_run()
+    directory.read_ledger()
+    with directory.believed():
+        tracking = run["config"]["tracking"]
+        target = _Target(uri=uri or tracking["uri"], experiment=tracking["experiment"])
+    if not target.uri:
+        raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
+    if "***" in target.uri:
+        raise ConfigError(f"{path} keeps no password of {target.uri}; give the whole address with --uri")
+    return target
+
+
+def _mirror(path: Path, target: _Target, absent: set[str]) -> None:
+    """Mirror one run; a store that turns out to be absent is added to those that are not asked again."""
+    if target.uri in absent:
+        raise RunError(f"{path} was not tried, because the store could not be reached before")
+    try:
+        with (
+            contextlib.redirect_stdout(Veil(sys.stdout, target.uri)),
+            contextlib.redirect_stderr(Veil(sys.stderr, target.uri)),
+            RunDirectory(path).believed(),
+        ):
+            _write(path, target)
+    except _StoreAbsentError:
+        absent.add(target.uri)
+        raise
+
+
+def _write(path: Path, target: _Target) -> None:
+    from mlflow.exceptions import MlflowException
+
+    from tacevo.tracking.mirror import mirror
+
+    try:
+        mirror(path, uri=target.uri, experiment=target.experiment, finished=lambda: True)
+    except (MlflowException, OSError) as error:
+        reason = veiled(str(error), target.uri).partition("\n")[0]
+        kind = _StoreAbsentError if getattr(error, "error_code", None) in _ABSENCES else RunError
+        raise kind(
+            f"{path} could not be written to {without_password(target.uri)}: {type(error).__name__}: {reason}; when "
+            "that is mended, the same command writes what is missing"
+        ) from error

@@ -1,0 +1,81 @@
+"""Runs of an MLflow store: found by what they are tagged with, nested, and each of them once."""
+
+import time
+from collections.abc import Mapping, Sequence
+
+from mlflow import MlflowClient
+from mlflow.entities import Metric, Param, Run
+
+from tacevo.tracking.entries import Measure
+
+#: The tag by which MLflow nests runs.
+PARENT_TAG = "mlflow.parentRunId"
+
+# What MLflow takes in one batch: 100 params, 1,000 values in all.
+_PARAMS_PER_BATCH = 100
+_METRICS_PER_BATCH = 900
+
+
+def all_runs(client: MlflowClient, experiment: str, wanted: str) -> list[Run]:
+    """Give every run that MLflow's filter lets through, the oldest first, and always in the same order."""
+    runs: list[Run] = []
+    token = None
+    while True:
+        page = client.search_runs([experiment], wanted, page_token=token)
+        runs.extend(page)
+        token = page.token
+        if not token:
+            return sorted(runs, key=lambda run: (run.info.start_time, run.info.run_id))
+
+
+def nested(client: MlflowClient, experiment: str, parent: str) -> list[Run]:
+    """Give the runs directly below another."""
+    return all_runs(client, experiment, tagged(PARENT_TAG, parent))
+
+
+def tagged(tag: str, value: str) -> str:
+    """Write the filter of runs with a tag; neither text may have quotes."""
+    return f"tags.`{tag}` = '{value}'"
+
+
+def claim(client: MlflowClient, experiment: str, *, tag: str, key: str, name: str) -> Run:
+    """Give the one run with a tag, made where there is none.
+
+    Where a server is killed before it answers, the client asks again, and two runs are made of one request; so do two
+    machines that ask at once. The oldest stays, what is nested under the others comes to it, and the others go.
+
+    Args:
+        client: the store.
+        experiment: the experiment's id.
+        tag: the tag.
+        key: its value.
+        name: what a new run is called.
+    """
+    wanted = tagged(tag, key)
+    found = all_runs(client, experiment, wanted)
+    if not found:
+        client.create_run(experiment, run_name=name, tags={tag: key})
+        found = all_runs(client, experiment, wanted)
+    kept, *others = found
+    for other in others:
+        for run in nested(client, experiment, other.info.run_id):
+            client.set_tag(run.info.run_id, PARENT_TAG, kept.info.run_id)
+        client.delete_run(other.info.run_id)
+    return kept
+
+
+def label(client: MlflowClient, run: Run, tags: Mapping[str, str]) -> None:
+    """Set the tags that a run does not have yet."""
+    for tag, value in tags.items():
+        if run.data.tags.get(tag) != value:
+            client.set_tag(run.info.run_id, tag, value)
+
+
+def log(client: MlflowClient, run: str, params: Mapping[str, str], measures: Sequence[Measure]) -> None:
+    """Write params and metrics of a run, in as few requests as MLflow allows."""
+    now = time.time_ns() // 1_000_000
+    metrics = [Metric(measure.key, measure.value, now, measure.step) for measure in measures]
+    texts = [Param(key, params[key]) for key in sorted(params)]
+    while metrics or texts:
+        client.log_batch(run, metrics[:_METRICS_PER_BATCH], texts[:_PARAMS_PER_BATCH])
+        metrics, texts = metrics[_METRICS_PER_BATCH:], texts[_PARAMS_PER_BATCH:]

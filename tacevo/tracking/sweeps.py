@@ -1,0 +1,95 @@
+"""The run that stands for a sweep in an MLflow store: its searches are nested under it.
+
+What it promises: one such run a sweep, whichever of its jobs' mirrors comes first, and however many at once on one
+machine. On several machines this holds where their shared file system has locks; where it has none, two may be made,
+and whichever mirror next finds both leaves one, with the searches of both.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mlflow import MlflowClient
+
+from tacevo.errors import RunError
+from tacevo.store import content_hash
+from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.tracking.entries import shorten, without_password
+from tacevo.tracking.locking import alone
+from tacevo.tracking.runs import PARENT_TAG, claim, label, log
+
+#: Tags of a sweep's run: what it is found by; of it and of its searches: the sweep's name, the arm, the seed.
+SWEEP_KEY_TAG = "tacevo.sweep_key"
+SWEEP_TAG = "tacevo.sweep"
+ARM_TAG = "tacevo.arm"
+SEED_TAG = "tacevo.seed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Membership:
+    """The sweep that a run belongs to."""
+
+    directory: SweepDirectory
+    overrides: tuple[str, ...]
+    jobs: tuple[Job, ...]
+    #: The job whose run it is.
+    job: Job
+
+    @property
+    def name(self) -> str:
+        """What the sweep is called: the name of its folder."""
+        return self.directory.path.name
+
+    @property
+    def key(self) -> str:
+        """What the sweep is found by: the hash of its name and of what its jobs share."""
+        return content_hash(["sweep", self.name, *self.overrides])
+
+
+def membership(run_dir: Path) -> Membership | None:
+    """Find the sweep of which a run is a job: its folder lies above, and names it; None where there is none.
+
+    Raises:
+        RunError: the sweep's folder is damaged.
+    """
+    path = run_dir.resolve()
+    directory = SweepDirectory(path.parent)
+    if not directory.is_one:
+        return None
+    overrides, jobs = directory.read()
+    shown = tuple(map(without_password, overrides))
+    return next(
+        (Membership(directory=directory, overrides=shown, jobs=jobs, job=job) for job in jobs if job.name == path.name),
+        None,
+    )
+
+
+def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dict[str, str]:
+    """See that the sweep has its run, which is at work now; give the tags of the search that belongs to it."""
+    with alone(member.directory.path):
+        run = claim(client, experiment, tag=SWEEP_KEY_TAG, key=member.key, name=member.name)
+        label(client, run, {SWEEP_TAG: member.name})
+        if "overrides" not in run.data.params:
+            log(client, run.info.run_id, {"overrides": shorten(" ".join(member.overrides))}, ())
+        client.update_run(run.info.run_id, status="RUNNING")
+    return {
+        PARENT_TAG: run.info.run_id,
+        SWEEP_TAG: member.name,
+        ARM_TAG: member.job.arm,
+        SEED_TAG: str(member.job.seed),
+    }
+
+
+def leave_sweep(client: MlflowClient, experiment: str, member: Membership) -> None:
+    """End the sweep's run where all of its jobs are finished; else it goes on."""
+    if not all(_is_finished(member.directory, job) for job in member.jobs):
+        return
+    with alone(member.directory.path):
+        run = claim(client, experiment, tag=SWEEP_KEY_TAG, key=member.key, name=member.name)
+        client.set_terminated(run.info.run_id, "FINISHED")
+
+
+def _is_finished(directory: SweepDirectory, job: Job) -> bool:
+    try:
+        return directory.run(job).read_run().get("digest") is not None
+    except RunError:  # not begun yet, or damaged
+        return False

@@ -1,0 +1,181 @@
+"""Runs that a mirror can show, without a search, and what MLflow then says of them."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tacevo.ledger import Ledger
+from tacevo.records import Json
+from tacevo.store import write_durably
+from tacevo.sweepdir import Job, SweepDirectory
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+    from mlflow.entities import Run
+
+INSTRUCTIONS = [{"id": "widen", "text": "Widen every convolution."}, {"id": "gelu", "text": "ReLU to GELU."}]
+HEADER: dict[str, Json] = {"kind": "run", "schema": 1, "task": "force"}
+BASELINE: dict[str, Json] = {
+    "kind": "candidate",
+    "generation": 0,
+    "slot": 0,
+    "id": "g00s00",
+    "operator": "baseline",
+    "parents": [],
+    "prompt": None,
+    "temperature": None,
+    "parameters": 1200,
+    "flops": 34000,
+    "arch_div": 0.5,
+    "eff_ratio": 1.5,
+    "entropy": 0.7,
+    "density": 0.3,
+    "variation": 0.5,
+    "fitness": 0.25,
+    "train_losses": [0.75, 0.5],
+    "validation_losses": [0.5, 0.25],
+    "niche": 4,
+    "status": "new",
+    "curiosity": 1.8,
+}
+MUTATION = {
+    **BASELINE,
+    "slot": 1,
+    "id": "g00s01",
+    "operator": "mutation",
+    "parents": ["g00s00"],
+    "prompt": 1,
+    "temperature": 0.625,
+    "status": "rejected",
+    "curiosity": 0.5,
+}
+REJECTED: dict[str, Json] = {
+    "kind": "candidate",
+    "generation": 0,
+    "slot": 2,
+    "id": "g00s02",
+    "operator": "crossover",
+    "parents": ["g00s00", "g00s01"],
+    "prompt": None,
+    "temperature": 0.6,
+    "stage": "policy",
+    "reason": "forbidden_import",
+}
+GENERATION: dict[str, Json] = {
+    "kind": "generation",
+    "generation": 0,
+    "temperature": 0.6,
+    "next_temperature": 0.65,
+    "candidates": 3,
+    "trained": 2,
+    "best": 0.25,
+    "generation_best": 0.25,
+    "generation_median": 0.25,
+    "coverage": 0.01,
+    "qd_score": 0.8,
+    "prompt_coverage": 0.0,
+}
+SECOND_GENERATION = {**GENERATION, "generation": 1, "candidates": 0, "trained": 0, "temperature": 0.65}
+SECOND_GENERATION |= {"generation_best": None, "generation_median": None}
+ENTRIES = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
+
+
+def build_run(run_dir: Path, entries: list[dict[str, Json]], *, whole: bool = True) -> str:
+    """Write a run directory, or take one further, as a search does; return the digest of its ledger."""
+    run_dir.mkdir(parents=True, exist_ok=True)
+    for entry in entries:
+        if "fitness" in entry:
+            write_durably(run_dir / "candidates" / f"{entry['id']}.py", f"# {entry['id']}\n")
+    with Ledger(run_dir / "ledger.jsonl") as ledger:
+        for entry in entries:
+            ledger.commit(entry)
+        digest = ledger.digest
+    write_facts(run_dir, digest if whole else None)
+    return digest
+
+
+def write_facts(run_dir: Path, digest: str | None) -> None:
+    """Write run.json."""
+    config: dict[str, Json] = {
+        "seed": 0,
+        "llm": {"model": "m", "base_url": None},
+        "tracking": {"kind": "none", "uri": "", "experiment": "tacevo"},
+    }
+    facts = {"schema": 1, "name": run_dir.name, "config": config, "digest": digest}
+    write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
+
+
+def mirror_once(run_dir: Path, uri: str) -> None:
+    """Mirror what stands in a run directory, in this process."""
+    from tacevo.tracking.mirror import mirror
+
+    mirror(run_dir, uri=uri, experiment="tacevo", finished=lambda: True)
+
+
+def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
+    """Read a store with one search back: the client, the parent run, the nested runs by candidate."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(uri)
+    experiment = client.get_experiment_by_name("tacevo")
+    assert experiment is not None
+    runs = client.search_runs([experiment.experiment_id])
+    parents = [run for run in runs if "tacevo.run" in run.data.tags]
+    assert len(parents) == 1
+    nested = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parents[0].info.run_id]
+    assert len(nested) == len(runs) - 1
+    by_candidate = {run.data.tags["tacevo.candidate"]: run for run in nested}
+    assert len(by_candidate) == len(nested)
+    return client, parents[0], by_candidate
+
+
+def contents(uri: str) -> dict[str, Any]:
+    """Give everything that a store says of a search, but for times and MLflow's own ids."""
+    client, parent, nested = open_store(uri)
+    return {"parent": said_by(client, parent), **{name: said_by(client, run) for name, run in nested.items()}}
+
+
+def said_by(client: "MlflowClient", run: "Run") -> Any:
+    """Give everything that a run says, but for times and MLflow's own ids."""
+    histories = {
+        key: [(point.step, point.value) for point in client.get_metric_history(run.info.run_id, key)]
+        for key in run.data.metrics
+    }
+    tags = {key: value for key, value in run.data.tags.items() if key.startswith("tacevo.")}
+    files = [file.path for file in client.list_artifacts(run.info.run_id)]
+    return run.info.run_name, run.info.status, run.data.params, tags, histories, files
+
+
+def everything(uri: str) -> dict[tuple[str, ...], Any]:
+    """Give everything that a store says of any number of sweeps and searches, by the names of a run and those above.
+
+    No two runs may have one name below one parent.
+    """
+    from mlflow import MlflowClient
+
+    client = MlflowClient(uri)
+    experiment = client.get_experiment_by_name("tacevo")
+    assert experiment is not None
+    runs = {run.info.run_id: run for run in client.search_runs([experiment.experiment_id], max_results=1000)}
+
+    def path_of(run: "Run") -> tuple[str, ...]:
+        above = run.data.tags.get("mlflow.parentRunId")
+        return (*(() if above is None else path_of(runs[above])), str(run.info.run_name))
+
+    said = {path_of(run): said_by(client, run) for run in runs.values()}
+    assert len(said) == len(runs), "a run stands there twice"
+    return said
+
+
+def build_sweep(folder: Path, entries: list[dict[str, Json]], *, arms: Sequence[str] = ("none", "greedy")) -> None:
+    """Write the folder of a sweep, with a whole run for each arm, and one that is not begun for the next seed."""
+    jobs = [
+        Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="0" * 64)
+        for arm in arms
+        for seed in (0, 1)
+    ]
+    SweepDirectory(folder).write(["experiment=demo"], jobs)
+    for job in jobs:
+        if job.seed == 0:
+            build_run(folder / job.name, entries)

@@ -1,0 +1,80 @@
+"""Sweeps without a search: jobs are finished by writing what a finished run leaves."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tacevo.composition import compose, facts_without_data, load_task, to_plain
+from tacevo.launching import Launcher
+from tacevo.ledger import Ledger
+from tacevo.records import to_json
+from tacevo.sweepdir import Job, SweepDirectory
+
+#: Shared by all jobs of the tests.
+SHARED = ["experiment=demo", "tracking=none"]
+
+
+def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *, finished: bool = True) -> None:
+    """Write a run directory of a job, with a generation of its ledger."""
+    run = directory.run(job)
+    run.path.mkdir(parents=True, exist_ok=True)
+    config = compose([*shared, *job.overrides])
+    facts = facts_without_data(config)
+    with Ledger(run.ledger) as ledger:
+        ledger.commit({"kind": "run", "job": job.name})
+        ledger.commit({"kind": "generation", "generation": 0, "best": 0.25})
+        digest = ledger.digest
+    task = {"task": to_json(load_task(config, facts)), "data": to_json(facts)}
+    run.write_json(
+        "run.json", {"schema": 1, "config": to_plain(config), **task, "digest": digest if finished else None}
+    )
+    if finished:
+        run.write_text("summary.md", "found")
+
+
+@dataclass
+class Launched:
+    """A launcher that finishes jobs by itself, but for those that it is told to fail."""
+
+    failing: tuple[str, ...] = ()
+    #: Names of the jobs of each launch.
+    calls: list[list[str]] = field(default_factory=list)
+    launchers: list[Launcher] = field(default_factory=list)
+
+    def __call__(
+        self, directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]
+    ) -> None:
+        """Finish or fail each job, and look on after each."""
+        self.calls.append([job.name for job in jobs])
+        self.launchers.append(launcher)
+        for job in jobs:
+            if job.name in self.failing:
+                directory.fail(job, "the disk is full")
+            else:
+                begin(directory, job, directory.read()[0])
+                directory.succeed(job)
+            look()
+
+
+@dataclass
+class Heard:
+    """A view that keeps what it is told."""
+
+    lines: list[str] = field(default_factory=list)
+    counts: list[tuple[int, int]] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        """Keep a line."""
+        self.lines.append(text)
+
+    def data(self, done: int, total: int) -> None:
+        """No sweep makes data itself."""
+
+    def jobs(self, done: int, total: int) -> None:
+        """Keep how many jobs are finished."""
+        self.counts.append((done, total))
+
+
+def files_of(folder: Path) -> dict[str, int]:
+    """List the files below a folder, with the times of their last change in ns."""
+    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}

@@ -1,0 +1,191 @@
+"""Promise: arms are compared by the project's statistics and seed by seed, and never where that is void."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from hand_runs import closed, run, trained, turned_away
+from hand_sweeps import finished, run_to
+
+from analysis.ablation import Ablation, Contrast, Metric, Outcome, Standing, compare_arms, outcome
+from analysis.common_archive import Filled, common_archive
+from analysis.loading import Run
+from analysis.statistics import holm, mann_whitney
+from tacevo.costs import Spending
+
+NONE = [0.50, 0.52, 0.54, 0.56, 0.58]
+BETTER = [0.40, 0.42, 0.44, 0.46, 0.48]
+MIXED = [0.49, 0.53, 0.51, 0.57, 0.55]
+
+
+def outcomes(arms: Mapping[str, Sequence[float] | Mapping[int, float]]) -> list[Outcome]:
+    """Make runs of a best fitness each, by the arm's seeds; all other metrics are unknown."""
+    unknown = dict.fromkeys(Metric)
+    return [
+        Outcome(
+            job=f"{arm}-seed{seed}",
+            arm=arm,
+            seed=seed,
+            values={**unknown, Metric.best_fitness: value},
+            best=(value,),
+            filled=(Filled(coverage=0.5, qd_score=1.0),),
+        )
+        for arm, values in arms.items()
+        for seed, value in (values.items() if isinstance(values, Mapping) else enumerate(values))
+    ]
+
+
+def contrast(found: Ablation, arm: str, metric: Metric = Metric.best_fitness) -> Contrast:
+    """Give an arm's contrast."""
+    (it,) = (one.metrics[metric].contrast for one in found.arms if one.name == arm)
+    assert it is not None
+    return it
+
+
+def values_of(one: Run) -> Mapping[Metric, float | None]:
+    """Measure a run in an archive of its own."""
+    job = finished("none", 0, one)
+    return outcome(job, common_archive([job.run], job.run, np.array([[0.25, 0.5], [0.75, 0.5]]))).values
+
+
+def test_tests_are_those_of_the_project() -> None:
+    """Mann-Whitney against `none`, with Holm over the arms; by hand, five seeds apart give 2 / 252."""
+    found = compare_arms(outcomes({"none": NONE, "better": BETTER, "mixed": MIXED}))
+    p_values = [mann_whitney(sample, NONE).p for sample in (BETTER, MIXED)]
+    assert p_values[0] == pytest.approx(2 / 252)
+    told = [contrast(found, name) for name in ("better", "mixed")]
+    assert [one.test.p for one in told if one.test] == p_values
+    assert [one.p_holm for one in told] == list(holm(p_values))
+
+
+def test_effects_have_the_arm_first() -> None:
+    """An arm below `none` on every seed has an A12 of 0 and a difference below 0."""
+    effects = contrast(compare_arms(outcomes({"none": NONE, "better": BETTER})), "better").effects
+    assert effects is not None
+    assert (effects.a12.estimate, effects.cliffs_delta.estimate) == (0, -1)
+    assert effects.median_difference.estimate == pytest.approx(-0.1)
+
+
+def test_runs_of_one_seed_are_held_against_each_other() -> None:
+    """Differences by hand: -0.01, 0.01, -0.03, 0.01, -0.03; of a loss, three are better."""
+    paired = contrast(compare_arms(outcomes({"none": NONE, "mixed": MIXED})), "mixed").paired
+    assert (paired.better, paired.equal, paired.worse) == (3, 0, 2)
+    assert paired.difference is not None
+    assert paired.difference.estimate == pytest.approx(-0.01)
+    assert (paired.difference.low, paired.difference.high) == pytest.approx((-0.03, 0.01))
+
+
+def test_only_shared_seeds_are_paired() -> None:
+    """Seeds 1 and 2; the test takes all of both."""
+    found = compare_arms(outcomes({"none": {0: 0.5, 1: 0.6, 2: 0.7}, "a": {1: 0.5, 2: 0.7, 3: 0.1}}))
+    paired = contrast(found, "a").paired
+    assert (paired.better, paired.equal, paired.worse) == (1, 1, 0)
+    test = contrast(found, "a").test
+    assert test is not None
+    assert test.p == mann_whitney([0.5, 0.7, 0.1], [0.5, 0.6, 0.7]).p
+
+
+def test_identical_values_are_not_tested() -> None:
+    """The same network archive seed by seed is no finding of p = 1; other arms are corrected as if it were."""
+    found = compare_arms(outcomes({"none": NONE, "same": NONE, "better": BETTER}))
+    same = contrast(found, "same")
+    assert (same.standing, same.test, same.p_holm, same.effects) == (Standing.identical, None, None, None)
+    assert same.paired.equal == 5
+    assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
+
+
+def test_equal_samples_in_another_order_are_tested() -> None:
+    """Seeds that changed places are different runs, however alike the samples are."""
+    found = contrast(compare_arms(outcomes({"none": NONE, "turned": NONE[::-1]})), "turned")
+    assert found.standing is Standing.tested
+    assert found.test is not None
+    assert found.test.p == 1.0
+
+
+def test_one_value_everywhere_is_identical() -> None:
+    """Also where the arms share no seed."""
+    found = compare_arms(outcomes({"none": {0: 0.5, 1: 0.5}, "a": {2: 0.5, 3: 0.5}}))
+    assert contrast(found, "a").standing is Standing.identical
+
+
+@pytest.mark.parametrize(("none", "other"), [([0.5], [0.4, 0.3]), ([0.5, 0.6], [0.4]), ([0.5], [0.5])])
+def test_single_seed_has_neither_interval_nor_test(none: list[float], other: list[float]) -> None:
+    """One run is no sample, on either side."""
+    found = compare_arms(outcomes({"none": none, "a": other}))
+    it = contrast(found, "a")
+    assert (it.standing, it.test, it.effects, it.paired.difference) == (Standing.too_few_seeds, None, None, None)
+    intervals = [arm.metrics[Metric.best_fitness].interval for arm in found.arms]
+    assert [interval is None for interval in intervals] == [len(none) < 2, len(other) < 2]
+
+
+def test_arm_without_enough_seeds_is_no_part_of_the_family() -> None:
+    """It has no p, now or later, that others would have to be corrected for."""
+    found = compare_arms(outcomes({"none": NONE, "better": BETTER, "one": [0.1]}))
+    assert contrast(found, "better").p_holm == pytest.approx(2 / 252)
+
+
+def test_without_the_reference_nothing_is_tested() -> None:
+    """Medians and intervals stay."""
+    found = compare_arms(outcomes({"temperature=fixed": NONE, "temperature=stall": BETTER}))
+    assert found.reference is None
+    assert all(summary.contrast is None for arm in found.arms for summary in arm.metrics.values())
+    assert [arm.metrics[Metric.best_fitness].median for arm in found.arms] == [0.54, 0.44]
+
+
+def test_reference_comes_first() -> None:
+    """Wherever it stands among the jobs; the others keep their order."""
+    found = compare_arms(outcomes({"z": NONE, "none": NONE, "a": NONE}))
+    assert [arm.name for arm in found.arms] == ["none", "z", "a"]
+
+
+def test_another_arm_changes_no_interval() -> None:
+    """Each has a stream of its own."""
+    alone = compare_arms(outcomes({"none": NONE, "mixed": MIXED}))
+    among = compare_arms(outcomes({"none": NONE, "better": BETTER, "mixed": MIXED}))
+    assert alone.arms[1].metrics[Metric.best_fitness].interval == among.arms[2].metrics[Metric.best_fitness].interval
+    assert contrast(alone, "mixed").effects == contrast(among, "mixed").effects
+    assert contrast(alone, "mixed").paired == contrast(among, "mixed").paired
+
+
+def test_unknown_values_are_left_out() -> None:
+    """A run whose tokens nobody wrote down is no run of 0 tokens."""
+    found = compare_arms(outcomes({"none": NONE, "a": BETTER}))
+    assert found.arms[0].metrics[Metric.tokens].median is None
+    assert contrast(found, "a", Metric.tokens).standing is Standing.too_few_seeds
+
+
+def test_run_is_measured_by_hand() -> None:
+    """From 0.8 by 0.4 of generation 0 to 0.1; three sources, one trained twice; half of generation 1 trained."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
+    slots = [
+        trained(0, 0, 0.8, descriptors=(0.0, 1.0)),
+        trained(0, 1, 0.4, spent=spent),
+        trained(1, 0, 0.1, descriptors=(1.0, 1.0), spent=spent),
+        trained(1, 1, 0.4, source="g00s01", spent=spent),
+    ]
+    values = values_of(run(slots, [closed(0, 0.4), closed(1, 0.1, candidates=4, trained=2)]))
+    assert values == {
+        Metric.best_fitness: 0.1,
+        Metric.improvement: 0.75,
+        Metric.improvement_over_baseline: 0.875,
+        Metric.qd_score: pytest.approx(1 / 1.4 + 1 / 1.1),
+        Metric.coverage: 1.0,
+        Metric.trainable: 0.5,
+        Metric.evaluations: 3,
+        Metric.tokens: 45,
+        Metric.cost: 0.75,
+    }
+
+
+def test_spending_with_a_gap_is_unknown() -> None:
+    """One answer that timings do not tell of, or has no price, makes a sum of the rest a lie."""
+    known = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
+    gap = run([trained(0, 0), trained(1, 0, spent=known), turned_away(1, 1)], [closed(0), closed(1)])
+    unpriced = run([trained(0, 0), trained(1, 0, spent=Spending(answers=1, unpriced=1))], [closed(0), closed(1)])
+    assert (values_of(gap)[Metric.tokens], values_of(gap)[Metric.cost]) == (None, None)
+    assert (values_of(unpriced)[Metric.tokens], values_of(unpriced)[Metric.cost]) == (0, None)
+
+
+def test_search_of_generation_0_has_no_trainable_share() -> None:
+    """Generation 0 is no generation of the search."""
+    assert values_of(run_to(0.5))[Metric.trainable] is None

@@ -1,0 +1,168 @@
+"""`tacevo ablations` as a user gives it, over real runs: what it writes and says, and every mistake in one line."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from smallest import SMALLEST, UNTRACKED
+
+from tacevo.app import main
+from tacevo.records import Json
+from tacevo.sweepdir import Job, SweepDirectory
+
+ARMS = ("none", "no_prompt_archive")
+SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]
+JOBS = tuple(
+    Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config=f"{arm} {seed}")
+    for arm in ARMS
+    for seed in range(2)
+)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of a sweep of two arms and two seeds, each run as small as one can be."""
+    folder = tmp_path_factory.mktemp("swept")
+    SweepDirectory(folder / "sweep").write(SMALLEST, JOBS)
+    for job in JOBS:
+        where = [f"run.dir={folder / 'sweep' / job.name}", f"store.root={folder / 'store'}"]
+        assert main(["search", *SMALLEST, UNTRACKED, *SIZES, *where, *job.overrides, f"seed={job.seed}"]) == 0
+    return folder
+
+
+@pytest.fixture
+def sweep(swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give a copy of the sweep, to be spoilt, and work beside it."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    return Path("sweep")
+
+
+def edit_run(sweep: Path, name: str, **fields: Json) -> None:
+    """Change fields of a job's run.json."""
+    path = sweep / name / "run.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+
+
+def rows(sweep: Path, table: str) -> list[dict[str, str]]:
+    """Read a table as its CSV has it."""
+    with (sweep / "ablations" / f"{table}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every table in three formats and printed, figures as PDF with their captions; the same bytes when given again."""
+    assert main(["ablations", "sweep"]) == 0
+    told = capsys.readouterr()
+    folder = sweep / "ablations"
+    written = {path.name: path.read_bytes() for path in folder.iterdir()}
+    tables = {name.removesuffix(".md") for name in written if name.endswith(".md")}
+    assert {"ablation_force", "ablation_best_fitness_force", "ablation_cost_force", "ablation_runs_force"} <= tables
+    pictures = {"ablation_curves_force.pdf", "ablation_finals_force.pdf"}
+    assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | pictures
+    assert all(written[f"{name}.md"].decode() in told.out for name in tables)
+    assert "ablation_curves_force.pdf: The arms of sweep by generation: median over seeds, band between" in told.out
+    assert told.out.endswith("tables and figures: sweep/ablations\n")
+    assert told.err == ""
+    assert main(["ablations", "sweep"]) == 0
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
+
+
+def test_arm_without_prompt_archive_is_identical(sweep: Path) -> None:
+    """Under uniform prompts the prompt archive only records, so both arms are one search: said so, and not tested."""
+    assert main(["ablations", "sweep"]) == 0
+    for metric in ("best_fitness", "qd_score", "coverage", "evaluations"):
+        none, same = rows(sweep, f"ablation_{metric}_force")
+        assert (none["arm"], none["p"]) == ("none", "")
+        assert (same["arm"], same["p"], same["p, Holm"], same["A12"]) == ("no_prompt_archive", "identical", "", "")
+        assert same["median"] == none["median"]
+
+
+def test_best_fitness_is_that_of_the_ledgers(sweep: Path) -> None:
+    """Run by run, as the last line of each ledger has it."""
+    assert main(["ablations", "sweep", "-o", str(sweep / "ablations")]) == 0
+    for row in rows(sweep, "ablation_runs_force"):
+        last = json.loads((sweep / row["run"] / "ledger.jsonl").read_text().splitlines()[-1])
+        assert float(row["best fitness"]) == last["best"]
+
+
+def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not begun, stopped and failed ones, with the reason, on the error output and below every table."""
+    directory = SweepDirectory(sweep)
+    shutil.rmtree(sweep / "none-seed1")
+    edit_run(sweep, "no_prompt_archive-seed0", digest=None)
+    shutil.rmtree(sweep / "no_prompt_archive-seed1")
+    directory.fail(JOBS[3], "no answer came")
+    assert main(["ablations", "sweep", "-o", "out"]) == 0
+    told = capsys.readouterr()
+    assert told.err.splitlines() == [
+        "missing: none-seed1: not begun",
+        "missing: no_prompt_archive-seed0: not finished",
+        "missing: no_prompt_archive-seed1: failed: no answer came",
+    ]
+    names = "none-seed1, no_prompt_archive-seed0, no_prompt_archive-seed1"
+    assert f"Missing, 3 jobs: {names}." in Path("out/ablation_best_fitness_force.md").read_text()
+    assert not (sweep / "ablations").exists()
+
+
+def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """There is nothing to compare, and nothing is written."""
+    for job in JOBS:
+        shutil.rmtree(sweep / job.name)
+    assert main(["ablations", "sweep"]) == 2
+    assert "no job of sweep is finished" in capsys.readouterr().err
+    assert not (sweep / "ablations").exists()
+
+
+def test_folder_of_a_run_is_no_sweep(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run has tables of its own."""
+    assert main(["ablations", "sweep/none-seed0"]) == 2
+    assert "sweep/none-seed0 is not the folder of a sweep: it has no sweep.json" in capsys.readouterr().err
+
+
+def test_edited_run_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is not passed over as if it were missing."""
+    ledger = sweep / "none-seed1" / "ledger.jsonl"
+    ledger.write_text(ledger.read_text().replace('"status":"new"', '"status":"improved"', 1))
+    assert main(["ablations", "sweep"]) == 2
+    assert "sweep/none-seed1/ledger.jsonl" in capsys.readouterr().err
+    assert not (sweep / "ablations").exists()
+
+
+def test_run_of_another_seed_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Pairs would be no pairs."""
+    shutil.rmtree(sweep / "none-seed1")
+    shutil.copytree(sweep / "none-seed0", sweep / "none-seed1")
+    assert main(["ablations", "sweep"]) == 2
+    assert "sweep/none-seed1 holds a run of seed 0, and sweep.json says 1 of it" in capsys.readouterr().err
+
+
+def test_other_versions_are_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As run.json has them."""
+    versions = json.loads((sweep / "none-seed0" / "run.json").read_text())["versions"]
+    edit_run(sweep, "none-seed1", versions={**versions, "torch": "0.1"})
+    assert main(["ablations", "sweep"]) == 2
+    told = capsys.readouterr().err
+    assert f'the version of torch is "{versions["torch"]}" in none-seed0 and "0.1" in none-seed1' in told
+
+
+def test_seed_that_an_arm_has_twice_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It would count as two."""
+    SweepDirectory(sweep).write([], [*JOBS, JOBS[0]])
+    assert main(["ablations", "sweep"]) == 2
+    assert "sweep/sweep.json has 2 jobs of arm none with seed 0" in capsys.readouterr().err
+
+
+def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
+    """A swept override is an arm, too; without `none` there is no test, and the tables say so."""
+    arms = {"none": "temperature=fixed_1", "no_prompt_archive": "a|b & c"}
+    changed = [Job(name=job.name, arm=arms[job.arm], seed=job.seed, overrides=(), config=job.config) for job in JOBS]
+    SweepDirectory(sweep).write([], changed)
+    assert main(["ablations", "sweep"]) == 0
+    assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation_force.tex").read_text()
+    text = (sweep / "ablations" / "ablation_best_fitness_force.md").read_text()
+    assert r"a\|b & c" in text
+    assert "There is no test: the sweep has no finished run of the arm none" in text
+    assert {row["p"] for row in rows(sweep, "ablation_best_fitness_force")} == {""}

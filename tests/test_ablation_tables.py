@@ -1,0 +1,153 @@
+"""Promise: the tables of a sweep say what was found, how it was found, what is void and what is missing."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from hand_runs import trained
+from hand_sweeps import finished, run_of, run_to, sweep_of
+
+from analysis.ablation import Ablation, Metric, compare_arms, outcome
+from analysis.ablation_tables import ablation_tables, arms_table, metric_table, runs_table
+from analysis.common_archive import common_archive
+from analysis.sweeps import Finished, Missing, Sweep
+from analysis.tables import Between, Percent, PercentBetween, PValue, Table
+from tacevo.costs import Spending
+from tacevo.sweepdir import Job
+
+NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
+WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
+
+
+def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
+    """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
+    return [
+        finished(arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9), spent=spent)]))
+        for seed, best in enumerate(bests)
+    ]
+
+
+def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
+    """Compare jobs in two niches, left and right."""
+    runs = [job.run for job in jobs]
+    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
+    return sweep_of(jobs), compare_arms([outcome(job, common) for job in jobs])
+
+
+SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))
+
+
+def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
+    """Give the table of the best fitness."""
+    return metric_table(sweep, found, Metric.best_fitness, "none-seed0")
+
+
+def test_every_metric_has_a_table() -> None:
+    """Named after it, beside that of all arms and that of all runs."""
+    names = [table.name for table in ablation_tables(SWEEP, FOUND, "none-seed0")]
+    metrics = [f"ablation_{metric.name}_force" for metric in Metric]
+    assert names == ["ablation_force", *metrics, "ablation_runs_force"]
+
+
+def test_arms_have_a_median_and_its_interval() -> None:
+    """Fractions are percentages; five equal seeds have an interval without width."""
+    row = dict(zip(arms_table(SWEEP, FOUND, "n").columns, arms_table(SWEEP, FOUND, "n").rows[0], strict=True))
+    assert (row["arm"], row["seeds"]) == ("none", 5)
+    assert row["best fitness"] == Between(0.42, 0.40, 0.44)
+    assert row["improvement over the baseline"] == PercentBetween(0.475, 0.45, 0.5)
+    assert row["evaluations"] == Between(2, 2, 2)
+    assert row["tokens"] == Between(15, 15, 15)
+    assert row["cost (USD)"] == Between(0.25, 0.25, 0.25)
+
+
+def test_tested_arm_has_every_column() -> None:
+    """Five seeds above five: U 25, p 2 / 252, A12 1; p is Holm's over two arms."""
+    row = dict(zip(best().columns, best().rows[2], strict=True))
+    assert (row["arm"], row["U"], row["p"], row["method"]) == ("worse", 25, PValue(0.00793650794), "exact")
+    assert row["p, Holm"] == PValue(0.0158730159)
+    assert row["A12"] == Between(1, 1, 1)
+    assert row["median difference by seed"] == Between(0.1, 0.1, 0.1)
+    assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 0, 5)
+
+
+def test_identical_arm_shows_the_word() -> None:
+    """Not p = 1, as if it had been tested; a note says why."""
+    row = dict(zip(best().columns, best().rows[1], strict=True))
+    assert (row["U"], row["p"], row["p, Holm"], row["A12"]) == (None, "identical", None, None)
+    assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 5, 0)
+    assert any(note.startswith("Identical: same and none have the same values") for note in best().notes)
+
+
+def test_direction_is_told() -> None:
+    """More coverage is better, and less loss; worse is counted so."""
+    coverage = metric_table(SWEEP, FOUND, Metric.improvement, "none-seed0")
+    assert "More is better." in coverage.notes
+    assert "Less is better." in best().notes
+    assert coverage.rows[2][-3:] == (0, 0, 5)
+    assert coverage.columns[-4] == "median difference by seed (percentage points)"
+
+
+def test_common_archive_is_told() -> None:
+    """Wherever coverage and QD-score stand, with the job whose niches it has."""
+    named = [table for table in ablation_tables(SWEEP, FOUND, "none-seed0") if "niches of none-seed0" in str(table)]
+    assert [table.name for table in named] == [
+        "ablation_force",
+        "ablation_qd_score_force",
+        "ablation_coverage_force",
+        "ablation_runs_force",
+    ]
+
+
+def test_single_seed_is_a_value_alone() -> None:
+    """Without interval, and with the reason below; the test is void by that word."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("one", WORSE[:1]))
+    row = best(sweep, found).rows[1]
+    assert row[:5] == ("one", 1, 0.5, None, "too few seeds")
+    assert row[9:] == (None, None, 0, 0, 1)
+    assert any("No interval and no test with fewer than 2 seeds: one." in note for note in best(sweep, found).notes)
+
+
+def test_weakness_of_few_seeds_is_told() -> None:
+    """By hand: all five lie on one side of the median with a chance of 2 / 32; of six, 2 / 64 is below 5 %."""
+    assert any("with a chance of 93.8 % for 5 of them" in note for note in best().notes)
+    assert not any("None reaches beyond" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
+
+
+def test_missing_reference_is_told() -> None:
+    """All columns of tests are empty."""
+    sweep, found = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))
+    assert all(set(row[3:]) == {None} for row in best(sweep, found).rows)
+    for table in (arms_table(sweep, found, "n"), best(sweep, found)):
+        assert any("no finished run of the arm none" in note for note in table.notes)
+
+
+def test_missing_jobs_are_told() -> None:
+    """Below every table: their runs are in no figure of it."""
+    job = Job(name="worse-seed5", arm="worse", seed=5, overrides=(), config="")
+    sweep = replace(SWEEP, missing=(Missing(job=job, reason="not begun"),))
+    for table in ablation_tables(sweep, FOUND, "none-seed0"):
+        assert any(note.startswith("Missing, 1 job: worse-seed5.") for note in table.notes)
+
+
+def test_unknown_cost_is_empty() -> None:
+    """Neither 0 nor a refusal."""
+    sweep, found = compared(finished("none", 0, run_to(0.5, 0.4)), finished("none", 1, run_to(0.5, 0.4)))
+    assert arms_table(sweep, found, "n").rows[0][-2:] == (None, None)
+    assert metric_table(sweep, found, Metric.cost, "n").rows[0][:3] == ("none", 0, None)
+
+
+def test_runs_are_listed_one_by_one() -> None:
+    """Whoever doubts a median can count again."""
+    table = runs_table(SWEEP, FOUND, "none-seed0")
+    assert [row[0] for row in table.rows] == [job.job.name for job in SWEEP.finished]
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["arm"], row["seed"], row["best fitness"]) == ("none", 1, 0.41)
+    assert row["improvement over generation 0"] == Percent(0.4875)
+
+
+def test_few_seeds_of_many_arms_are_warned_of() -> None:
+    """Five against five is at least 2 / 252; over seven arms that is above 0.05, whatever was found."""
+    arms = [jobs_of(f"arm {number}", WORSE) for number in range(7)]
+    sweep, found = compared(*jobs_of("none", NONE), *(job for arm in arms for job in arm))
+    assert any("no result of so few seeds is significant after Holm" in note for note in best(sweep, found).notes)

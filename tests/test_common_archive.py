@@ -1,0 +1,89 @@
+"""Promise: all runs of a sweep are measured in one archive, which is pyribs' on the same candidates."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_runs import closed, run, trained, turned_away
+from hand_sweeps import SETTINGS, run_of, run_to
+from ribs.archives import CVTArchive
+
+from analysis.common_archive import CommonArchive, common_archive, filled
+from analysis.loading import Run
+from tacevo.archive import find_centroids, quality
+from tacevo.choices import Scale
+from tacevo.randomness import stream
+
+#: A left and a right niche.
+HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
+
+
+def with_archive(one: Run, **archive: object) -> Run:
+    """Give a run other settings of its archive."""
+    return replace(one, config={**SETTINGS, "archive": {**SETTINGS["archive"], **archive}})
+
+
+def reference(*others: Run, **archive: object) -> CommonArchive:
+    """Make the common archive of runs, the first of which is the reference."""
+    first = with_archive(others[0], **archive)
+    return common_archive([first, *others[1:]], first, HALVES)
+
+
+def test_two_hundred_candidates_agree_with_pyribs() -> None:
+    """After every generation: the coverage and QD-score of its CVTArchive, which knows these bounds from the start."""
+    rng = stream(0, "common archive")
+    centroids = np.array(find_centroids(niches=30, dimensions=2, samples=1_000, seed=0))
+    candidates = [
+        trained(number // 20, number % 20, float(loss), descriptors=(float(x), float(y)))
+        for number, (loss, x, y) in enumerate(rng.random((200, 3)) * (1, 5, 40))
+    ]
+    one = with_archive(run_of(candidates))
+    common = common_archive([one], one, centroids)
+    points = np.array([(found.measured.arch_div, found.measured.eff_ratio) for found in candidates if found.measured])
+    places = (points - points.min(axis=0)) / np.ptp(points, axis=0)
+    qualities = [quality(-found.trained.fitness) for found in candidates if found.trained]
+    peer = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
+    theirs = []
+    for first in range(0, 200, 20):
+        peer.add([[0.0]] * 20, qualities[first : first + 20], places[first : first + 20])
+        theirs += [float(peer.stats.coverage), float(peer.stats.qd_score)]
+    ours = [value for after in filled(one, common) for value in (after.coverage, after.qd_score)]
+    assert ours == pytest.approx(theirs, rel=1e-8)
+
+
+def test_bounds_are_those_of_all_runs() -> None:
+    """Alone, a run's own extremes fill both halves; beside a run that went further, it stayed in one."""
+    near = run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)])
+    far = run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (1.0, 1.0)])
+    assert filled(near, reference(near))[-1].coverage == 1.0
+    assert filled(near, reference(near, far))[-1].coverage == 0.5
+    assert filled(far, reference(near, far))[-1].coverage == 1.0
+
+
+def test_quality_is_summed_over_elites_by_hand() -> None:
+    """Left 1 / 1.5, then a better one, 1 / 1.25, and a right one, 1 / 2; what is worse changes nothing."""
+    one = run_to(0.5, 0.25, 1.0, 3.0, descriptors=[(0.0, 1.0), (0.1, 1.0), (1.0, 1.0), (0.9, 1.0)])
+    sums = [after.qd_score for after in filled(one, reference(one))]
+    assert sums == pytest.approx([1 / 1.5, 1 / 1.25, 1 / 1.25 + 0.5, 1 / 1.25 + 0.5])
+
+
+def test_what_was_turned_away_fills_no_niche() -> None:
+    """A generation without a trained candidate leaves the archive as it was."""
+    one = run([trained(0, 0, 0.5), turned_away(1, 0)], [closed(0), closed(1, trained=0)])
+    before, after = filled(one, reference(one))
+    assert before == after
+    assert before.coverage == 0.5
+
+
+def test_fixed_bounds_of_the_reference_are_common() -> None:
+    """They measured its own search, too; what lies outside is clipped."""
+    one = replace(run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)]), bounds=((0.0, 0.2), (0.0, 1.0)))
+    assert reference(one, bounds="fixed").bounds.high == (0.2, 1.0)
+    assert reference(one).bounds.high == (0.1, 1.0)
+
+
+def test_scale_is_that_of_the_reference() -> None:
+    """Ratios of 1 and 100 are 0 and 2 on its logarithmic axis."""
+    one = run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 100.0)])
+    common = reference(one, eff_ratio_scale="log")
+    assert (common.scale, common.bounds.low[1], common.bounds.high[1]) == (Scale.log, 0.0, 2.0)

@@ -1,0 +1,50 @@
+"""Promise: a sweep without anything to compare, or with a seed twice, is refused before a run is read.
+
+What finished runs give, and what is said of missing ones, tests/test_ablation_commands.py shows with real runs.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from analysis.sweeps import load_sweep
+from tacevo.errors import RunError
+from tacevo.sweepdir import Job, SweepDirectory
+
+
+def job(name: str, arm: str = "none", seed: int = 0) -> Job:
+    """Make a job."""
+    return Job(name=name, arm=arm, seed=seed, overrides=(), config=name)
+
+
+def test_sweep_of_nothing_but_plans_is_refused(tmp_path: Path) -> None:
+    """Neither a job that was never begun nor one that failed or was stopped is a result."""
+    directory = SweepDirectory(tmp_path)
+    directory.write([], [job("begun"), job("broken", seed=1), job("new", seed=2)])
+    (tmp_path / "begun").mkdir()
+    (tmp_path / "begun" / "run.json").write_text('{"schema": 1, "digest": null}')
+    directory.fail(job("broken", seed=1), "no answer came")
+    with pytest.raises(RunError, match=r"no job of .* is finished, so there is nothing to compare"):
+        load_sweep(tmp_path)
+
+
+def test_seed_that_an_arm_has_twice_is_refused(tmp_path: Path) -> None:
+    """It would count as two in every median; another arm may have it."""
+    SweepDirectory(tmp_path).write([], [job("one"), job("other", arm="a"), job("two")])
+    with pytest.raises(RunError, match=r"sweep\.json has 2 jobs of arm none with seed 0"):
+        load_sweep(tmp_path)
+
+
+def test_damaged_description_of_a_run_is_no_missing_job(tmp_path: Path) -> None:
+    """It is named, and not passed over."""
+    SweepDirectory(tmp_path).write([], [job("one")])
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "run.json").write_text("{")
+    with pytest.raises(RunError, match=r"one/run\.json is damaged"):
+        load_sweep(tmp_path)
+
+
+def test_folder_without_a_sweep_is_refused(tmp_path: Path) -> None:
+    """In the words of whoever reads it."""
+    with pytest.raises(RunError, match=r"is not the folder of a sweep: it has no sweep\.json"):
+        load_sweep(tmp_path)

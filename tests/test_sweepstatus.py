@@ -1,0 +1,100 @@
+"""What is said of a job is what its folder shows."""
+
+from pathlib import Path
+
+import pytest
+from sweeps import SHARED, begin
+
+from tacevo.composition import compose
+from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.sweeping import plan
+from tacevo.sweepstatus import Standing, config_hash, describe, status_of
+
+
+@pytest.fixture
+def job() -> Job:
+    """Give a job."""
+    return plan(SHARED, [("ablation=none", "seed=0")])[0].job
+
+
+def test_job_goes_through_its_standings(tmp_path: Path, job: Job) -> None:
+    """Not begun, running, stopped, failed, running again, finished."""
+    directory = SweepDirectory(tmp_path)
+    assert status_of(directory, job).standing is Standing.waiting
+    with directory.run(job).locked():
+        assert status_of(directory, job).standing is Standing.running
+    begin(directory, job, finished=False)
+    stopped = status_of(directory, job)
+    assert (stopped.standing, stopped.lines, stopped.best, stopped.digest) == (Standing.stopped, 2, 0.25, "")
+    directory.fail(job, "the disk is full")
+    failed = status_of(directory, job)
+    assert (failed.standing, failed.reason) == (Standing.failed, "the disk is full")
+    with directory.run(job).locked():
+        assert status_of(directory, job).standing is Standing.running
+    begin(directory, job)
+    finished = status_of(directory, job)
+    assert (finished.standing, finished.reason) == (Standing.finished, "")
+    assert finished.digest == directory.run(job).read_finished()[-1]["hash"]
+
+
+def test_digest_that_is_not_the_ledgers_finishes_nothing(tmp_path: Path, job: Job) -> None:
+    """A job whose ledger lost its end is to be run again."""
+    directory = SweepDirectory(tmp_path)
+    begin(directory, job)
+    ledger = directory.run(job).ledger
+    ledger.write_bytes(b"".join(ledger.read_bytes().splitlines(keepends=True)[:-1]))
+    assert status_of(directory, job).standing is Standing.stopped
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "reason"),
+    [
+        ("ledger.jsonl", "{}\n", "line 1 does not match its hash"),
+        ("run.json", "[", "run.json is damaged"),
+        ("run.json", '{"schema": 1}', "is damaged: KeyError"),
+        ("run.json", '{"schema": 1, "config": {"seed": "x"}, "digest": null}', "seed needs a whole number"),
+    ],
+)
+def test_folder_that_cannot_be_read_is_a_failure(file: str, text: str, reason: str, tmp_path: Path, job: Job) -> None:
+    """Damage is told with its place, and hides no other job."""
+    directory = SweepDirectory(tmp_path)
+    begin(directory, job)
+    (directory.run(job).path / file).write_text(text)
+    status = status_of(directory, job)
+    assert status.standing is Standing.failed
+    assert reason in status.reason
+
+
+def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -> None:
+    """Its digest is not shown as the job's."""
+    directory = SweepDirectory(tmp_path)
+    begin(directory, job, [*SHARED, "search.candidates=3"])
+    status = status_of(directory, job)
+    assert (status.standing, status.digest) == (Standing.failed, "")
+    assert "holds the run of another configuration than the sweep's none-seed0" in status.reason
+
+
+@pytest.mark.parametrize("change", ["seed=1", "search.generations=1", "data.images=50", "task.baseline=other.py"])
+def test_hash_follows_what_decides_results(change: str) -> None:
+    """The generations and the data count, which a ledger's identity has by other means."""
+    assert config_hash(compose([*SHARED, change])) != config_hash(compose(SHARED))
+
+
+@pytest.mark.parametrize("change", ["executor.workers=1", "store.root=else", "run.dir=else", "tracking=mlflow"])
+def test_hash_leaves_out_where_a_job_is_computed(change: str) -> None:
+    """A job that was finished with two workers is not repeated with four."""
+    assert config_hash(compose([*SHARED, change])) == config_hash(compose(SHARED))
+
+
+def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:
+    """How many stand how, a row for each, and why one failed."""
+    directory = SweepDirectory(tmp_path)
+    other = plan(SHARED, [("ablation=none", "seed=1")])[0].job
+    begin(directory, job)
+    directory.fail(other, "the disk is full")
+    text = describe([status_of(directory, one) for one in (job, other)])
+    digest = directory.run(job).read_finished()[-1]["hash"]
+    assert text.startswith("2 jobs: 1 finished, 1 failed\n")
+    assert f"| none-seed0 | none | 0    | finished | 2     | 0.25 | {digest[:12]} |" in text
+    assert "| none-seed1 | none | 1    | failed   | 0     | -    | -            |" in text
+    assert text.endswith("none-seed1: the disk is full")
