@@ -1,7 +1,7 @@
 """Sweeps without a search: jobs are finished by writing what a finished run leaves."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tacevo.composition import compose, facts_without_data, load_task, to_plain
@@ -19,7 +19,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     run = directory.run(job)
     run.path.mkdir(parents=True, exist_ok=True)
     config = compose([*shared, *job.overrides])
-    facts = facts_without_data(config)
+    facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
     with Ledger(run.ledger) as ledger:
         ledger.commit({"kind": "run", "job": job.name})
         ledger.commit({"kind": "generation", "generation": 0, "best": 0.25})

@@ -155,7 +155,7 @@ def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.
     assert statuses(folder)[NONE].digest == digest
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tmp_path: Path) -> None:
     """However the command ends, its job ends with it and keeps what it has; the next call goes on to the end."""
     sweep = start(tmp_path, ONE_BY_ONE)

@@ -94,13 +94,14 @@ def test_launcher_that_cannot_be_used_is_told_before_a_job_runs(override: str, p
     assert not list(place.iterdir())
 
 
-def test_same_search_runs_once() -> None:
-    """Two spellings of one configuration are one job, the first."""
-    _, varied = part(["ablation=none,fixed_temperature", "temperature=fixed,paper", "seed=0,0"])
-    assert [entry.job.name for entry in plan(SHARED, varied)] == [
-        "none-temperature-fixed-seed0",
-        "none-temperature-paper-seed0",
-    ]
+def test_same_search_runs_once(place: Path) -> None:
+    """A seed given twice is one job; a search that stands in the sweep under another name keeps that name."""
+    launched = Launched()
+    sweep([*SHARED, "seed=0,0"], "all", Heard(), launched)
+    asked = sweep([*SHARED, "temperature=paper,stall"], "all", Heard(), launched)
+
+    assert launched.calls == [["none-seed0"], ["temperature-stall-seed0"]]
+    assert [status.job.name for status in asked.statuses] == ["none-seed0", "temperature-stall-seed0"]
 
 
 def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
