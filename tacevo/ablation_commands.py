@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from tacevo.commandline import DONE, Parser, existing_store, output_folder
+from tacevo.errors import ConfigError
 
 
 def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
@@ -18,8 +19,8 @@ def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
         description="Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and "
         ".csv, with figures as .pdf.",
     )
-    ablations.add_argument("sweep", metavar="DIR", help="the folder of a sweep")
-    ablations.add_argument("-o", "--output", metavar="OUT", help="where they go (default: DIR/ablations)")
+    ablations.add_argument("sweep", metavar="DIR", help="the folder of a sweep, or the file of a published one")
+    ablations.add_argument("-o", "--output", metavar="OUT", help="where they go (default of a folder: DIR/ablations)")
     ablations.add_argument("--store", metavar="DIR", help="where the stores of the runs lie, if they were moved")
     ablations.set_defaults(
         command=_ablations, interrupted="each file that was written is whole, and the same command makes the rest"
@@ -30,10 +31,17 @@ def _ablations(options: argparse.Namespace) -> int:
     from analysis.rendering import as_markdown
     from analysis.sweep_collection import collect_sweep, pictures_of, tables_of
     from analysis.writing import write_pictures, write_tables
+    from tacevo.opening import opened
 
-    store = existing_store(options.store)
-    found = collect_sweep(Path(options.sweep), None if store is None else Path(store))
-    folder = output_folder(options.output or found.sweep.path / "ablations")
+    path, store = Path(options.sweep), existing_store(options.store)
+    if path.is_file():
+        if not options.output:
+            raise ConfigError(f"{path} is a file; say by -o where the tables and figures of a published sweep go")
+        with opened(path) as published:
+            found = collect_sweep(published.folder, published.store)
+    else:
+        found = collect_sweep(path, None if store is None else Path(store))
+    folder = output_folder(options.output or path / "ablations")
     tables = tables_of(found)
     print("\n".join(map(as_markdown, tables)))
     write_tables(tables, folder)

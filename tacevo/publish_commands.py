@@ -4,6 +4,7 @@ What they do is imported when they run, so that help is quick.
 """
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ from tacevo.commandline import DONE, Parser
 
 if TYPE_CHECKING:
     from analysis.collection import Collection
+    from analysis.gallery import Picture
+    from analysis.tables import Table
     from tacevo.opening import Opened
     from tacevo.progress import View
     from tacevo.verifying import Verified
@@ -57,19 +60,18 @@ def in_bundle(verified: "Verified") -> str:
 
 def table_files(folder: Path, store: Path) -> dict[str, bytes]:
     """Make every table of a run or a sweep, from its records and recorded probes alone; give contents by file name."""
-    return _sweep_tables(folder) if _is_sweep(folder) else _tables(_collect(folder, store), store)
+    return _of_sweep(folder, store)[0] if _is_sweep(folder) else _tables(_collect(folder, store), store)
 
 
 def pages(folder: Path, store: Path) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Make every table of a run or a sweep, and every figure that follows from its records; give contents by name."""
     from analysis.collection import pictures_of
-    from analysis.style import render
 
     if _is_sweep(folder):
-        return _sweep_tables(folder), {}
+        tables, pictures = _of_sweep(folder, store)
+        return tables, _drawn(pictures)
     found = _collect(folder, store)
-    figures = {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures_of(found)}
-    return _tables(found, store), figures
+    return _tables(found, store), _drawn(pictures_of(found))
 
 
 def _is_sweep(folder: Path) -> bool:
@@ -78,24 +80,40 @@ def _is_sweep(folder: Path) -> bool:
     return SweepDirectory(folder).is_one
 
 
-def _sweep_tables(folder: Path) -> dict[str, bytes]:
+def _of_sweep(folder: Path, store: Path) -> "tuple[dict[str, bytes], tuple[Picture, ...]]":
+    """Make the tables and list the figures of a sweep; one whose jobs are no comparison has none of arms."""
     from analysis.loading import load_run
     from analysis.published_tables import beside_published
-    from analysis.rendering import table_texts
+    from analysis.sweep_collection import collect_sweep, pictures_of, tables_of
+    from tacevo.errors import RunError
     from tacevo.opening import located
 
-    table = beside_published([load_run(run) for run in located(folder).runs])
-    return {name: text.encode() for name, text in table_texts(table).items()}
+    beside = beside_published([load_run(run) for run in located(folder).runs])
+    try:
+        found = collect_sweep(folder, store)
+    except RunError:  # e.g. budgets that differ; the runs themselves have been replayed
+        return _files([beside]), ()
+    return _files([beside, *tables_of(found)]), pictures_of(found)
 
 
 def _tables(found: "Collection", store: Path) -> dict[str, bytes]:
     from analysis.collection import tables_of
-    from analysis.rendering import table_texts
     from tacevo.profiles import recall_profiles
     from tacevo.records import Mode
 
-    tables = tables_of(found, recall_profiles(found.run.path, str(store), mode=Mode.replay))
+    return _files(tables_of(found, recall_profiles(found.run.path, str(store), mode=Mode.replay)))
+
+
+def _files(tables: "Iterable[Table]") -> dict[str, bytes]:
+    from analysis.rendering import table_texts
+
     return {name: text.encode() for table in tables for name, text in table_texts(table).items()}
+
+
+def _drawn(pictures: "Iterable[Picture]") -> dict[str, bytes]:
+    from analysis.style import render
+
+    return {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
 def _publish(options: argparse.Namespace) -> int:
