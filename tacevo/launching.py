@@ -4,22 +4,25 @@ What Hydra launches is a watchman for each job, which imports no more than Hydra
 command that a user would type, `tacevo search ... run.dir=SWEEP/NAME`. So a job that is killed takes nobody with it,
 no state of one reaches another, and what it says is in a file of its own.
 
+The launcher itself is a process in a session of its own, so that a terminal's Ctrl-C reaches only the process that
+launches it, and no watchman, which would end with a traceback and take its search along.
+
 Promises: a job ends with its watchman, and on this machine with whoever launched it, however that ends; asked to stop,
 all jobs end as by Ctrl-C, and keep what they have.
 What it does not: a job that a cluster has taken outlives a launching process that is killed.
 """
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from hydra import initialize
 from hydra._internal.hydra import Hydra
@@ -46,6 +49,12 @@ _TICK, _GRACE = 1.0, 60.0
 #: The exit status of a search that was told to stop.
 _INTERRUPTED = 130
 
+#: What the launcher's own log is called.
+_LAUNCHER = "launcher"
+
+#: How a line begins that says why a process came to nothing.
+_ERROR = "error: "
+
 
 @dataclass(kw_only=True)
 class Assignment:
@@ -57,6 +66,8 @@ class Assignment:
     job: str = MISSING
     #: Process whose end is the job's; 0 for none.
     caller: int = 0
+    #: When it started, in clock ticks since the machine did: another process may have its number later.
+    since: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,33 +137,76 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, l
     Args:
         directory: the sweep's, with its sweep.json.
         jobs: at least one.
-        launcher: which runs them.
-        look: called every second or so, by a thread of its own.
+        launcher: which runs them, found good (`require_launcher`).
+        look: called every second or so; where it raises, all jobs are stopped first.
 
     Raises:
-        ConfigError: the launcher is not installed, or has no such setting.
         RunError: the launcher failed.
         KeyboardInterrupt: the user stopped it; all jobs have ended.
     """
     directory.launch.mkdir(parents=True, exist_ok=True)
     directory.halt.unlink(missing_ok=True)
-    with _stopping(directory, look):
-        try:
-            _multirun(directory, jobs, launcher)
-        except Exception as error:  # of a launcher, which is not ours
-            if not directory.halt.exists():
-                raise RunError(f"hydra/launcher={launcher.name} failed: {_in_short(error)}") from error
+    with _heeding(directory.halt):
+        status = _launched(directory, jobs, launcher, look)
     if directory.halt.exists():
         directory.halt.unlink()
         raise KeyboardInterrupt
+    if status != 0:
+        raise RunError(f"hydra/launcher={launcher.name} failed: {_reason(status, directory.log(_LAUNCHER))}")
 
 
-def _multirun(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher) -> None:
-    """Let Hydra run over the names of the jobs."""
+def _launched(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]) -> int:
+    """Run the launcher as a process, and look on until it ends; give its exit status."""
     caller = os.getpid() if launcher.name in _LOCAL else 0
-    with _initialised(Assignment(sweep=str(directory.path), caller=caller)) as hydra:
-        overrides = _overrides(launcher, [f"job={','.join(job.name for job in jobs)}"])
-        hydra.multirun("assignment", watch, overrides, with_log_configuration=False)
+    assignment = Assignment(sweep=str(directory.path), caller=caller, since=_start_of(caller) or 0)
+    task = json.dumps([asdict(assignment), asdict(launcher), [job.name for job in jobs]])
+    with directory.log(_LAUNCHER).open("wb") as output:
+        launching = _start([sys.executable, "-P", "-c", f"from {__name__} import serve; serve()", task], output)
+    try:
+        while launching.poll() is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                launching.wait(_TICK)
+            look()
+    finally:
+        if launching.poll() is None:
+            directory.halt.touch()
+        launching.wait()
+    return launching.returncode
+
+
+def _start(command: Sequence[str], output: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start a process that no terminal reaches and that ends with this one."""
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+        preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
+    )
+
+
+@contextlib.contextmanager
+def _heeding(halt: Path) -> Iterator[None]:
+    """Turn Ctrl-C and SIGTERM into a request to all jobs."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda number, frame: halt.touch()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def serve() -> None:
+    """Let Hydra run over the names of jobs; what `launch` starts, and gives its task as the only argument."""
+    assignment, launcher, names = json.loads(sys.argv[1])
+    try:
+        with _initialised(Assignment(**assignment)) as hydra:
+            overrides = _overrides(Launcher(**launcher), [f"job={','.join(names)}"])
+            hydra.multirun("assignment", watch, overrides, with_log_configuration=False)
+    except Exception as error:  # of a launcher, which is not ours
+        sys.exit(f"{_ERROR}{_in_short(error)}")
 
 
 @contextlib.contextmanager
@@ -181,34 +235,6 @@ def _overrides(launcher: Launcher, more: Sequence[str]) -> list[str]:
     ]
 
 
-@contextlib.contextmanager
-def _stopping(directory: SweepDirectory, look: Callable[[], None]) -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into a request to all jobs, and have somebody look on meanwhile.
-
-    SIGINT is blocked rather than handled: that is inherited, so that a terminal's Ctrl-C reaches no process of a
-    launcher, which would end with a traceback.
-    """
-    over = threading.Event()
-
-    def follow() -> None:
-        while not over.is_set():
-            if signal.sigtimedwait({signal.SIGINT}, _TICK) is not None:
-                directory.halt.touch()
-            look()
-
-    thread = threading.Thread(target=follow, name="look")
-    before = signal.signal(signal.SIGTERM, lambda number, frame: directory.halt.touch())
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        signal.signal(signal.SIGTERM, before)
-
-
 def watch(assignment: Any) -> None:
     """Run one job as a process, and write down how it ended; Hydra calls this, in a process of the launcher's.
 
@@ -216,12 +242,12 @@ def watch(assignment: Any) -> None:
         assignment: a `DictConfig` of `Assignment`.
     """
     directory = SweepDirectory(Path(assignment.sweep))
-    wanted = partial(_is_wanted, directory.halt, assignment.caller)
+    wanted = partial(_is_wanted, directory.halt, assignment.caller, assignment.since)
     if wanted():
         shared, jobs = directory.read()
         job = next(job for job in jobs if job.name == assignment.job)
         _run(directory, job, [*shared, *job.overrides], wanted)
-    if not _is_alive(assignment.caller):
+    if not _is_alive(assignment.caller, assignment.since):
         os._exit(_INTERRUPTED)  # nobody takes the answer, and joblib's processes would wait minutes for more
 
 
@@ -231,14 +257,7 @@ def _run(directory: SweepDirectory, job: Job, overrides: Sequence[str], wanted: 
     command = [sys.executable, "-P", "-m", "tacevo.app", "search", *overrides, f"run.dir='{place}'"]
     log = directory.log(job.name)
     with log.open("wb") as output:
-        search = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
-        )
+        search = _start(command, output)
         status = _attend(search, wanted)
     if status == 0:
         directory.succeed(job)
@@ -265,20 +284,26 @@ def _reason(status: int, log: Path) -> str:
     if status < 0:
         return f"killed by {signal.Signals(-status).name}; memory may have run out"
     lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
-    return lines[-1].removeprefix("error: ") if lines else f"it ended with status {status} and said nothing"
+    told = [line for line in lines if line.startswith(_ERROR)] or lines
+    return told[-1].removeprefix(_ERROR) if told else f"it ended with status {status} and said nothing"
 
 
-def _is_wanted(halt: Path, caller: int) -> bool:
-    return not halt.exists() and _is_alive(caller)
+def _is_wanted(halt: Path, caller: int, since: int) -> bool:
+    return not halt.exists() and _is_alive(caller, since)
 
 
-def _is_alive(caller: int) -> bool:
-    """Tell whether a process lives; one that nobody names, 0, does."""
+def _is_alive(caller: int, since: int) -> bool:
+    """Tell whether the process that started then lives; one that nobody names, 0, does."""
+    return caller == 0 or _start_of(caller) == since
+
+
+def _start_of(pid: int) -> int | None:
+    """Read when a process started, in clock ticks since the machine did; None where it has ended, reaped or not."""
     try:
-        os.kill(caller, 0) if caller else None
-    except ProcessLookupError:
-        return False
-    return True
+        state, *fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    except (OSError, ValueError):  # it is gone, or was going
+        return None
+    return None if state in {"Z", "X"} else int(fields[18])  # the 22nd field of all
 
 
 def _in_short(error: BaseException) -> str:

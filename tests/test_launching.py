@@ -3,11 +3,15 @@
 Whole sweeps of real searches, as small as they can be; jobs without a search are in test_sweeping.
 """
 
+import fcntl
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,8 +20,8 @@ from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
 
 from tacevo.app import main
-from tacevo.errors import ConfigError
-from tacevo.launching import Assignment, Launcher, fitted, split_launcher, watch
+from tacevo.errors import ConfigError, RunError
+from tacevo.launching import Assignment, Launcher, fitted, launch, split_launcher, watch
 from tacevo.sweepdir import Job, SweepDirectory
 from tacevo.sweepstatus import Standing, Status, status_of
 
@@ -76,7 +80,7 @@ def assigned(folder: Path) -> Iterator[Assignment]:
     directory = SweepDirectory(folder / "all")
     directory.launch.mkdir(parents=True)
     directory.write(SMALLEST, [Job(name=NONE, arm="none", seed=0, overrides=("seed=0",), config="a" * 64)])
-    yield Assignment(sweep=str(directory.path), job=NONE, caller=os.getpid())
+    yield Assignment(sweep=str(directory.path), job=NONE, caller=os.getpid(), since=start_of(os.getpid()))
     assert not directory.failure(directory.read()[1][0])
 
 
@@ -121,16 +125,56 @@ def test_halted_sweep_begins_no_job(assigned: Assignment) -> None:
     assert not directory.log(NONE).exists()
 
 
-def test_job_begins_nothing_without_its_caller(assigned: Assignment) -> None:
-    """A process whose launcher has died ends, instead of waiting for more jobs."""
-    ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait()
+def status_of_watch(assignment: Assignment) -> int:
+    """Run a watchman as a process; give its exit status."""
     pid = os.fork()
     if pid == 0:
-        watch(Assignment(sweep=assigned.sweep, job=NONE, caller=ended.pid))
+        watch(assignment)
         os._exit(0)
-    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 130
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+@pytest.mark.parametrize("reaped", [True, False])
+def test_job_begins_nothing_without_its_caller(assigned: Assignment, reaped: bool) -> None:
+    """A process whose launcher has died ends instead of waiting for more jobs, also before the launcher is reaped."""
+    ended = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    since = start_of(ended.pid)
+    ended.stdin.close()  # type: ignore[union-attr]
+    os.waitid(os.P_PID, ended.pid, os.WEXITED | (0 if reaped else os.WNOWAIT))
+    assert status_of_watch(Assignment(sweep=assigned.sweep, job=NONE, caller=ended.pid, since=since)) == 130
     assert not SweepDirectory(Path(assigned.sweep)).log(NONE).exists()
+    ended.poll()
+
+
+def test_another_process_with_the_callers_number_is_not_the_caller(assigned: Assignment) -> None:
+    """Numbers of processes are given again; one that started at another time is another."""
+    assert status_of_watch(Assignment(sweep=assigned.sweep, job=NONE, caller=os.getpid(), since=1)) == 130
+    assert not SweepDirectory(Path(assigned.sweep)).log(NONE).exists()
+
+
+def start_of(pid: int) -> int:
+    """Read the 22nd field of what the system says of a process: when it started."""
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
+
+
+def test_onlooker_that_fails_stops_the_jobs_and_is_heard(assigned: Assignment) -> None:
+    """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
+    directory = SweepDirectory(Path(assigned.sweep))
+
+    def look() -> None:
+        raise OSError("the terminal is gone")
+
+    with pytest.raises(OSError, match="the terminal is gone"):
+        launch(directory, directory.read()[1], Launcher(name="basic", overrides=()), look)
+    assert wait_until(lambda: not processes_of(directory.path)), processes_of(directory.path)
+    assert status_of(directory, directory.read()[1][0]).standing is not Standing.finished
+
+
+def test_launcher_that_fails_is_told_with_its_reason(assigned: Assignment) -> None:
+    """What it said last is the message."""
+    directory = SweepDirectory(Path(assigned.sweep))
+    with pytest.raises(RunError, match=r"hydra/launcher=nowhere failed: .*Could not find 'hydra/launcher/nowhere'"):
+        launch(directory, directory.read()[1], Launcher(name="nowhere", overrides=()), lambda: None)
 
 
 def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,6 +216,32 @@ def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tm
     out, errors = again.communicate()
     assert again.returncode == 0, errors
     assert "2 jobs: 2 finished" in out
+    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+
+
+def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> None:
+    """Each search says that it was interrupted, which it cannot where a launcher's processes end before."""
+    terminal, end = pty.openpty()
+    settings = [*SWEEP, "search.generations=99", "hydra.launcher.n_jobs=2"]
+    sweep = subprocess.Popen(
+        [sys.executable, "-P", "-m", "tacevo.app", "search", "-m", *settings, "--into", "all"],
+        cwd=tmp_path,
+        stdin=end,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=partial(fcntl.ioctl, 0, termios.TIOCSCTTY, 0),  # noqa: PLW1509  # takes no lock, and imports nothing
+    )
+    assert comes(sweep, lambda: has_begun(tmp_path, NONE) and has_begun(tmp_path, FIXED))
+    os.write(terminal, b"\x03")
+    _, errors = sweep.communicate()
+    os.close(terminal)
+    os.close(end)
+    assert sweep.returncode == 130, errors
+    assert "Traceback" not in errors
+    for name in (NONE, FIXED):
+        assert "interrupted; what was computed is kept" in SweepDirectory(tmp_path / "all").log(name).read_text()
     assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
 
 
