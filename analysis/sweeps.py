@@ -81,13 +81,12 @@ def load_sweep(path: Path) -> Sweep:
 def _absence(directory: SweepDirectory, job: Job) -> str | None:
     """Say why a job has no result; None where it has one."""
     run = directory.run(job)
-    begun = (run.path / "run.json").exists()
-    if begun and run.read_run().get("digest") is not None:
+    if run.finished_digest() is not None:
         return None
     failure = directory.failure(job)
     if failure is not None:
         return f"failed: {failure}"
-    return "not finished" if begun else "not begun"
+    return "not finished" if (run.path / "run.json").exists() else "not begun"
 
 
 def _load(directory: SweepDirectory, job: Job) -> Finished:

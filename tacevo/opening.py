@@ -189,12 +189,9 @@ def _insist_on_finished(directory: SweepDirectory) -> None:
     """
     unfinished = []
     for job in directory.read()[1]:
-        reason = directory.failure(job)
-        run = directory.run(job)
-        if reason is not None:
-            unfinished.append(f"{job.name} (failed: {reason})")
-        elif not (run.path / "run.json").exists() or run.read_run().get("digest") is None:
-            unfinished.append(job.name)
+        if directory.run(job).finished_digest() is None:
+            reason = directory.failure(job)
+            unfinished.append(job.name if reason is None else f"{job.name} (failed: {reason})")
     if unfinished:
         raise RunError(
             f"jobs of {directory.path} are not finished: {', '.join(unfinished)}; the `tacevo search -m` command that "

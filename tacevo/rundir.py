@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 import platform
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -35,6 +36,9 @@ _ENDINGS = {".py", ".rejected.txt"}
 
 #: What the ledger's hash of the prompt archive covers of a trial.
 _TRIAL = ("prompt", "temperature", "inserted", "curiosity")
+
+#: How often a lock that somebody holds is tried again, and after how many seconds each.
+_PATIENCE, _PAUSE = 20, 0.05
 
 #: Packages whose version may change a result or a number's meaning.
 PACKAGES = (
@@ -144,6 +148,22 @@ class RunDirectory:
     def read_ledger(self) -> tuple[dict[str, Json], ...]:
         """Read the ledger, checked (`tacevo.ledger.read_ledger`)."""
         return read_ledger(self.ledger)
+
+    def finished_digest(self) -> str | None:
+        """Give the digest of a finished run; None where none was begun here, or the run did not come to its end.
+
+        A run is finished where run.json has the digest that the ledger ends with, whoever brought it there.
+
+        Raises:
+            RunError: something of it was damaged or edited.
+        """
+        if not (self.path / "run.json").exists():
+            return None
+        digest = self.read_run().get("digest")
+        if digest is None:
+            return None
+        lines = self.read_ledger()
+        return str(digest) if lines and lines[-1]["hash"] == digest else None
 
     def read_finished(self) -> tuple[dict[str, Json], ...]:
         """Read the ledger of a finished run.
@@ -312,13 +332,26 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
     except OSError as error:
         raise RunError(f"{setting}={folder} cannot be used: {error}") from error
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _take(handle)
     except BlockingIOError as error:
         raise RunError(f"another process is running in {folder}; wait for it, or choose another {setting}") from error
     else:
         yield
     finally:
         os.close(handle)
+
+
+def _take(handle: int) -> None:
+    """Lock a file, waiting a little: who only looks whether it is locked (`RunDirectory.is_busy`) holds it so long.
+
+    Raises:
+        BlockingIOError: somebody holds it all the while.
+    """
+    for _ in range(_PATIENCE):
+        with contextlib.suppress(BlockingIOError):
+            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        time.sleep(_PAUSE)
+    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _is_recorded(occupants: Sequence[tuple[int, Json]], recorded: str) -> bool:

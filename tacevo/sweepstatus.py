@@ -85,15 +85,14 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> st
     """
     if not lines:
         return ""
-    recorded = run.read_run()
     with run.believed():
-        config, digest = from_plain(recorded["config"]), recorded["digest"]
+        config = from_plain(run.read_run()["config"])
     if config_hash(config) != job.config:
         raise RunError(
             f"{run.path} holds the run of another configuration than the sweep's {job.name}; move that folder away, or "
             "choose another --into"
         )
-    return str(digest) if digest == lines[-1]["hash"] else ""
+    return run.finished_digest() or ""
 
 
 def describe(statuses: Sequence[Status]) -> str:

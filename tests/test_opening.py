@@ -5,10 +5,14 @@ from pathlib import Path
 
 import pytest
 from bundles import members_of, resealed
+from sweeps import SHARED, begin
 
 from tacevo.app import main
 from tacevo.errors import BundleError, DivergenceError, RunError
-from tacevo.opening import Opened, insist_on_walls, opened, private_folder
+from tacevo.opening import Opened, insist_on_walls, located, opened, private_folder
+from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.sweeping import plan
+from tacevo.sweepstatus import Standing, status_of
 
 
 def test_folder_is_opened_where_it_lies(published: Path) -> None:
@@ -34,6 +38,35 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "missing"):
         with pytest.raises(RunError, match=r"is not the folder of a run: it has no run\.json"), opened(path):
             pass
+
+
+@pytest.fixture
+def swept(tmp_path: Path) -> tuple[SweepDirectory, Job]:
+    """Give a sweep of one job, finished, whose failure of an earlier time still stands there."""
+    directory = SweepDirectory(tmp_path / "sweep")
+    job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
+    begin(directory, job)
+    directory.fail(job, "the disk is full")
+    directory.write(SHARED, [job])
+    return directory, job
+
+
+def test_finished_job_is_finished_whatever_failed_before(swept: tuple[SweepDirectory, Job]) -> None:
+    """Its watchman may have been killed, or somebody finished it by hand; every reader of sweeps agrees."""
+    directory, job = swept
+    assert located(directory.path).jobs == ("none-seed0",)
+    assert status_of(directory, job).standing is Standing.finished
+
+
+def test_job_whose_ledger_lost_its_end_is_not_finished(swept: tuple[SweepDirectory, Job]) -> None:
+    """A digest alone finishes nothing."""
+    directory, job = swept
+    ledger = directory.run(job).ledger
+    ledger.write_bytes(b"".join(ledger.read_bytes().splitlines(keepends=True)[:-1]))
+    with pytest.raises(
+        RunError, match=r"not finished: none-seed0 \(failed: the disk is full\); the `tacevo search -m`"
+    ):
+        located(directory.path)
 
 
 def fail_within(place: Path, error: type[BaseException], made: list[Path]) -> None:

@@ -1,9 +1,11 @@
 """Promise: a run directory belongs to one process at a time, is written whole, and is refused where it is damaged."""
 
+import fcntl
 import hashlib
 import json
 import subprocess
 import sys
+import threading
 from datetime import datetime
 from pathlib import Path
 
@@ -43,6 +45,18 @@ def test_lock_makes_the_folder_and_excludes_others(directory: RunDirectory) -> N
             pass
     with directory.locked():
         pass
+
+
+def test_who_looks_for_a_moment_keeps_nobody_out(directory: RunDirectory) -> None:
+    """To see whether a directory is held takes a lock itself, and a run that begins just then waits for its end."""
+    directory.path.mkdir(parents=True)
+    with (directory.path / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        end = threading.Timer(0.2, fcntl.flock, (lock, fcntl.LOCK_UN))
+        end.start()
+        with directory.locked():
+            assert directory.is_busy
+        end.join()
 
 
 def test_killed_process_lets_go_of_the_lock(directory: RunDirectory) -> None:

@@ -125,8 +125,8 @@ def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: 
     jobs = directory.read()[1]
     directory.fail(jobs[0], "the disk is full")
     shutil.rmtree(directory.run(jobs[1]).path)
-    run = directory.run(jobs[2])
-    run.write_json("run.json", {**run.read_run(), "digest": None})
+    for run in (directory.run(jobs[0]), directory.run(jobs[2])):
+        run.write_json("run.json", {**run.read_run(), "digest": None})
     for command in (["publish", str(directory.path), "-o", str(tmp_path / "x.zip")], ["replay", str(directory.path)]):
         assert main(command) == 2
         words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; the `tacevo search -m`"

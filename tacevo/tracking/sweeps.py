@@ -90,6 +90,6 @@ def leave_sweep(client: MlflowClient, experiment: str, member: Membership) -> No
 
 def _is_finished(directory: SweepDirectory, job: Job) -> bool:
     try:
-        return directory.run(job).read_run().get("digest") is not None
-    except RunError:  # not begun yet, or damaged
+        return directory.run(job).finished_digest() is not None
+    except RunError:  # damaged
         return False
