@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.anonymity import published_overrides
 from tacevo.composition import compose, load_task, spread
 from tacevo.config import RunConfig
 from tacevo.errors import ConfigError, RunError
@@ -68,7 +69,7 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Laun
     """
     launcher, settings = split_launcher(overrides)
     require_launcher(launcher)
-    shared, varied = part(settings)
+    shared, varied = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
     planned = plan(shared, varied)
     for entry in planned:
         require_means(entry.config)
@@ -78,9 +79,12 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Laun
     jobs = [entry.job for entry in planned]
     with directory.locked():
         before = directory.read()[1] if directory.is_one else ()
-        _require_one_sweep(directory, shared, before)
+        _require_one_sweep(directory, shared, [job for job in before if job not in jobs])
         jobs = list(_known(jobs, before, directory))
         statuses = [_checked(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
+        for status in statuses:
+            if status.standing is Standing.finished:
+                directory.succeed(status.job)  # it may have been finished by hand, or its watchman killed
         directory.write(shared, [*before, *(job for job in jobs if job not in before)])
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         _run(directory, statuses, planned, launcher=launcher, view=view, run=run)
@@ -111,8 +115,12 @@ def _run(
         lookout.look()
 
 
-def part(settings: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """Part what all jobs share from what tells them apart.
+
+    Args:
+        settings: as the user wrote them.
+        own: keys that tell jobs apart even where they have one value here.
 
     Returns:
         The shared overrides, and those of each job.
@@ -120,23 +128,51 @@ def part(settings: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, ...
     Raises:
         ConfigError: an override cannot be read, or has no place in a sweep.
     """
-    shared, own = [], []
+    shared, varied = [], []
     for written, values in zip(settings, spread(settings), strict=True):
-        key, _, value = written.partition("=")
-        if key == "run.dir":
-            raise ConfigError(
-                f"each job of a sweep has a folder of its own in that of the sweep (--into); got {written!r}"
-            )
-        if without_password(value.strip("'\"")) != value.strip("'\""):
-            raise ConfigError(
-                f"sweep.json keeps what jobs share, and {key} may hold a password; give it to the "
-                "environment, as in MLFLOW_TRACKING_PASSWORD or PGPASSWORD"
-            )
-        if len(values) > 1 or key in _OWN:
-            own.append(values)
+        key = written.partition("=")[0]
+        _require_place(key, written, values)
+        if len(values) > 1 or key in own:
+            varied.append(values)
         else:
             shared.append(written)
-    return tuple(shared), tuple(itertools.product(*own))
+    return tuple(shared), tuple(itertools.product(*varied))
+
+
+def _require_place(key: str, written: str, values: Sequence[str]) -> None:
+    """Refuse what sweep.json must not keep, or what would not be found in it when the sweep is published.
+
+    Args:
+        key: what is set.
+        written: the override.
+        values: all that it stands for, each as an override of its own.
+
+    Raises:
+        ConfigError: it has no place in a sweep.
+    """
+    value = written.partition("=")[2].strip("'\"")
+    if key == "run.dir":
+        raise ConfigError(f"each job of a sweep has a folder of its own in that of the sweep (--into); got {written!r}")
+    if without_password(value) != value:
+        raise ConfigError(
+            f"sweep.json keeps what jobs share, and {key} may hold a password; give it to the environment, as in "
+            "MLFLOW_TRACKING_PASSWORD or PGPASSWORD"
+        )
+    if any(one.partition("=")[2].lstrip().startswith("{") for one in values):
+        raise ConfigError(
+            f"a sweep takes each setting by its own name; write {key}.NAME=VALUE in place of {key}={{...}}"
+        )
+    if "${" in written:
+        raise ConfigError(
+            f"{key} holds ${{...}}, which may stand for something else when the sweep goes on elsewhere; write the "
+            "value itself"
+        )
+
+
+def _own_keys(directory: SweepDirectory) -> frozenset[str]:
+    """List what tells the jobs of a sweep apart that stands in a folder already."""
+    jobs = directory.read()[1] if directory.is_one else ()
+    return frozenset(override.partition("=")[0] for job in jobs for override in job.overrides)
 
 
 def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Planned, ...]:
@@ -156,7 +192,7 @@ def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Plan
         except ConfigError as error:
             raise ConfigError(f"{' '.join(own)}: {error}" if own else str(error)) from error
         arm = name_arm(own)
-        job = Job(name=name_job(arm, config.seed), arm=arm, seed=config.seed, overrides=own, config=config_hash(config))
+        job = Job(name=name_job(own, config.seed), arm=arm, seed=config.seed, overrides=own, config=config_hash(config))
         planned.setdefault(job.config, Planned(job=job, config=config))
     names: dict[str, Job] = {}
     for entry in planned.values():
@@ -167,10 +203,14 @@ def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Plan
     return tuple(planned.values())
 
 
-def name_job(arm: str, seed: int) -> str:
-    """Name a job's folder: the arm, as far as a folder can be called that, and the seed."""
-    plain = re.sub(r"[^A-Za-z0-9_.]+", "-", arm).strip("-.")
-    whole = re.fullmatch(r"[A-Za-z0-9_.= ]+", arm) and len(plain) <= _LONGEST
+def name_job(own: Sequence[str], seed: int) -> str:
+    """Name a job's folder: the arm, as far as a folder can be called that, and the seed.
+
+    What belongs to one machine is left out, such as a path but for its last part: the name is published with the sweep.
+    """
+    arm, shown = name_arm(own), name_arm(published_overrides(own))
+    plain = re.sub(r"[^A-Za-z0-9_.]+", "-", shown).strip("-.")
+    whole = shown == arm and re.fullmatch(r"[A-Za-z0-9_.= ]+", arm) and len(plain) <= _LONGEST
     told = plain if whole else f"{plain[:_LONGEST]}-{hashlib.sha256(arm.encode()).hexdigest()[:8]}"
     return f"{told}-seed{seed}"
 
@@ -197,8 +237,14 @@ def folder(shared: Sequence[str], config: RunConfig) -> Path:
 
 
 def _require_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: Sequence[Job]) -> None:
-    """Refuse shared overrides under which the jobs that stand in a sweep would be others."""
-    for job in before[:1]:
+    """Refuse shared overrides under which jobs that stand in a sweep would be others.
+
+    Args:
+        directory: the sweep's.
+        shared: overrides of all jobs, now.
+        before: jobs of earlier commands, all of them: what is shared may be overridden by the arm of any one.
+    """
+    for job in before:
         try:
             same = config_hash(compose([*shared, *job.overrides])) == job.config
         except ConfigError:

@@ -43,6 +43,12 @@ def test_several_values_tell_jobs_apart() -> None:
         ("search.generations=interval(1,5)", "needs values that can be counted"),
         ("seed=range(3,3)", "stands for none"),
         ("seed=1,", "cannot be read"),
+        ("store={root:/home/a/x}", r"write store\.NAME=VALUE in place of store=\{\.\.\.\}"),
+        ("run={dir:mine}", r"write run\.NAME=VALUE"),
+        ("tracking={uri:'postgresql://me:hunter2@host/db'}", "tracking"),
+        ("store={root:a},{root:b}", r"write store\.NAME=VALUE"),
+        ("store=choice({root:a})", r"write store\.NAME=VALUE"),
+        ("data.root=${oc.env:HOME}/x", r"data\.root holds \$\{\.\.\.\}, .* write the value itself"),
         ("hydra.sweep.dir=mine", "Hydra's own settings have no effect here"),
         ("+seed=1,2", "none can be added or removed"),
     ],
@@ -66,15 +72,42 @@ def test_what_no_sweep_takes_is_refused(setting: str, message: str) -> None:
 def test_arm_is_what_is_compared(own: tuple[str, ...], arm: str, name: str) -> None:
     """The ablation, and whatever else is varied but the seed, in a form that a folder can be called."""
     assert name_arm(own) == arm
-    assert name_job(arm, 3) == name
+    assert name_job(own, 3) == name
 
 
 def test_no_value_leads_out_of_the_sweep() -> None:
     """Characters that no folder should have are replaced, and what was replaced still tells arms apart."""
-    names = {name_job(arm, 0) for arm in ("data.root=../a", "data.root=../b", "data.root=..-a", "x" * 500, "x" * 501)}
+    arms = (
+        "task.system=../a",
+        "task.system=../b",
+        "task.system=..-a",
+        f"ablation={'x' * 500}",
+        f"ablation={'x' * 501}",
+    )
+    names = {name_job([arm], 0) for arm in arms}
 
     assert len(names) == 5
     assert all("/" not in name and len(name) < 120 for name in names)
+
+
+def test_no_job_is_called_after_a_folder_of_this_machine() -> None:
+    """Names of jobs are published: a path gives its last part, and two that share it are still two."""
+    names = [name_job([f"data.root=/home/{user}/force", "ablation=none"], 0) for user in ("ada", "bob")]
+
+    assert len(set(names)) == 2
+    assert all(
+        name.startswith("none-data.root-force-") and not {"home", "ada", "bob"} & {*name.split("-")} for name in names
+    )
+
+
+def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
+    """A list of all but the one that needs an LLM can be composed."""
+    shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"])
+
+    assert len(plan(shared, varied)) == len(varied) > 10
+    assert (
+        "'ablation=glob(*,exclude=llm_vs_grammar)'" in Path(__file__).parents[1].joinpath("docs/sweeps.md").read_text()
+    )
 
 
 def test_mistake_in_any_job_is_told_before_one_runs(place: Path) -> None:
@@ -173,6 +206,35 @@ def test_other_shared_settings_are_another_sweep(place: Path) -> None:
         sweep([*SHARED, "search.candidates=3", "seed=1"], "all", Heard(), Launched())
     sweep([*SHARED, "executor.workers=1", "seed=1"], "all", Heard(), Launched())
     assert SweepDirectory(place / "all").read()[0][-1] == "executor.workers=1"
+
+
+def test_shared_settings_are_held_against_every_job(place: Path) -> None:
+    """An arm may override what differs, and would hide that another arm's jobs are others now."""
+    sweep([*SHARED, "ablation=no_prompt_archive,none", "seed=0"], "all", Heard(), Launched())
+    with pytest.raises(RunError, match=r"none-seed0 would be another search under .*prompts=curiosity"):
+        sweep([*SHARED, "prompts=curiosity", "ablation=none", "seed=1"], "all", Heard(), launched := Launched())
+    assert not launched.calls
+
+
+def test_what_told_jobs_apart_once_tells_them_apart_again(place: Path) -> None:
+    """One value of a setting that was varied before is not shared: its job would have the arm of another."""
+    sweep([*SHARED, "temperature=paper,stall", "seed=0"], "all", Heard(), Launched())
+    asked = sweep([*SHARED, "temperature=stall", "seed=0,1"], "all", Heard(), launched := Launched())
+
+    assert launched.calls == [["temperature-stall-seed1"]]
+    assert {status.job.arm for status in asked.statuses} == {"temperature=stall"}
+
+
+def test_finished_job_has_not_failed_whatever_was_written_before(place: Path) -> None:
+    """A job that was finished by hand, or whose watchman was killed, loses the reason of its failure."""
+    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+    directory = SweepDirectory(place / "all")
+    job = directory.read()[1][0]
+    directory.fail(job, "the disk is full")
+    sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
+
+    assert not launched.calls
+    assert directory.failure(job) is None
 
 
 def test_folder_of_another_run_is_named(place: Path) -> None:
