@@ -3,7 +3,8 @@
 sweep.json            the overrides that all jobs share, and the jobs
 NAME/                 the run directory of a job (tacevo.rundir)
 failed/NAME.json      why a job came to nothing, until it is given again and succeeds
-launch/               what launching leaves behind: the last output of each job (NAME.log), and Hydra's own files
+launch/               what launching leaves behind: the last output of each job (NAME.log) and of the launcher
+                      (launcher.log), and Hydra's own files
 """
 
 import contextlib
