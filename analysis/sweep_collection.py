@@ -15,7 +15,7 @@ from analysis.figures.ablations import curves, final_values
 from analysis.gallery import Picture
 from analysis.loading import Run
 from analysis.sweep_checks import check_sweep
-from analysis.sweeps import REFERENCE, Finished, Sweep, load_sweep
+from analysis.sweeps import REFERENCE, Finished, HashOf, Sweep, load_sweep
 from analysis.tables import Table
 from analysis.tessellation import load_niches
 from tacevo.errors import RunError
@@ -31,18 +31,19 @@ class SweepCollection:
     niches_of: str
 
 
-def collect_sweep(path: Path, store: Path | None = None) -> SweepCollection:
+def collect_sweep(path: Path, store: Path | None, hash_of: HashOf) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
         path: the folder of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
+        hash_of: as `analysis.sweeps.load_sweep` takes it.
 
     Raises:
         RunError: this is no sweep with a finished job, its jobs are no comparison, one of them was edited, or none has
             niches over both descriptors.
     """
-    sweep = load_sweep(path)
+    sweep = load_sweep(path, hash_of)
     check_sweep(sweep)
     measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks)
     common = common_archive([one.run for one in sweep.finished], measure.run, centroids)
