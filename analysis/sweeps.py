@@ -47,11 +47,6 @@ class Sweep:
     missing: tuple[Missing, ...]
 
     @property
-    def name(self) -> str:
-        """The name of its folder."""
-        return self.path.resolve().name
-
-    @property
     def task(self) -> str:
         """The task's name."""
         return self.finished[0].run.task

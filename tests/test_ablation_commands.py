@@ -71,7 +71,7 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     pictures = {"ablation_curves_force.pdf", "ablation_finals_force.pdf"}
     assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | pictures
     assert all(written[f"{name}.md"].decode() in told.out for name in tables)
-    assert "ablation_curves_force.pdf: The arms of sweep by generation: median over seeds, band between" in told.out
+    assert "ablation_curves_force.pdf: The arms by generation: median over seeds, band between" in told.out
     assert told.out.endswith("tables and figures: sweep/ablations\n")
     assert told.err == ""
     assert main(["ablations", "sweep"]) == 0
