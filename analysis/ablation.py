@@ -16,7 +16,7 @@ from analysis.common_archive import CommonArchive, Filled, filled
 from analysis.dynamics import improvement
 from analysis.effects import Effects, Interval, effects, median
 from analysis.loading import Run
-from analysis.statistics import MannWhitney, holm, mann_whitney
+from analysis.statistics import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.sweeps import REFERENCE, Finished
 from tacevo.costs import Spending, total
 from tacevo.digits import rounded
@@ -66,11 +66,11 @@ class Outcome:
     filled: tuple[Filled, ...]
 
 
-class Standing(StrEnum):
-    """What became of a test."""
+class Comparability(StrEnum):
+    """Whether there is anything to test between two arms; the values are what a table says."""
 
-    tested = "tested"
-    #: Two or more shared seeds, each with one value in both arms; or one value in all runs: there is nothing to test.
+    comparable = "comparable"
+    #: The same seeds, two at least, each with one value in both arms; or one value in all runs of both.
     identical = "identical"
     #: One of both arms has values of fewer than two seeds.
     too_few_seeds = "too few seeds"
@@ -92,11 +92,11 @@ class Paired:
 class Contrast:
     """An arm against the reference in one metric."""
 
-    standing: Standing
+    comparability: Comparability
     paired: Paired
-    #: These are None unless the standing is `tested`.
+    #: These are None unless the arms are `comparable`.
     test: MannWhitney | None
-    #: After Holm's correction over all arms that have a test or are identical.
+    #: After Holm's correction over all arms but those of too few seeds.
     p_holm: float | None
     effects: Effects | None
     cautions: tuple[Caution, ...]
@@ -154,7 +154,8 @@ def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
 
     Args:
         outcomes: of all finished runs, each seed of an arm once.
-        seed: of the bootstrap. Each arm and metric has a stream of its own, so another arm changes no interval.
+        seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
+            whatever other arms there are.
     """
     names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != REFERENCE)
     summaries = {metric: _summaries(metric, names, outcomes, seed) for metric in Metric}
@@ -209,7 +210,7 @@ def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome]
         name: Summary(
             values=sample,
             median=rounded(float(np.median(list(sample.values())))) if sample else None,
-            interval=_interval(list(sample.values()), seed, "median", name, metric.name),
+            interval=_interval(list(sample.values())),
             contrast=contrasts.get(name),
         )
         for name, sample in samples.items()
@@ -227,50 +228,51 @@ def _contrasts(
 ) -> dict[str, Contrast]:
     """Compare the samples of all other arms with the reference's, by seed both, and correct the family's p-values.
 
-    An identical arm counts in the family with p = 1, so that no arm's p hangs on how another one turned out.
+    An identical arm counts in the family with p = 1, so that the family's size does not hang on the values.
     """
-    standings = {name: _standing(sample, reference) for name, sample in samples.items()}
-    family = [name for name, standing in standings.items() if standing is not Standing.too_few_seeds]
+    kinds = {name: _comparability(sample, reference) for name, sample in samples.items()}
+    family = [name for name, kind in kinds.items() if kind is not Comparability.too_few_seeds]
     pairs = {name: (list(samples[name].values()), list(reference.values())) for name in family}
-    tests = {name: mann_whitney(*pairs[name]) for name in family if standings[name] is Standing.tested}
-    corrected = holm([tests[name].p if name in tests else 1.0 for name in family]) if family else ()
-    p_holm = dict(zip(family, corrected, strict=True))
+    tests = {name: mann_whitney(*pairs[name]) for name in family if kinds[name] is Comparability.comparable}
+    p_holm = _corrected({name: tests[name].p if name in tests else 1.0 for name in family})
+    least = _corrected({name: smallest_p(len(samples[name]), len(reference)) for name in family})
     return {
         name: Contrast(
-            standing=standing,
-            paired=_paired(metric, samples[name], reference, stream(seed, "paired", name, metric.name)),
+            comparability=kind,
+            paired=_paired(metric, samples[name], reference),
             test=tests.get(name),
             p_holm=p_holm[name] if name in tests else None,
             effects=effects(*pairs[name], rng=stream(seed, "effects", name, metric.name)) if name in tests else None,
-            cautions=cautions(*pairs[name], alpha=ALPHA / len(family)) if name in tests else (),
+            cautions=cautions(*pairs[name], least_p=least[name], alpha=ALPHA) if name in tests else (),
         )
-        for name, standing in standings.items()
+        for name, kind in kinds.items()
     }
 
 
-def _standing(sample: Mapping[int, float], reference: Mapping[int, float]) -> Standing:
-    """Say whether a sample can be tested against the reference's."""
+def _corrected(p_values: Mapping[str, float]) -> dict[str, float]:
+    """Correct p-values by arm after Holm; of none there are none."""
+    return dict(zip(p_values, holm(list(p_values.values())), strict=True)) if p_values else {}
+
+
+def _comparability(sample: Mapping[int, float], reference: Mapping[int, float]) -> Comparability:
+    """Say whether a sample can be tested against the reference's, by seed both."""
     if min(len(sample), len(reference)) < FEWEST_SEEDS:
-        return Standing.too_few_seeds
-    shared = sample.keys() & reference.keys()
-    alike = len(shared) >= FEWEST_SEEDS and all(sample[seed] == reference[seed] for seed in shared)
+        return Comparability.too_few_seeds
     constant = len({*sample.values(), *reference.values()}) == 1
-    return Standing.identical if alike or constant else Standing.tested
+    return Comparability.identical if constant or dict(sample) == dict(reference) else Comparability.comparable
 
 
-def _paired(
-    metric: Metric, sample: Mapping[int, float], reference: Mapping[int, float], rng: np.random.Generator
-) -> Paired:
+def _paired(metric: Metric, sample: Mapping[int, float], reference: Mapping[int, float]) -> Paired:
     differences = [sample[seed] - reference[seed] for seed in sorted(sample.keys() & reference.keys())]
     lower, higher = sum(value < 0 for value in differences), sum(value > 0 for value in differences)
     better, worse = (lower, higher) if metric in LESS_IS_BETTER else (higher, lower)
     return Paired(
-        difference=median(differences, rng=rng) if len(differences) >= FEWEST_SEEDS else None,
+        difference=_interval(differences),
         better=better,
         equal=len(differences) - better - worse,
         worse=worse,
     )
 
 
-def _interval(values: Sequence[float], seed: int, *name: str) -> Interval | None:
-    return median(values, rng=stream(seed, *name)) if len(values) >= FEWEST_SEEDS else None
+def _interval(values: Sequence[float]) -> Interval | None:
+    return median(values) if len(values) >= FEWEST_SEEDS else None

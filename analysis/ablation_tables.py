@@ -1,9 +1,20 @@
 """The tables of a sweep: all arms in all metrics, each metric against the reference, and every run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from analysis.ablation import ALPHA, FEWEST_SEEDS, FRACTIONS, LESS_IS_BETTER, Ablation, Arm, Contrast, Metric, Standing
-from analysis.effects import LEVEL, RESAMPLES, Interval
+from analysis.ablation import (
+    ALPHA,
+    FEWEST_SEEDS,
+    FRACTIONS,
+    LESS_IS_BETTER,
+    Ablation,
+    Arm,
+    Comparability,
+    Contrast,
+    Metric,
+)
+from analysis.common_archive import Extent
+from analysis.effects import LEVEL, RESAMPLES, Interval, median_confidence
 from analysis.rounding import shown
 from analysis.sweeps import REFERENCE, Missing, Sweep
 from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
@@ -28,28 +39,28 @@ _MEANINGS = {
 }
 
 
-def ablation_tables(sweep: Sweep, found: Ablation, niches_of: str) -> tuple[Table, ...]:
+def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table, ...]:
     """Give all tables of a sweep.
 
     Args:
         sweep: what was compared, and what is missing of it.
         found: what `analysis.ablation.compare_arms` says of it.
-        niches_of: name of the job whose niches the common archive has.
+        archive: what is to be said of the common archive.
     """
-    metrics = (metric_table(sweep, found, metric, niches_of) for metric in Metric)
-    return arms_table(sweep, found, niches_of), *metrics, runs_table(sweep, found, niches_of)
+    metrics = (metric_table(sweep, found, metric, archive) for metric in Metric)
+    return arms_table(sweep, found, archive), *metrics, runs_table(sweep, found, archive)
 
 
-def arms_table(sweep: Sweep, found: Ablation, niches_of: str) -> Table:
+def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     return Table(
         name=f"ablation_{sweep.task}",
-        caption=f"The arms of {sweep.name} ({sweep.task}).",
+        caption=f"The arms ({sweep.task}).",
         columns=("arm", "seeds", *(metric.value for metric in Metric)),
         rows=tuple((arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in Metric)) for arm in found.arms),
         notes=(
-            _median_note(found),
-            common_note(niches_of),
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in Metric]),
+            archive,
             *(f"{metric.value}: {_lower_first(words)}" for metric, words in _MEANINGS.items()),
             *_reference_note(found),
             *_missing_note(sweep.missing),
@@ -57,13 +68,13 @@ def arms_table(sweep: Sweep, found: Ablation, niches_of: str) -> Table:
     )
 
 
-def metric_table(sweep: Sweep, found: Ablation, metric: Metric, niches_of: str) -> Table:
+def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:
     """Show every arm in one metric, and how it differs from the reference."""
     unit = " (percentage points)" if metric in FRACTIONS else ""
     counts = ("better", "equal", "worse")
     return Table(
         name=f"ablation_{metric.name}_{sweep.task}",
-        caption=f"The arms of {sweep.name} ({sweep.task}): {metric.value}.",
+        caption=f"The arms ({sweep.task}): {metric.value}.",
         columns=(
             *("arm", "seeds", "median", *_TESTED),
             *(f"difference of medians{unit}", f"median difference by seed{unit}"),
@@ -72,9 +83,9 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, niches_of: str) 
         rows=tuple(_row(arm, metric) for arm in found.arms),
         notes=(
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
-            *([common_note(niches_of)] if metric in {Metric.qd_score, Metric.coverage} else []),
+            *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
-            _median_note(found),
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms]),
             *_test_notes(found, metric),
             *_reference_note(found),
             *_missing_note(sweep.missing),
@@ -82,17 +93,17 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, niches_of: str) 
     )
 
 
-def runs_table(sweep: Sweep, found: Ablation, niches_of: str) -> Table:
+def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     """Show every run in every metric."""
     return Table(
         name=f"ablation_runs_{sweep.task}",
-        caption=f"The runs of {sweep.name} ({sweep.task}).",
+        caption=f"The runs ({sweep.task}).",
         columns=("run", "arm", "seed", *(metric.value for metric in Metric)),
         rows=tuple(
             (one.job, one.arm, one.seed, *(_value(metric, one.values[metric]) for metric in Metric))
             for one in found.outcomes
         ),
-        notes=(common_note(niches_of), *_missing_note(sweep.missing)),
+        notes=(archive, *_missing_note(sweep.missing)),
     )
 
 
@@ -102,6 +113,26 @@ def common_note(niches_of: str) -> str:
         "QD-score and coverage are those of one common archive: every trained candidate of a run, in order, in the "
         f"niches of {niches_of} under bounds common to all runs. They are not those of a run's own ledger."
     )
+
+
+def extents_note(extents: Sequence[Extent]) -> str:
+    """Say who decided the bounds of the common archive, and how close together they leave the candidates."""
+    told = (
+        f"{one.axis} from {_end(one.low, one.lowest)} to {_end(one.high, one.highest)}, with "
+        f"{shown(Percent(one.fullest))} of all candidates in the fullest tenth"
+        for one in extents
+    )
+    return (
+        f"Its bounds: {'; '.join(told)}. A single candidate may decide a bound, and with it how many niches all fill."
+    )
+
+
+def _end(value: float, candidates: Sequence[str]) -> str:
+    """Write a bound with the candidates that it is due to, or that it was fixed."""
+    if not candidates:
+        return f"{shown(value)} (fixed)"
+    more = f" and {len(candidates) - 1} more" if len(candidates) > 1 else ""
+    return f"{shown(value)} ({candidates[0]}{more})"
 
 
 def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
@@ -120,7 +151,7 @@ def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
     differences: tuple[Cell, ...] = (_difference(metric, paired.difference), paired.better, paired.equal, paired.worse)
     test, p_holm, effects = contrast.test, contrast.p_holm, contrast.effects
     if test is None or p_holm is None or effects is None:
-        word = contrast.standing.value
+        word = contrast.comparability.value
         return (None, word, None, None, None, None, None, *differences)
     return (
         int(test.u) if test.u.is_integer() else test.u,
@@ -157,23 +188,22 @@ def _between(interval: Interval, factor: int = 1) -> Between:
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
 
-def _median_note(found: Ablation) -> str:
-    few = [arm.name for arm in found.arms if len(arm.seeds) < FEWEST_SEEDS]
+def _median_note(counts: Collection[int]) -> str:
+    """Say what the intervals of medians are, by the numbers of values that there are."""
     words = (
-        f"Median over seeds; in brackets {100 * LEVEL:g} % percentile intervals of {RESAMPLES:,} bootstrap resamples "
-        f"of the seeds.{_range_note(found)}"
+        "Median over the seeds whose value is known; in brackets two of their values, equally far from either end. The "
+        f"median of all seeds lies between them with a chance of {100 * LEVEL:g} % at least"
     )
-    return f"{words} No interval and no test with fewer than {FEWEST_SEEDS} seeds: {listed(few)}." if few else words
-
-
-def _range_note(found: Ablation) -> str:
-    """Say what the interval of few seeds can be trusted with: each lies above the median with a chance of a half."""
-    fewest = min((len(arm.seeds) for arm in found.arms if len(arm.seeds) >= FEWEST_SEEDS), default=None)
-    if fewest is None or (chance := 1 - 2.0 ** (1 - fewest)) >= LEVEL:
-        return ""
+    weak = [n for n in sorted(set(counts), reverse=True) if n >= FEWEST_SEEDS and median_confidence(n) < LEVEL]
+    if weak:
+        words += "; of few seeds their range, with less: " + listed(
+            f"{shown(Percent(median_confidence(n)))} for {n} seeds" for n in weak
+        )
+    few = min(counts) < FEWEST_SEEDS
     return (
-        " None reaches beyond the seeds, whose range holds the median of all seeds with a chance of "
-        f"{shown(Percent(chance))} for {fewest} of them."
+        f"{words}. A single value has neither interval nor test, and where none is known the cell is empty."
+        if few
+        else f"{words}."
     )
 
 
@@ -182,18 +212,20 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     contrasts = {arm.name: contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None}
     if not contrasts:
         return []
-    family = sum(contrast.standing is not Standing.too_few_seeds for contrast in contrasts.values())
-    same = [name for name, contrast in contrasts.items() if contrast.standing is Standing.identical]
+    family = sum(contrast.comparability is not Comparability.too_few_seeds for contrast in contrasts.values())
+    same = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.identical]
     notes = [
         f"p: two-sided Mann-Whitney U of an arm's seeds against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
+        f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
+        f"resamples, whose {100 * LEVEL:g} % is approximate, and the more so the fewer seeds there are.",
         f"A12: the chance that a run of the arm has more than one of {REFERENCE}. Differences are arm less "
         f"{REFERENCE}; by seed: of the runs that share a seed, and so their streams.",
     ]
     if same:
         notes.append(
-            f"Identical: {listed(same)} and {REFERENCE} have the same values, seed by seed, so there is nothing to "
-            "test. In Holm's correction such an arm counts as p = 1."
+            f"Identical: {listed(same)}. All seeds of such an arm are those of {REFERENCE}, each with the same value, "
+            "or all runs of both have one value: there is nothing to test. In Holm's correction it counts as p = 1."
         )
     return [*notes, *_caution_notes(contrasts)]
 
@@ -217,7 +249,10 @@ def _missing_note(missing: Sequence[Missing]) -> list[str]:
     if not missing:
         return []
     names = listed(one.job.name for one in missing)
-    return [f"Missing, {counted(len(missing), 'job')}: {names}. When they are there, every value may change a little."]
+    return [
+        f"Missing, {counted(len(missing), 'job')}: {names}. When they are there, the family of Holm's correction "
+        "may be larger, and every value of the common archive another.",
+    ]
 
 
 def _lower_first(words: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.samples import Sample, checked
-from analysis.statistics import Method, mann_whitney, smallest_p
+from analysis.statistics import Method, mann_whitney
 
 #: Interquartile ranges further apart than this count as very different; equal normal spreads of 20 seeds are further
 #: apart about once in twenty.
@@ -26,13 +26,14 @@ class Caution(StrEnum):
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 
 
-def cautions(x: ArrayLike, y: ArrayLike, *, alpha: float) -> tuple[Caution, ...]:
+def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tuple[Caution, ...]:
     """List what a reader of a comparison of two samples has to beware of.
 
     Args:
         x: shape (n,), n >= 2.
         y: shape (m,), m >= 2.
-        alpha: the level that the strictest test is held to, after its correction.
+        least_p: the smallest p that so many values can reach, after its correction.
+        alpha: the level that a corrected p is held to.
 
     Raises:
         ValueError: a sample has another shape, or values that are not finite.
@@ -45,7 +46,7 @@ def cautions(x: ArrayLike, y: ArrayLike, *, alpha: float) -> tuple[Caution, ...]
         Caution.approximate: test.method is Method.normal,
         Caution.spreads: _far_apart(_spread(first), _spread(second)),
         Caution.separated: test.u in {0, len(first) * len(second)},
-        Caution.few_seeds: smallest_p(len(first), len(second)) > alpha,
+        Caution.few_seeds: least_p > alpha,
     }
     return tuple(caution for caution, holds in found.items() if holds)
 

@@ -6,14 +6,15 @@ one and the same tessellation under one and the same bounds. No search saw this 
 passive archives of quality-diversity studies do.
 """
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.loading import Candidate, Run
-from tacevo.archive import Archive, Bounds, Elite, Tessellation, coverage, insert, qd_score, quality
+from tacevo.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score, quality
 from tacevo.choices import BoundsRule, Scale
 from tacevo.descriptors import scaled
 from tacevo.digits import rounded
@@ -27,6 +28,23 @@ class CommonArchive:
     bounds: Bounds
     #: Of the Efficiency Ratio.
     scale: Scale
+    #: Whether the bounds are a setting, and no candidate's.
+    fixed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extent:
+    """What decides one axis of the common archive, and how the candidates lie along it."""
+
+    #: Name of the descriptor, as its axis has it.
+    axis: str
+    low: float
+    high: float
+    #: Candidates that have the least and the greatest value, as RUN/NAME; none where the bounds are fixed.
+    lowest: tuple[str, ...]
+    highest: tuple[str, ...]
+    #: Part of all trained candidates in the fullest of ten equal parts of the axis, in [0.1, 1].
+    fullest: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,12 +68,40 @@ def common_archive(runs: Sequence[Run], reference: Run, centroids: NDArray[np.fl
     """
     settings = reference.config["archive"]
     scale = Scale(settings["eff_ratio_scale"])
-    if settings["bounds"] == BoundsRule.fixed and reference.bounds is not None:
-        low, high = zip(*reference.bounds, strict=True)
+    given = reference.bounds if settings["bounds"] == BoundsRule.fixed else None
+    if given is not None:
+        low, high = zip(*given, strict=True)
     else:
         points = [_point(candidate, scale) for run in runs for candidate in run.candidates if candidate.trained]
         low, high = (tuple(map(end, zip(*points, strict=True))) for end in (min, max))
-    return CommonArchive(tessellation=Tessellation(centroids), bounds=Bounds(low=low, high=high), scale=scale)
+    bounds = Bounds(low=low, high=high)
+    return CommonArchive(tessellation=Tessellation(centroids), bounds=bounds, scale=scale, fixed=given is not None)
+
+
+def extents(runs: Sequence[Run], common: CommonArchive) -> tuple[Extent, ...]:
+    """Name the candidates at the bounds of the common archive, and the crowd between them.
+
+    Bounds stay those from the least to the greatest, as in the archives of the searches; no quantile has to be chosen,
+    and none hides what a search found. So one outlier can decide the coverage of all: this says which, and how much.
+    """
+    places = {
+        f"{run.name}/{one.id}": _point(one, common.scale) for run in runs for one in run.candidates if one.trained
+    }
+    names = ("architecture diversity", f"efficiency ratio ({common.scale.value})")
+    return tuple(_extent(names[axis], axis, places, common) for axis in range(2))
+
+
+def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArchive) -> Extent:
+    low, high = common.bounds.low[axis], common.bounds.high[axis]
+    tenths = Counter(min(int(10 * common.bounds.normalise(place)[axis]), 9) for place in places.values())
+    return Extent(
+        axis=name,
+        low=rounded(low),
+        high=rounded(high),
+        lowest=() if common.fixed else tuple(one for one, place in places.items() if place[axis] == low),
+        highest=() if common.fixed else tuple(one for one, place in places.items() if place[axis] == high),
+        fullest=rounded(max(tenths.values()) / len(places)),
+    )
 
 
 def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:

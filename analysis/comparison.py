@@ -16,7 +16,7 @@ from analysis.equivalence import Equivalence, equivalence
 from analysis.power import Detectable, detectable
 from analysis.results import LOWER_IS_BETTER, Study
 from analysis.samples import Sample
-from analysis.statistics import MannWhitney, holm, mann_whitney
+from analysis.statistics import MannWhitney, holm, mann_whitney, smallest_p
 from tacevo.digits import rounded
 from tacevo.errors import RunError
 from tacevo.randomness import stream
@@ -104,6 +104,7 @@ def _compared(
     tests = [mann_whitney(sample, baseline) for sample in samples]
     equivalences = [equivalence(sample, baseline, margin=margin) for sample in samples]
     differ, equal = holm([test.p for test in tests]), holm([found.p for found in equivalences])
+    least = holm([smallest_p(len(sample), len(baseline)) for sample in samples])
     return tuple(
         Comparison(
             network=network.name,
@@ -114,7 +115,7 @@ def _compared(
             equivalence=equivalences[at],
             equivalence_p_holm=equal[at],
             verdict=_verdict(a12(sample, baseline), metric, differs=differ[at] <= alpha, equals=equal[at] <= alpha),
-            cautions=cautions(sample, baseline, alpha=alpha / len(samples)),
+            cautions=cautions(sample, baseline, least_p=least[at], alpha=alpha),
         )
         for at, (network, sample) in enumerate(zip(study.networks[1:], samples, strict=True))
     )

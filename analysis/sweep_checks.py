@@ -27,7 +27,8 @@ _INDIFFERENT_LLM = frozenset(["mode", "base_url", "concurrency", "delivery", "bu
 _REMEDIES = {
     "data": "All jobs must search on the same data, with the same baseline",
     "budget": "Give all jobs the same; other budgets are a sweep of their own",
-    "versions": "Delete the folders of the older jobs, and the command that began the sweep repeats them",
+    "versions": "Delete the folders of the older jobs, and repeat the command that began the sweep with another "
+    "store.root: what the old stores recall is not computed anew, and hides the mixture",
     "archive": "Archives of one kind must have the same niches; other niches are a sweep of their own",
     "arm": "The runs of an arm may differ in their seed only; delete the folder that does not belong to it",
 }

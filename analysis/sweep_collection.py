@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.ablation import Ablation, compare_arms, outcome
-from analysis.ablation_tables import ablation_tables, common_note
-from analysis.common_archive import common_archive
+from analysis.ablation_tables import ablation_tables, common_note, extents_note
+from analysis.common_archive import Extent, common_archive, extents
 from analysis.figures.ablations import curves, final_values
 from analysis.gallery import Picture
 from analysis.loading import Run
 from analysis.sweep_checks import check_sweep
-from analysis.sweeps import REFERENCE, Finished, Sweep, load_sweep
+from analysis.sweeps import REFERENCE, Finished, HashOf, Sweep, load_sweep
 from analysis.tables import Table
 from analysis.tessellation import load_niches
 from tacevo.errors import RunError
@@ -29,25 +29,29 @@ class SweepCollection:
     found: Ablation
     #: Name of the job whose niches the common archive has.
     niches_of: str
+    #: Of the common archive, by axis.
+    extents: tuple[Extent, ...]
 
 
-def collect_sweep(path: Path, store: Path | None = None) -> SweepCollection:
+def collect_sweep(path: Path, store: Path | None, hash_of: HashOf) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
         path: the folder of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
+        hash_of: as `analysis.sweeps.load_sweep` takes it.
 
     Raises:
         RunError: this is no sweep with a finished job, its jobs are no comparison, one of them was edited, or none has
             niches over both descriptors.
     """
-    sweep = load_sweep(path)
+    sweep = load_sweep(path, hash_of)
     check_sweep(sweep)
     measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks)
-    common = common_archive([one.run for one in sweep.finished], measure.run, centroids)
+    runs = [one.run for one in sweep.finished]
+    common = common_archive(runs, measure.run, centroids)
     found = compare_arms([outcome(one, common) for one in sweep.finished])
-    return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name)
+    return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name, extents=extents(runs, common))
 
 
 def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) -> tuple[Finished, NDArray[np.float64]]:
@@ -75,7 +79,8 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
 
 def tables_of(collected: SweepCollection) -> tuple[Table, ...]:
     """Give every table of a sweep."""
-    return ablation_tables(collected.sweep, collected.found, collected.niches_of)
+    archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
+    return ablation_tables(collected.sweep, collected.found, archive)
 
 
 def pictures_of(collected: SweepCollection) -> tuple[Picture, ...]:
@@ -85,12 +90,12 @@ def pictures_of(collected: SweepCollection) -> tuple[Picture, ...]:
     return (
         Picture(
             name=f"ablation_curves_{sweep.task}",
-            caption=f"The arms of {sweep.name} by generation: median over seeds, band between the quartiles. {note}",
+            caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
             draw=partial(curves, found),
         ),
         Picture(
             name=f"ablation_finals_{sweep.task}",
-            caption=f"The arms of {sweep.name} at the end: points are seeds, boxes quartiles, whiskers all seeds, "
+            caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds, "
             f"the dotted line is the median of {REFERENCE}. {note}",
             draw=partial(final_values, found),
         ),

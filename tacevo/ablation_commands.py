@@ -6,9 +6,13 @@ What it does is imported when it runs, so that help is quick.
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tacevo.commandline import DONE, Parser, existing_store, output_folder
 from tacevo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from analysis.sweep_collection import SweepCollection
 
 
 def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
@@ -29,18 +33,13 @@ def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
 
 def _ablations(options: argparse.Namespace) -> int:
     from analysis.rendering import as_markdown
-    from analysis.sweep_collection import collect_sweep, pictures_of, tables_of
+    from analysis.sweep_collection import pictures_of, tables_of
     from analysis.writing import write_pictures, write_tables
-    from tacevo.opening import opened
 
     path, store = Path(options.sweep), existing_store(options.store)
-    if path.is_file():
-        if not options.output:
-            raise ConfigError(f"{path} is a file; say by -o where the tables and figures of a published sweep go")
-        with opened(path) as published:
-            found = collect_sweep(published.folder, published.store)
-    else:
-        found = collect_sweep(path, None if store is None else Path(store))
+    if path.is_file() and not options.output:
+        raise ConfigError(f"{path} is a file; say by -o where the tables and figures of a published sweep go")
+    found = _collected(path, None if store is None else Path(store))
     folder = output_folder(options.output or path / "ablations")
     tables = tables_of(found)
     print("\n".join(map(as_markdown, tables)))
@@ -51,3 +50,15 @@ def _ablations(options: argparse.Namespace) -> int:
         print(f"missing: {missing.job.name}: {missing.reason}", file=sys.stderr)
     print(f"tables and figures: {folder}")
     return DONE
+
+
+def _collected(path: Path, store: Path | None) -> "SweepCollection":
+    """Read a sweep from its folder or a bundle; from a bundle's own stores, unless others are named."""
+    from analysis.sweep_collection import collect_sweep
+    from tacevo.opening import opened
+    from tacevo.sweepstatus import recorded_hash
+
+    if not path.is_file():
+        return collect_sweep(path, store, recorded_hash)
+    with opened(path) as published:
+        return collect_sweep(published.folder, store or published.store, recorded_hash)

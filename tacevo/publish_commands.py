@@ -87,10 +87,11 @@ def _of_sweep(folder: Path, store: Path) -> "tuple[dict[str, bytes], tuple[Pictu
     from analysis.sweep_collection import collect_sweep, pictures_of, tables_of
     from tacevo.errors import RunError
     from tacevo.opening import located
+    from tacevo.sweepstatus import recorded_hash
 
     beside = beside_published([load_run(run) for run in located(folder).runs])
     try:
-        found = collect_sweep(folder, store)
+        found = collect_sweep(folder, store, recorded_hash)
     except RunError:  # e.g. budgets that differ; the runs themselves have been replayed
         return _files([beside]), ()
     return _files([beside, *tables_of(found)]), pictures_of(found)

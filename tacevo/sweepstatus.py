@@ -1,7 +1,7 @@
 """How the jobs of a sweep stand, read from their run directories."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -46,6 +46,15 @@ class Status:
 def config_hash(config: RunConfig) -> str:
     """Hash what decides the results of a job: 64 hex digits."""
     return content_hash(decisive(config))
+
+
+def recorded_hash(config: Mapping[str, Json]) -> str:
+    """Hash what decides the results of a run, from the configuration in its run.json: 64 hex digits.
+
+    Raises:
+        ConfigError: it is no configuration of this version.
+    """
+    return config_hash(from_plain(config))
 
 
 def decisive(config: RunConfig) -> Json:

@@ -7,7 +7,8 @@ import pytest
 from hand_runs import closed, run, trained, turned_away
 from hand_sweeps import finished, run_to
 
-from analysis.ablation import Ablation, Contrast, Metric, Outcome, Standing, compare_arms, outcome
+from analysis.ablation import Ablation, Comparability, Contrast, Metric, Outcome, compare_arms, outcome
+from analysis.cautions import Caution
 from analysis.common_archive import Filled, common_archive
 from analysis.loading import Run
 from analysis.statistics import holm, mann_whitney
@@ -89,7 +90,7 @@ def test_identical_values_are_not_tested() -> None:
     """The same network archive seed by seed is no finding of p = 1; other arms are corrected as if it were."""
     found = compare_arms(outcomes({"none": NONE, "same": NONE, "better": BETTER}))
     same = contrast(found, "same")
-    assert (same.standing, same.test, same.p_holm, same.effects) == (Standing.identical, None, None, None)
+    assert (same.comparability, same.test, same.p_holm, same.effects) == (Comparability.identical, None, None, None)
     assert same.paired.equal == 5
     assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
 
@@ -97,15 +98,23 @@ def test_identical_values_are_not_tested() -> None:
 def test_equal_samples_in_another_order_are_tested() -> None:
     """Seeds that changed places are different runs, however alike the samples are."""
     found = contrast(compare_arms(outcomes({"none": NONE, "turned": NONE[::-1]})), "turned")
-    assert found.standing is Standing.tested
+    assert found.comparability is Comparability.comparable
     assert found.test is not None
     assert found.test.p == 1.0
+
+
+def test_equal_values_on_shared_seeds_alone_are_tested() -> None:
+    """What only one of two arms has is not hidden by what both have: 40 evaluations against 12."""
+    arms = {"none": {0: 20, 1: 20, 2: 12, 3: 11}, "a": {0: 20, 1: 20, 4: 40, 5: 41}}
+    assert contrast(compare_arms(outcomes(arms)), "a").comparability is Comparability.comparable
+    longer = compare_arms(outcomes({"none": NONE, "more": {**dict(enumerate(NONE)), 5: 9.0}}))
+    assert contrast(longer, "more").comparability is Comparability.comparable
 
 
 def test_one_value_everywhere_is_identical() -> None:
     """Also where the arms share no seed."""
     found = compare_arms(outcomes({"none": {0: 0.5, 1: 0.5}, "a": {2: 0.5, 3: 0.5}}))
-    assert contrast(found, "a").standing is Standing.identical
+    assert contrast(found, "a").comparability is Comparability.identical
 
 
 @pytest.mark.parametrize(("none", "other"), [([0.5], [0.4, 0.3]), ([0.5, 0.6], [0.4]), ([0.5], [0.5])])
@@ -113,7 +122,12 @@ def test_single_seed_has_neither_interval_nor_test(none: list[float], other: lis
     """One run is no sample, on either side."""
     found = compare_arms(outcomes({"none": none, "a": other}))
     it = contrast(found, "a")
-    assert (it.standing, it.test, it.effects, it.paired.difference) == (Standing.too_few_seeds, None, None, None)
+    assert (it.comparability, it.test, it.effects, it.paired.difference) == (
+        Comparability.too_few_seeds,
+        None,
+        None,
+        None,
+    )
     intervals = [arm.metrics[Metric.best_fitness].interval for arm in found.arms]
     assert [interval is None for interval in intervals] == [len(none) < 2, len(other) < 2]
 
@@ -122,6 +136,16 @@ def test_arm_without_enough_seeds_is_no_part_of_the_family() -> None:
     """It has no p, now or later, that others would have to be corrected for."""
     found = compare_arms(outcomes({"none": NONE, "better": BETTER, "one": [0.1]}))
     assert contrast(found, "better").p_holm == pytest.approx(2 / 252)
+
+
+def test_few_seeds_are_judged_by_every_arms_least_p() -> None:
+    """Of 10 and 2 the least is 2 / 66 = 0.030, enough for Holm's last step, after an arm of 10 has taken the first."""
+    many, far = [number / 100 for number in range(10)], [1 + number / 100 for number in range(10)]
+    one = compare_arms(outcomes({"none": many, "far": far, "two": [2.0, 2.1]}))
+    two = compare_arms(outcomes({"none": many, "far": far, "two": [2.0, 2.1], "too": [2.0, 2.1]}))
+    assert contrast(one, "two").p_holm == pytest.approx(2 / 66)
+    assert Caution.few_seeds not in contrast(one, "two").cautions
+    assert [Caution.few_seeds in contrast(two, name).cautions for name in ("far", "two", "too")] == [False, True, True]
 
 
 def test_without_the_reference_nothing_is_tested() -> None:
@@ -138,8 +162,8 @@ def test_reference_comes_first() -> None:
     assert [arm.name for arm in found.arms] == ["none", "z", "a"]
 
 
-def test_another_arm_changes_no_interval() -> None:
-    """Each has a stream of its own."""
+def test_another_arm_draws_no_numbers_of_this_one() -> None:
+    """Each has a stream of its own, so equal values have equal intervals."""
     alone = compare_arms(outcomes({"none": NONE, "mixed": MIXED}))
     among = compare_arms(outcomes({"none": NONE, "better": BETTER, "mixed": MIXED}))
     assert alone.arms[1].metrics[Metric.best_fitness].interval == among.arms[2].metrics[Metric.best_fitness].interval
@@ -151,7 +175,7 @@ def test_unknown_values_are_left_out() -> None:
     """A run whose tokens nobody wrote down is no run of 0 tokens."""
     found = compare_arms(outcomes({"none": NONE, "a": BETTER}))
     assert found.arms[0].metrics[Metric.tokens].median is None
-    assert contrast(found, "a", Metric.tokens).standing is Standing.too_few_seeds
+    assert contrast(found, "a", Metric.tokens).comparability is Comparability.too_few_seeds
 
 
 def test_run_is_measured_by_hand() -> None:

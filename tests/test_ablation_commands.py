@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,11 +12,12 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.app import main
 from tacevo.records import Json
 from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.sweepstatus import recorded_hash
 
 ARMS = ("none", "no_prompt_archive")
 SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]
 JOBS = tuple(
-    Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config=f"{arm} {seed}")
+    Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="")
     for arm in ARMS
     for seed in range(2)
 )
@@ -25,11 +27,17 @@ JOBS = tuple(
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the folder of a sweep of two arms and two seeds, each run as small as one can be."""
     folder = tmp_path_factory.mktemp("swept")
-    SweepDirectory(folder / "sweep").write(SMALLEST, JOBS)
+    directory = SweepDirectory(folder / "sweep")
     for job in JOBS:
         where = [f"run.dir={folder / 'sweep' / job.name}", f"store.root={folder / 'store'}"]
         assert main(["search", *SMALLEST, UNTRACKED, *SIZES, *where, *job.overrides, f"seed={job.seed}"]) == 0
+    directory.write(SMALLEST, [with_hash(directory, job) for job in JOBS])
     return folder
+
+
+def with_hash(directory: SweepDirectory, job: Job) -> Job:
+    """Give a job the hash of its run's configuration, as launching does."""
+    return replace(job, config=recorded_hash(directory.run(job).read_run()["config"]))
 
 
 @pytest.fixture
@@ -63,7 +71,7 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     pictures = {"ablation_curves_force.pdf", "ablation_finals_force.pdf"}
     assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | pictures
     assert all(written[f"{name}.md"].decode() in told.out for name in tables)
-    assert "ablation_curves_force.pdf: The arms of sweep by generation: median over seeds, band between" in told.out
+    assert "ablation_curves_force.pdf: The arms by generation: median over seeds, band between" in told.out
     assert told.out.endswith("tables and figures: sweep/ablations\n")
     assert told.err == ""
     assert main(["ablations", "sweep"]) == 0
@@ -139,6 +147,19 @@ def test_run_of_another_seed_is_refused(sweep: Path, capsys: pytest.CaptureFixtu
     assert "sweep/none-seed1 holds a run of seed 0, and sweep.json says 1 of it" in capsys.readouterr().err
 
 
+def test_runs_that_changed_places_are_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of one seed each, and each sound in itself: every contrast would be the other way round."""
+    for seed in range(2):
+        one, other = sweep / f"none-seed{seed}", sweep / f"no_prompt_archive-seed{seed}"
+        one.rename(sweep / "moved")
+        other.rename(one)
+        (sweep / "moved").rename(other)
+    assert main(["ablations", "sweep"]) == 2
+    told = capsys.readouterr().err
+    assert "sweep/none-seed0 holds the run of another configuration than sweep.json's job none-seed0" in told
+    assert not (sweep / "ablations").exists()
+
+
 def test_other_versions_are_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As run.json has them."""
     versions = json.loads((sweep / "none-seed0" / "run.json").read_text())["versions"]
@@ -157,12 +178,13 @@ def test_seed_that_an_arm_has_twice_is_refused(sweep: Path, capsys: pytest.Captu
 
 def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
     """A swept override is an arm, too; without `none` there is no test, and the tables say so."""
-    arms = {"none": "temperature=fixed_1", "no_prompt_archive": "a|b & c"}
-    changed = [Job(name=job.name, arm=arms[job.arm], seed=job.seed, overrides=(), config=job.config) for job in JOBS]
+    arms = {"none": "temperature=fixed_1", "no_prompt_archive": "task=a|b & c"}
+    _, jobs = SweepDirectory(sweep).read()
+    changed = [replace(job, arm=arms[job.arm], overrides=(arms[job.arm],)) for job in jobs]
     SweepDirectory(sweep).write([], changed)
     assert main(["ablations", "sweep"]) == 0
     assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation_force.tex").read_text()
     text = (sweep / "ablations" / "ablation_best_fitness_force.md").read_text()
-    assert r"a\|b & c" in text
+    assert r"task=a\|b & c" in text
     assert "There is no test: the sweep has no finished run of the arm none" in text
     assert {row["p"] for row in rows(sweep, "ablation_best_fitness_force")} == {""}

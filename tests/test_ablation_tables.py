@@ -8,8 +8,8 @@ from hand_runs import trained
 from hand_sweeps import finished, run_of, run_to, sweep_of
 
 from analysis.ablation import Ablation, Metric, compare_arms, outcome
-from analysis.ablation_tables import ablation_tables, arms_table, metric_table, runs_table
-from analysis.common_archive import common_archive
+from analysis.ablation_tables import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
+from analysis.common_archive import Extent, common_archive
 from analysis.sweeps import Finished, Missing, Sweep
 from analysis.tables import Between, Percent, PercentBetween, PValue, Table
 from tacevo.costs import Spending
@@ -35,17 +35,18 @@ def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
     return sweep_of(jobs), compare_arms([outcome(job, common) for job in jobs])
 
 
+ARCHIVE = common_note("none-seed0")
 SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))
 
 
 def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
     """Give the table of the best fitness."""
-    return metric_table(sweep, found, Metric.best_fitness, "none-seed0")
+    return metric_table(sweep, found, Metric.best_fitness, ARCHIVE)
 
 
 def test_every_metric_has_a_table() -> None:
     """Named after it, beside that of all arms and that of all runs."""
-    names = [table.name for table in ablation_tables(SWEEP, FOUND, "none-seed0")]
+    names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
     metrics = [f"ablation_{metric.name}_force" for metric in Metric]
     assert names == ["ablation_force", *metrics, "ablation_runs_force"]
 
@@ -76,7 +77,7 @@ def test_identical_arm_shows_the_word() -> None:
     row = dict(zip(best().columns, best().rows[1], strict=True))
     assert (row["U"], row["p"], row["p, Holm"], row["A12"]) == (None, "identical", None, None)
     assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 5, 0)
-    assert any(note.startswith("Identical: same and none have the same values") for note in best().notes)
+    assert any(note.startswith("Identical: same. All seeds of such an arm are those of none") for note in best().notes)
 
 
 def test_direction_is_told() -> None:
@@ -90,7 +91,7 @@ def test_direction_is_told() -> None:
 
 def test_common_archive_is_told() -> None:
     """Wherever coverage and QD-score stand, with the job whose niches it has."""
-    named = [table for table in ablation_tables(SWEEP, FOUND, "none-seed0") if "niches of none-seed0" in str(table)]
+    named = [table for table in ablation_tables(SWEEP, FOUND, ARCHIVE) if "niches of none-seed0" in str(table)]
     assert [table.name for table in named] == [
         "ablation_force",
         "ablation_qd_score_force",
@@ -105,13 +106,36 @@ def test_single_seed_is_a_value_alone() -> None:
     row = best(sweep, found).rows[1]
     assert row[:5] == ("one", 1, 0.5, None, "too few seeds")
     assert row[9:] == (None, None, 0, 0, 1)
-    assert any("No interval and no test with fewer than 2 seeds: one." in note for note in best(sweep, found).notes)
+    assert any("A single value has neither interval nor test" in note for note in best(sweep, found).notes)
 
 
 def test_weakness_of_few_seeds_is_told() -> None:
     """By hand: all five lie on one side of the median with a chance of 2 / 32; of six, 2 / 64 is below 5 %."""
-    assert any("with a chance of 93.8 % for 5 of them" in note for note in best().notes)
-    assert not any("None reaches beyond" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
+    assert any("their range, with less: 93.8 % for 5 seeds." in note for note in best().notes)
+    assert not any("their range" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
+
+
+def test_notes_count_the_known_values_of_the_metric() -> None:
+    """Five seeds of which two have a price are two to the cost, and five to the fitness."""
+    unpriced = [finished("none", seed, run_to(0.5, 0.4)) for seed in range(2, 5)]
+    sweep, found = compared(*jobs_of("none", NONE[:2]), *unpriced)
+    cost = metric_table(sweep, found, Metric.cost, ARCHIVE)
+    assert cost.rows[0][1] == 2
+    assert any("with less: 50.0 % for 2 seeds." in note for note in cost.notes)
+    assert any("with less: 93.8 % for 5 seeds." in note for note in best(sweep, found).notes)
+    assert any("93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in arms_table(sweep, found, "").notes)
+
+
+def test_candidates_at_the_bounds_are_told() -> None:
+    """With the crowd that one of them makes of all others; fixed bounds are nobody's."""
+    near = Extent(axis="x", low=0.0, high=1.0, lowest=("a/g00s00", "b/g00s00"), highest=("b/g01s00",), fullest=0.96)
+    fixed = Extent(axis="y", low=0.0, high=2.0, lowest=(), highest=(), fullest=0.5)
+    told = extents_note([near, fixed])
+    assert (
+        "x from 0.00 (a/g00s00 and 1 more) to 1.00 (b/g01s00), with 96.0 % of all candidates in the fullest tenth;"
+        in told
+    )
+    assert "y from 0.00 (fixed) to 2.00 (fixed), with 50.0 %" in told
 
 
 def test_missing_reference_is_told() -> None:
@@ -126,7 +150,7 @@ def test_missing_jobs_are_told() -> None:
     """Below every table: their runs are in no figure of it."""
     job = Job(name="worse-seed5", arm="worse", seed=5, overrides=(), config="")
     sweep = replace(SWEEP, missing=(Missing(job=job, reason="not begun"),))
-    for table in ablation_tables(sweep, FOUND, "none-seed0"):
+    for table in ablation_tables(sweep, FOUND, ARCHIVE):
         assert any(note.startswith("Missing, 1 job: worse-seed5.") for note in table.notes)
 
 

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from analysis.cautions import Caution, cautions
+from analysis.statistics import holm, smallest_p
 
 PLAIN = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 
 
 def test_plain_samples_need_no_caution() -> None:
     """Distinct, overlapping, equally wide, and enough of them."""
-    assert cautions(PLAIN, PLAIN + 0.5, alpha=0.05) == ()
+    assert cautions(PLAIN, PLAIN + 0.5, least_p=0.01, alpha=0.05) == ()
 
 
 @pytest.mark.parametrize(
@@ -26,28 +27,28 @@ def test_plain_samples_need_no_caution() -> None:
 )
 def test_each_failed_assumption_is_named(x: list[float], y: list[float], expected: set[Caution]) -> None:
     """Identical values, ties, spreads on either side of a factor 2, and samples apart in either direction."""
-    assert set(cautions(x, y, alpha=0.05)) == expected
+    assert set(cautions(x, y, least_p=0.01, alpha=0.05)) == expected
 
 
 def test_spreads_are_compared_in_both_directions() -> None:
     """It does not matter which of the samples is the wide one."""
-    assert cautions(PLAIN, PLAIN * 2.1 - 4.05, alpha=0.05) == (Caution.spreads,)
+    assert cautions(PLAIN, PLAIN * 2.1 - 4.05, least_p=0.01, alpha=0.05) == (Caution.spreads,)
 
 
-def test_seeds_too_few_for_the_corrected_level_are_named() -> None:
-    """Of 4 and 4 the smallest p is 2 / 70 = 0.029: enough for 0.05, not for a quarter of it."""
+def test_seeds_too_few_for_any_result_are_named() -> None:
+    """Of 4 and 4 the smallest p is 2 / 70 = 0.029: enough by itself, not for the strictest of two."""
     x, y = [1, 3, 5, 7], [2, 4, 6, 8]
-    assert cautions(x, y, alpha=0.05) == ()
-    assert cautions(x, y, alpha=0.0125) == (Caution.few_seeds,)
+    assert cautions(x, y, least_p=smallest_p(4, 4), alpha=0.05) == ()
+    assert cautions(x, y, least_p=holm([smallest_p(4, 4)] * 2)[0], alpha=0.05) == (Caution.few_seeds,)
 
 
 def test_an_approximated_p_is_named() -> None:
     """From 67 values on together."""
     draw = np.random.default_rng(0)
-    assert cautions(draw.normal(size=40), draw.normal(size=40), alpha=0.05) == (Caution.approximate,)
+    assert cautions(draw.normal(size=40), draw.normal(size=40), least_p=0.01, alpha=0.05) == (Caution.approximate,)
 
 
 def test_values_that_are_not_finite_name_their_seeds() -> None:
     """As everywhere."""
     with pytest.raises(ValueError, match=r"x is not finite for seeds \[2\]"):
-        cautions([1, 2, np.nan], [1, 2, 3], alpha=0.05)
+        cautions([1, 2, np.nan], [1, 2, 3], least_p=0.01, alpha=0.05)

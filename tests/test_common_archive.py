@@ -8,7 +8,7 @@ from hand_runs import closed, run, trained, turned_away
 from hand_sweeps import SETTINGS, run_of, run_to
 from ribs.archives import CVTArchive
 
-from analysis.common_archive import CommonArchive, common_archive, filled
+from analysis.common_archive import CommonArchive, common_archive, extents, filled
 from analysis.loading import Run
 from tacevo.archive import find_centroids, quality
 from tacevo.choices import Scale
@@ -87,3 +87,18 @@ def test_scale_is_that_of_the_reference() -> None:
     one = run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 100.0)])
     common = reference(one, eff_ratio_scale="log")
     assert (common.scale, common.bounds.low[1], common.bounds.high[1]) == (Scale.log, 0.0, 2.0)
+
+
+def test_outlier_that_decides_the_bounds_is_named() -> None:
+    """One efficiency ratio of 100 leaves 9 of 10 candidates in the first tenth of the axis."""
+    crowd = run_to(*[0.5] * 9, descriptors=[(number / 9, 1.0) for number in range(9)])
+    outlier = replace(run_to(0.5, descriptors=[(1.0, 100.0)]), name="far")
+    diversity, ratio = extents([crowd, outlier], reference(crowd, outlier))
+    assert (ratio.low, ratio.high, len(ratio.lowest), ratio.highest) == (1.0, 100.0, 9, ("far/g00s00",))
+    assert (ratio.fullest, diversity.fullest) == (0.9, 0.1)
+
+
+def test_fixed_bounds_are_no_candidates() -> None:
+    """They were set before any was there."""
+    one = run_to(0.5, 0.5, descriptors=[(0.0, 0.0), (1.0, 1.0)])
+    assert {(found.lowest, found.highest) for found in extents([one], reference(one, bounds="fixed"))} == {((), ())}

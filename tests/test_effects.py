@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, mannwhitneyu
 
-from analysis.effects import a12, cliffs_delta, effects, median, median_difference
+from analysis.effects import a12, cliffs_delta, effects, median, median_confidence, median_difference
 
 VALUES = st.lists(st.integers(-3, 3).map(float), min_size=2, max_size=8)
 
@@ -99,24 +99,32 @@ def test_values_that_are_not_finite_name_their_seeds() -> None:
         effects([1, 2], [np.inf, 3], rng=np.random.default_rng(0))
 
 
-def test_median_of_five_has_their_range_as_interval() -> None:
-    """Three draws or more of five are the least value with a chance of 5.8 %, which is more than 2.5 %."""
-    found = median([5, 1, 4, 2, 3], rng=np.random.default_rng(0))
+def test_median_of_few_values_has_their_range_as_interval() -> None:
+    """By hand: all of n values lie on one side of the median with a chance of 2 / 2^n."""
+    found = median([5, 1, 4, 2, 3])
     assert (found.estimate, found.low, found.high) == (3, 1, 5)
+    assert [median_confidence(n) for n in (2, 3, 5)] == [0.5, 0.75, 0.9375]
 
 
-def test_median_has_an_interval_near_scipys() -> None:
-    """Same method, other resamples: of 40 values, the ends differ by a few ranks at most."""
-    x = np.random.default_rng(2).normal(size=40)
-    ours = median(x, rng=np.random.default_rng(0))
-    theirs = bootstrap((x,), np.median, n_resamples=9_999, method="percentile", rng=np.random.default_rng(1))
-    ends = theirs.confidence_interval
-    assert (ours.low, ours.high) == pytest.approx((ends.low, ends.high), abs=0.05)
+@pytest.mark.parametrize(("n", "low", "high"), [(6, 1, 6), (7, 1, 7), (8, 1, 8), (9, 2, 8), (12, 3, 10), (20, 6, 15)])
+def test_median_has_the_interval_of_the_tables(n: int, low: int, high: int) -> None:
+    """The ranks that textbooks print for the sign test at 95 %; of seven, the second and the sixth are too near."""
+    found = median(list(range(n, 0, -1)))
+    assert (found.low, found.high) == (low, high)
+    assert median_confidence(n) >= 0.95
 
 
-def test_median_needs_seeds_and_resamples() -> None:
-    """One value is no sample, and too few resamples have no ends."""
+@pytest.mark.parametrize("n", [5, 7, 9, 20])
+def test_interval_of_a_median_holds_it_as_often_as_said(n: int) -> None:
+    """Of 4,000 skewed samples, within three standard errors."""
+    samples = np.random.default_rng(n).exponential(size=(4_000, n))
+    found = [median(sample) for sample in samples]
+    held = np.mean([one.low <= np.log(2) <= one.high for one in found])
+    chance = median_confidence(n)
+    assert held == pytest.approx(chance, abs=3 * (chance * (1 - chance) / 4_000) ** 0.5)
+
+
+def test_median_needs_two_seeds() -> None:
+    """One value is no sample."""
     with pytest.raises(ValueError, match=r"must have shape \(n,\) with n >= 2 seeds"):
-        median([1.0], rng=np.random.default_rng(0))
-    with pytest.raises(ValueError, match="needs resamples >= 39; got 38"):
-        median([1.0, 2.0], rng=np.random.default_rng(0), resamples=38)
+        median([1.0])

@@ -1,0 +1,76 @@
+"""Promise: a published sweep is compared as its folder is, with the user's stores and output where they are named."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from bundles import Members, members_of, resealed
+
+from tacevo.app import main
+from tacevo.bundle import JOBS
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    """Read all files of a folder by name."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def exchanged(members: Members) -> Members:
+    """Let two runs of one seed change places."""
+    places = {
+        "sweep/none-seed0/": "sweep/fixed_temperature-seed0/",
+        "sweep/fixed_temperature-seed0/": "sweep/none-seed0/",
+    }
+    moved = {}
+    for name, data in members.items():
+        old = next((place for place in places if name.startswith(place)), None)
+        moved[name if old is None else places[old] + name.removeprefix(old)] = data
+    return moved
+
+
+def test_bundle_and_folder_give_the_same_files(swept: Path, tmp_path: Path) -> None:
+    """Tables and figures, byte by byte, whatever the folder of the sweep is called."""
+    assert main(["ablations", str(swept / "sweep"), "-o", str(tmp_path / "folder")]) == 0
+    (tmp_path / "renamed").symlink_to(swept / "sweep")
+    assert main(["ablations", str(tmp_path / "renamed"), "-o", str(tmp_path / "renamed out")]) == 0
+    assert main(["ablations", str(swept / "sweep.zip"), "-o", str(tmp_path / "file")]) == 0
+    files = written(tmp_path / "folder")
+    assert "ablation_force.md" in files
+    assert written(tmp_path / "file") == files == written(tmp_path / "renamed out")
+
+
+def test_place_for_a_bundle_is_asked_for(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is written into a file, or beside it unasked."""
+    assert main(["ablations", str(swept / "sweep.zip")]) == 2
+    told = capsys.readouterr().err
+    assert "sweep.zip is a file; say by -o where the tables and figures of a published sweep go" in told
+
+
+def test_named_store_is_that_of_a_bundle_too(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is read instead of the bundle's own, which is sound: damage in the named one is told."""
+    shutil.copytree(swept / "cache" / "centroids", tmp_path / "named" / "centroids")
+    for entry in (tmp_path / "named").rglob("*.json"):
+        entry.write_text("{")
+    command = ["ablations", str(swept / "sweep.zip"), "-o", str(tmp_path / "out"), "--store", str(tmp_path / "named")]
+    assert main(command) == 2
+    assert str(tmp_path / "named" / "centroids") in capsys.readouterr().err
+
+
+def test_exchanged_runs_of_a_bundle_are_refused(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With every checksum made anew, and arms that changed names likewise."""
+    members = members_of(swept / "sweep.zip")
+    jobs = json.loads(members[JOBS])
+    for job, other in zip(jobs["jobs"], ("fixed_temperature", "fixed_temperature", "none"), strict=True):
+        job["arm"] = other
+    renamed = {**members, JOBS: json.dumps(jobs).encode()}
+    for spoilt, words in (
+        (exchanged(members), "holds the run of another configuration than sweep.json's job none-seed0"),
+        (renamed, "'fixed_temperature', and its overrides make it 'none'"),
+    ):
+        bundle = resealed(spoilt, tmp_path / "x.zip")
+        assert main(["ablations", str(bundle), "-o", str(tmp_path / "out")]) == 2
+        assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
