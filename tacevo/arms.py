@@ -1,11 +1,12 @@
 """Arms of an ablation: what each changes, and that it does change it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import yaml
 
-from tacevo.confdir import conf_root
+from tacevo.confdir import conf_root, groups
 from tacevo.errors import ConfigError
+from tacevo.nesting import leaves
 from tacevo.records import Json
 
 #: The group of the arms, and the one that changes nothing.
@@ -31,10 +32,31 @@ def read_arm(choice: str) -> dict[str, Json]:
     """Read what an arm sets, nested as a configuration is; nothing for `none`.
 
     Raises:
-        OSError: there is no such arm.
+        ConfigError: there is no such arm, or as `parse_arm`.
+        OSError: its file cannot be read.
     """
-    text = (conf_root() / GROUP / f"{choice}.yaml").read_text(encoding="utf-8")
-    settings: dict[str, Json] = yaml.safe_load(text)
+    known = groups()[GROUP]
+    if choice not in known:
+        raise ConfigError(f"there is no arm {GROUP}={choice}; choose one of {', '.join(known)}")
+    return parse_arm(choice, (conf_root() / GROUP / f"{choice}.yaml").read_text(encoding="utf-8"))
+
+
+def parse_arm(choice: str, text: str) -> dict[str, Json]:
+    """Read the text of an arm's file.
+
+    Raises:
+        ConfigError: it is no mapping, has Hydra's `defaults`, or is empty and not that of `none`.
+    """
+    path = f"conf/{GROUP}/{choice}.yaml"
+    try:
+        settings = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from error
+    if not isinstance(settings, dict) or bool(settings) == (choice == NONE):
+        due = "the empty mapping, {}" if choice == NONE else "a mapping of what the arm sets, at least one thing"
+        raise ConfigError(f"{path} must hold {due}; got {settings!r}")
+    if "defaults" in settings:
+        raise ConfigError(f"{path} has `defaults`, and an arm is laid over what was chosen: write what it sets instead")
     return settings
 
 
@@ -49,23 +71,18 @@ def require_change(choice: str, arm: Mapping[str, Json], without: Mapping[str, J
         without: the whole configuration that it is laid over, plain.
 
     Raises:
-        ConfigError: the search has the arm's first setting already.
+        ConfigError: the search has the arm's first setting already, or has no such setting.
     """
-    key, value = next(_flat(arm))
+    key, value = next(leaves(arm))
     held: Json = without
     for name in key.split("."):
+        if not isinstance(held, Mapping) or name not in held:
+            raise ConfigError(
+                f"{GROUP}={choice} sets {key}={value}, and there is no such setting; see its file in conf/"
+            )
         held = held[name]
     if held == value:
         raise ConfigError(
             f"{GROUP}={choice} sets {key}={value}, which holds here without it, so the arm would be a copy of "
             f"{GROUP}={NONE}; leave this arm out, or choose another {key}"
         )
-
-
-def _flat(value: Mapping[str, Json], prefix: str = "") -> Iterator[tuple[str, Json]]:
-    """Walk nested settings by their whole keys, e.g. `prompts.policy`."""
-    for name, inner in value.items():
-        if isinstance(inner, Mapping):
-            yield from _flat(inner, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", inner

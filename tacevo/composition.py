@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -23,9 +23,11 @@ from tacevo.config import RunConfig
 from tacevo.data.fitting import require_fit
 from tacevo.errors import ConfigError
 from tacevo.llm.prices import PriceTable, parse_prices
+from tacevo.nesting import leaves
 from tacevo.proposals import Instruction, Task, system_prompt
 from tacevo.records import Contract, DataFacts, Json
 from tacevo.settings import expected, keys
+from tacevo.store import canonical
 from tacevo.study_config import StudyConfig
 
 
@@ -167,18 +169,26 @@ def to_plain(config: RunConfig) -> dict[str, Json]:
 
 
 def from_plain(value: Mapping[str, Json]) -> RunConfig:
-    """Read what `to_plain` wrote.
+    """Read what `to_plain` wrote, and nothing else: each value has one spelling, by which others may tell it.
+
+    Args:
+        value: of this version or an earlier one, which lacks the settings that came later.
 
     Raises:
-        ConfigError: the values are no configuration of this version.
+        ConfigError: the values are no configuration of this version, or are spelt as `to_plain` spells none.
     """
-    for key, text in _flat(value):
+    for key, text in leaves(value):
         if "${" in key or (isinstance(text, str | list) and "${" in str(text)):  # e.g. of a variable of the environment
             raise ConfigError(f"{key} holds ${{...}}, which a recorded configuration never does; restore its file")
     try:
-        return cast(RunConfig, OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
+        config = cast(RunConfig, OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(RunConfig), dict(value))))
     except OmegaConfBaseException as error:
-        raise ConfigError(_explained(error, dict(_flat(value)))) from error
+        raise ConfigError(_explained(error, dict(leaves(value)))) from error
+    written = dict(leaves(to_plain(config)))
+    for key, recorded in leaves(value):
+        if key not in written or canonical(recorded) != canonical(written[key]):
+            raise ConfigError(f"{key} is {recorded!r}, which no recorded configuration has; restore its file")
+    return config
 
 
 def facts_without_data(config: RunConfig) -> DataFacts:
@@ -316,11 +326,3 @@ def _misfit(error: Exception, given: Mapping[str, object], schema: type) -> str 
     below = [f"{name}={value}" for name, value in given.items() if name.startswith(f"{key}.")]
     got = given[max(holders, key=len)] if holders else " ".join(below) or "nothing"
     return f"{key} needs {takes}; got {got}"
-
-
-def _flat(value: Mapping[str, Json], prefix: str = "") -> Iterator[tuple[str, Json]]:
-    """Walk nested settings by their whole keys, e.g. `archive` and then `archive.niches`."""
-    for name, part in value.items():
-        yield f"{prefix}{name}", part
-        if isinstance(part, Mapping):
-            yield from _flat(part, f"{prefix}{name}.")

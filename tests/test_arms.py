@@ -12,7 +12,7 @@ import fakes
 import pytest
 
 from tacevo.archive import AddStatus
-from tacevo.arms import read_arm, require_change, split_arm
+from tacevo.arms import parse_arm, read_arm, require_change, split_arm
 from tacevo.choices import ArchiveKind, Axis, ParentPolicy, PromptPolicy, Provider, TemperatureRule
 from tacevo.composition import compose
 from tacevo.confdir import groups
@@ -123,6 +123,39 @@ def test_every_arm_is_refused_on_top_of_itself(name: str) -> None:
     settings = read_arm(name)
     with pytest.raises(ConfigError, match=f"ablation={name} sets .* a copy of ablation=none"):
         require_change(name, settings, settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("mine", "", r"conf/ablation/mine\.yaml must hold a mapping of what the arm sets, .* got None"),
+        ("mine", "{}", r"conf/ablation/mine\.yaml must hold a mapping of what the arm sets, .* got \{\}"),
+        ("mine", "- prompts", "must hold a mapping"),
+        ("mine", "a: [", "conf/ablation/mine.yaml is not YAML"),
+        ("mine", "defaults:\n  - override /prompts: none\n", "has `defaults`, and an arm is laid over what was chosen"),
+        ("none", "prompts: {policy: none}", "must hold the empty mapping"),
+    ],
+)
+def test_file_that_is_no_arm_is_refused(name: str, text: str, message: str) -> None:
+    """It would be a traceback, or a silent copy of `none`; only `none` changes nothing."""
+    with pytest.raises(ConfigError, match=message):
+        parse_arm(name, text)
+
+
+@pytest.mark.parametrize("choice", ["../experiment/demo", "missing", ""])
+def test_choice_that_is_no_arm_is_refused(choice: str) -> None:
+    """No other file is read in an arm's place."""
+    with pytest.raises(ConfigError, match=rf"there is no arm ablation={choice}; choose one of .*no_qd"):
+        read_arm(choice)
+    with pytest.raises(ConfigError, match="ablation"):
+        compose([f"ablation={choice}"])
+
+
+@pytest.mark.parametrize("settings", [{"promts": {"policy": "none"}}, {"seed": {"policy": 1}}])
+def test_arm_of_a_setting_that_is_none_is_refused(settings: dict[str, Json]) -> None:
+    """A misspelt key is told by its name."""
+    with pytest.raises(ConfigError, match=r"ablation=mine sets (promts|seed)\.policy=.* there is no such setting"):
+        require_change("mine", settings, {"seed": 0, "prompts": {"policy": "uniform"}})
 
 
 def test_arms_are_pairwise_different_runs() -> None:

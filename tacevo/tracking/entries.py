@@ -1,10 +1,11 @@
 """What MLflow shows of a run: pure functions from its configuration and ledger lines to params and metrics."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tacevo.costs import Spending
+from tacevo.nesting import leaves
 from tacevo.records import Json
 
 #: The longest param, in characters: older MLflow servers refuse more.
@@ -53,7 +54,7 @@ def config_params(config: Mapping[str, Json]) -> dict[str, str]:
 
     Lists are written as JSON, and every value as `without_password` and then `shorten` leave it.
     """
-    return {key: shorten(without_password(_text(value))) for key, value in _flatten("", config)}
+    return {key: shorten(without_password(_text(value))) for key, value in leaves(config)}
 
 
 def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[str, str]]) -> dict[str, str]:
@@ -139,14 +140,6 @@ def viewing(uri: str, mlflow: str = "mlflow") -> str:
     """
     shown = without_password(uri)
     return shown if uri.startswith(("http://", "https://")) else f"{mlflow} ui --backend-store-uri {shown}"
-
-
-def _flatten(prefix: str, value: Json) -> Iterator[tuple[str, Json]]:
-    if not isinstance(value, Mapping):
-        yield prefix, value
-        return
-    for key, inner in value.items():
-        yield from _flatten(f"{prefix}.{key}" if prefix else key, inner)
 
 
 def _text(value: Json) -> str:
