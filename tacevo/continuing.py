@@ -13,13 +13,13 @@ from tacevo.composition import compose, from_plain, to_plain
 from tacevo.config import RunConfig, identity
 from tacevo.development import Tools
 from tacevo.errors import ConfigError
-from tacevo.opening import Opened, insist_on_walls
+from tacevo.opening import Opened
 from tacevo.packing import take_in
 from tacevo.plurals import counted
 from tacevo.progress import View
 from tacevo.records import Json, Mode
 from tacevo.replaying import read_run
-from tacevo.retraining import load_same
+from tacevo.retraining import insist_on_walls, load_same
 from tacevo.rundir import RunDirectory
 from tacevo.sandbox.client import Notice
 from tacevo.session import Result, record, require_means

@@ -105,27 +105,6 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
     return tuple(done)
 
 
-def insist_on_walls(found: Opened) -> None:
-    """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
-
-    Raises:
-        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works behind no walls.
-    """
-    if found.root is None:
-        return
-    for run in found.runs:
-        directory = RunDirectory(run)
-        with directory.believed():
-            config = directory.read_run()["config"]
-            asked = {"sandbox.require": config["sandbox"]["require"], "training.device": config["training"]["device"]}
-        for key, value in asked.items():
-            if value in {"none", "cuda"}:
-                raise BundleError(
-                    f"the published run has {key}={value}, with which its candidates would run here without walls; if "
-                    f"you trust every source in it, unpack it and give its folder {run.relative_to(found.root)} instead"
-                )
-
-
 @contextlib.contextmanager
 def private_folder(place: Path) -> Iterator[Path]:
     """Give a temporary folder that stands for a place; messages of errors name that place instead.

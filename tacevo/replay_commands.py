@@ -53,11 +53,13 @@ def _replay(options: argparse.Namespace) -> int:
         return _diff(options)
     from rich.console import Console
 
-    from tacevo.opening import insist_on_walls, opened
+    from tacevo.opening import opened
     from tacevo.progress import PlainView
 
     with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
         if options.retrain is not None:
+            from tacevo.retraining import insist_on_walls
+
             insist_on_walls(found)
         if found.root is None:
             runs, beside = _rerun(found, existing_store(options.store), view), []

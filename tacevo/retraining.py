@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.choices import Device, Numerics
+from tacevo.choices import Confinement, Device, Numerics
 from tacevo.config import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
-from tacevo.errors import DataError, DivergenceError
+from tacevo.errors import BundleError, DataError, DivergenceError, RunError
+from tacevo.opening import Opened
 from tacevo.progress import Listener, View
 from tacevo.randomness import stream
 from tacevo.records import DataFacts, Json, Reason, Rejection, Training
@@ -34,6 +35,32 @@ _COMPUTING = ("torch", "numpy")
 
 
 T = TypeVar("T")
+
+
+def insist_on_walls(found: Opened) -> None:
+    """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
+
+    Raises:
+        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works behind no walls; or its
+            configuration cannot be read.
+    """
+    if found.root is None:
+        return
+    for run in found.runs:
+        try:
+            config, _, _ = read_run(RunDirectory(run))
+        except RunError as error:
+            raise BundleError(str(error)) from error
+        asked = []
+        if config.sandbox.require is Confinement.none:
+            asked.append("sandbox.require=none")
+        if config.training.device is not Device.cpu:
+            asked.append(f"training.device={config.training.device}")
+        if asked:
+            raise BundleError(
+                f"the published run has {' and '.join(asked)}, with which its candidates would run here without walls; "
+                f"if you trust every source in it, unpack it and give its folder {run.relative_to(found.root)} instead"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

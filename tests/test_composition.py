@@ -408,3 +408,29 @@ def test_recorded_configuration_asks_nothing_of_its_reader(text: Json) -> None:
     key = "stop_sequences" if isinstance(text, list) else "base_url"
     with pytest.raises(ConfigError, match=rf"^llm\.{key} holds"):
         from_plain({**plain, "llm": {**plain["llm"], key: text}})
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("sandbox.require", "Confinement.none"),
+        ("numerics.kind", "Numerics.fast"),
+        ("seed", "0"),
+        ("data.skip_missing", "no"),
+        ("training.epochs", 1.0),
+    ],
+)
+def test_recorded_configuration_has_one_spelling(key: str, value: Json) -> None:
+    """What reads as a setting to one reader and as another to the next is refused by its key."""
+    recorded = to_plain(compose([]))
+    *groups_of, name = key.split(".")
+    (recorded[groups_of[0]] if groups_of else recorded)[name] = value
+    with pytest.raises(ConfigError, match=key):
+        from_plain(recorded)
+
+
+def test_recorded_configuration_may_lack_what_came_later() -> None:
+    """A run of an earlier version has the defaults of today."""
+    recorded = to_plain(compose(["seed=3"]))
+    del recorded["proposals"]["operator_for"], recorded["archive"]["axes"], recorded["run"]
+    assert from_plain(recorded) == compose(["seed=3"])

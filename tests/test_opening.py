@@ -1,15 +1,12 @@
 """Promise: a run is opened wherever it lies, and what was unpacked for that is gone at the end."""
 
-import json
 from pathlib import Path
 
 import pytest
-from bundles import members_of, resealed
 from sweeps import SHARED, begin
 
-from tacevo.app import main
-from tacevo.errors import BundleError, DivergenceError, RunError
-from tacevo.opening import Opened, insist_on_walls, located, opened, private_folder
+from tacevo.errors import DivergenceError, RunError
+from tacevo.opening import located, opened, private_folder
 from tacevo.sweepdir import Job, SweepDirectory
 from tacevo.sweeping import plan
 from tacevo.sweepstatus import Standing, status_of
@@ -91,22 +88,3 @@ def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> Non
     with pytest.raises(DivergenceError, match=rf"^{tmp_path}/x\.zip/run/a\.json differs$"):
         fail_within(tmp_path / "x.zip", DivergenceError, made)
     assert not made[0].exists()
-
-
-@pytest.mark.parametrize("setting", ["sandbox.require=none", "training.device=cuda"])
-def test_bundle_does_not_take_the_walls_down(
-    setting: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its candidates run behind walls or not at all; a folder is its owner's own."""
-    members = members_of(published / "run.zip")
-    run = json.loads(members["run/run.json"])
-    key, _, value = setting.partition("=")
-    group, _, name = key.partition(".")
-    run["config"][group][name] = value
-    bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
-    with opened(bundle) as found, pytest.raises(BundleError, match=setting):
-        insist_on_walls(found)
-    for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
-        assert main(command) == 1
-        assert setting in capsys.readouterr().err
-    insist_on_walls(Opened(folder=found.folder, store=found.store))

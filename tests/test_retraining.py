@@ -6,16 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from bundles import members_of, resealed
 from rich.console import Console
 from smallest import ARCHIVES, UNTRACKED
 
 from tacevo.app import main
 from tacevo.choices import Device, Numerics
-from tacevo.errors import DataError, DivergenceError
+from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.ledger import Ledger, read_ledger
+from tacevo.opening import Opened, opened
 from tacevo.progress import PlainView
 from tacevo.records import Json, Reason, Rejection, Stage, Training
-from tacevo.retraining import Retrained, describe, difference, doubts_of, evaluated, retrain, sampled
+from tacevo.retraining import Retrained, describe, difference, doubts_of, evaluated, insist_on_walls, retrain, sampled
 
 #: A real search, as small as one can be.
 TINY = [
@@ -210,3 +212,30 @@ def test_only_what_was_promised_is_not_doubted() -> None:
     assert doubts_of(run, Numerics.fast, cuda, versions, moved) == ("gpu is None; the run had H",)
     for numerics in Numerics:
         assert doubts_of(run, numerics, cpu, {**versions, "torch": "3"}, machine) == ("torch is 3; the run had 2",)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("sandbox.require=none", "sandbox.require=none"),
+        ("training.device=cuda", "training.device=cuda"),
+        ("sandbox.require=Confinement.none", "sandbox.require is 'Confinement.none', which no recorded"),
+        ("training.device=Device.cuda", "training.device=cuda"),
+    ],
+)
+def test_bundle_does_not_take_the_walls_down(
+    setting: str, words: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its candidates run behind walls or not at all; a folder is its owner's own."""
+    members = members_of(published / "run.zip")
+    run = json.loads(members["run/run.json"])
+    key, _, value = setting.partition("=")
+    group, _, name = key.partition(".")
+    run["config"][group][name] = value
+    bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
+    with opened(bundle) as found, pytest.raises(BundleError, match=words):
+        insist_on_walls(found)
+    for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
+        assert main(command) == 1
+        assert words in capsys.readouterr().err
+    insist_on_walls(Opened(folder=found.folder, store=found.store))
