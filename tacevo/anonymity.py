@@ -6,6 +6,7 @@ Paths keep their last part, so that a reader sees which file it was; addresses, 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 
+from tacevo.errors import ConfigError
 from tacevo.records import Json
 
 #: What stands for a folder without a name of its own, such as `.`.
@@ -58,7 +59,18 @@ def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
 
 
 def published_overrides(overrides: Sequence[str]) -> tuple[str, ...]:
-    """Give a sweep's overrides without what belongs to one machine; they compose what `published_config` gives."""
+    """Give a sweep's overrides without what belongs to one machine; they compose what `published_config` gives.
+
+    Raises:
+        ConfigError: an override sets a whole group, in which a path would not be seen.
+    """
+    for override in overrides:
+        key, _, value = override.partition("=")
+        if value.lstrip().startswith("{"):
+            raise ConfigError(
+                f"the sweep has the override {override}, in which no path is told from other settings; begin it anew "
+                f"with one override a setting, as in {key}.KEY=VALUE"
+            )
     kept = (_published(override) for override in overrides)
     return tuple(override for override in kept if override is not None)
 

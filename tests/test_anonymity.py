@@ -1,9 +1,12 @@
 """Promise: published settings name no folder of a machine, and overrides give what the configuration says."""
 
+import re
+
 import pytest
 
 from tacevo.anonymity import published_config, published_overrides
 from tacevo.composition import compose, from_plain, to_plain
+from tacevo.errors import ConfigError
 
 #: Settings that are paths, in every form.
 PATHS = [
@@ -71,3 +74,11 @@ def test_original_is_left_as_it_is() -> None:
     before = str(config)
     published_config(config)
     assert str(config) == before
+
+
+@pytest.mark.parametrize("override", ["store={root:/home/secret}", "data={root:/home/secret}", "run= {dir:x}"])
+def test_group_set_whole_is_refused(override: str) -> None:
+    """A path in it would be published."""
+    group = override.partition("=")[0]
+    with pytest.raises(ConfigError, match=rf"the override {re.escape(override)}, .* as in {group}\.KEY=VALUE"):
+        published_overrides(["seed=0", override])
