@@ -15,7 +15,7 @@ from typing import TypeVar
 from tacevo.bundle import JOBS, SWEEP, unpack_verified
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.rundir import RunDirectory
-from tacevo.sweepdir import SweepDirectory
+from tacevo.sweepdir import SweepDirectory, sweep_text
 
 T = TypeVar("T")
 
@@ -141,6 +141,8 @@ def _unpacked(source: Path, folder: Path) -> Opened:
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
         what = "is a job, and its run is not there" if name in jobs else "is there, and is no job"
         raise BundleError(f"{source}/{JOBS}: {name!r} {what}")
+    if (folder / JOBS).read_bytes() != sweep_text(*SweepDirectory(found.folder).read()).encode():
+        raise BundleError(f"{source}/{JOBS} is not written as `tacevo publish` writes it, so it was edited")
     return replace(found, jobs=jobs)
 
 

@@ -83,8 +83,7 @@ class SweepDirectory:
     def write(self, overrides: Sequence[str], jobs: Sequence[Job]) -> None:
         """Write sweep.json whole."""
         sweep(self.path)
-        value = {"schema": SCHEMA, "overrides": list(overrides), "jobs": [asdict(job) for job in jobs]}
-        self._write("sweep.json", value)
+        write_durably(self.path / "sweep.json", sweep_text(overrides, jobs))
 
     def read(self) -> tuple[tuple[str, ...], tuple[Job, ...]]:
         """Read the shared overrides and the jobs.
@@ -99,7 +98,7 @@ class SweepDirectory:
             if schema != SCHEMA:
                 raise RunError(f"{path} has schema {schema!r}; this version reads {SCHEMA}")
             jobs = tuple(_job(entry) for entry in value["jobs"])
-            return tuple(map(str, value["overrides"])), jobs
+            return _texts(value["overrides"]), jobs
         except FileNotFoundError as error:
             raise RunError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from error
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -132,7 +131,7 @@ class SweepDirectory:
         return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in files)
 
     def _write(self, name: str, value: Json) -> None:
-        write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+        write_durably(self.path / name, _text(value))
 
 
 def name_arm(own: Sequence[str]) -> str:
@@ -149,15 +148,32 @@ def sweep_digest(digests: Mapping[str, str]) -> str:
     return content_hash(dict(digests))
 
 
+def sweep_text(overrides: Sequence[str], jobs: Sequence[Job]) -> str:
+    """Give what sweep.json holds."""
+    return _text({"schema": SCHEMA, "overrides": list(overrides), "jobs": [asdict(job) for job in jobs]})
+
+
+def _text(value: Json) -> str:
+    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
 def _job(entry: Mapping[str, Json]) -> Job:
     """Read one job; its name must be that of a folder in the sweep's own."""
-    name = entry["name"]
+    name, seed = entry["name"], entry["seed"]
     if not isinstance(name, str) or Path(name).name != name or name in {"", ".", "..", "failed", "launch"}:
         raise ValueError(f"a job's name must be that of a folder; got {name!r}")
-    return Job(
-        name=name,
-        arm=str(entry["arm"]),
-        seed=int(entry["seed"]),
-        overrides=tuple(map(str, entry["overrides"])),
-        config=str(entry["config"]),
-    )
+    if type(seed) is not int:  # true is an int to Python, and no seed
+        raise ValueError(f"the seed of job {name} must be an integer; got {seed!r}")
+    for key in ("arm", "config"):
+        if not isinstance(entry[key], str):
+            raise ValueError(f"{key!r} of job {name} must be a text; got {entry[key]!r}")
+    job = Job(name=name, arm=entry["arm"], seed=seed, overrides=_texts(entry["overrides"]), config=entry["config"])
+    if strange := entry.keys() - asdict(job).keys():
+        raise ValueError(f"job {name} has the field {min(strange)!r}, which no job has")
+    return job
+
+
+def _texts(overrides: Json) -> tuple[str, ...]:
+    if not isinstance(overrides, list) or not all(isinstance(override, str) for override in overrides):
+        raise ValueError(f"'overrides' must be a list of texts; got {overrides!r}")
+    return tuple(overrides)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from bundles import Members, entries_of, members_of, resealed, with_entries
-from tiny_sweep import OWN, edited
+from tiny_sweep import OWN, edited, jobs_text
 
 from tacevo.app import main
 from tacevo.bundle import JOBS, STORE
@@ -168,11 +168,28 @@ def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None
     """The jobs and the folders are the same."""
     told = json.loads(whole[JOBS])
     fewer = {**told, "jobs": told["jobs"][:2]}
-    refused({**whole, JOBS: json.dumps(fewer).encode()}, "'fixed_temperature-seed0' is there, and is no job")
-    refused({**whole, JOBS: json.dumps({**told, "jobs": []}).encode()}, "lists no job")
+    refused({**whole, JOBS: jobs_text(fewer)}, "'fixed_temperature-seed0' is there, and is no job")
+    refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "lists no job")
     without = {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}
     refused(without, "'none-seed1' is a job, and its run is not there")
-    refused({**without, JOBS: json.dumps({**told, "jobs": told["jobs"][::2]}).encode()}, "belongs to nothing of the")
+    refused({**without, JOBS: jobs_text({**told, "jobs": told["jobs"][::2]})}, "belongs to nothing of the")
+
+
+def test_other_spelling_of_the_jobs_is_found(whole: Members, refused: Refused) -> None:
+    """What reads alike is not what was published; a field that nobody reads may say anything."""
+    told = json.loads(whole[JOBS])
+    refused({**whole, JOBS: json.dumps(told).encode()}, "is not written as `tacevo publish` writes it")
+    refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "is not written as `tacevo publish` writes it")
+
+
+def test_choice_that_is_not_here_is_told_by_the_replay(
+    whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sweep over the publisher's own task is replayed anywhere; what could not be compared stands in the result."""
+    told = json.loads(whole[JOBS])
+    bundle = resealed({**whole, JOBS: jobs_text({**told, "overrides": ["task=own"]})}, tmp_path / "x.zip")
+    assert main(["replay", str(bundle)]) == 0
+    assert "NOT compared: whether the runs of jobs none-seed0, none-seed1, fixed" in capsys.readouterr().out
 
 
 def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) -> None:

@@ -68,3 +68,36 @@ def test_a_failure_is_kept_until_the_job_succeeds(tmp_path: Path) -> None:
     assert directory.failure(JOBS[1]) is None
     directory.succeed(JOBS[0])
     assert directory.failure(JOBS[0]) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("seed", 0.9),
+        ("seed", "0"),
+        ("seed", False),
+        ("arm", None),
+        ("config", 1),
+        ("overrides", "seed=0"),
+        ("overrides", [0]),
+        ("note", "mine"),
+    ],
+)
+def test_a_field_of_another_type_is_named(tmp_path: Path, field: str, value: object) -> None:
+    """Nothing is read as what it nearly is, and nothing is passed over."""
+    directory = SweepDirectory(tmp_path)
+    directory.write([], JOBS)
+    told = json.loads((tmp_path / "sweep.json").read_text())
+    told["jobs"][0][field] = value
+    (tmp_path / "sweep.json").write_text(json.dumps(told))
+
+    with pytest.raises(RunError, match=rf"sweep\.json is damaged: .*{field}.*(must be|no job has)"):
+        directory.read()
+
+
+def test_shared_overrides_are_texts(tmp_path: Path) -> None:
+    """A number is none."""
+    (tmp_path / "sweep.json").write_text('{"schema": 1, "overrides": [1], "jobs": []}')
+
+    with pytest.raises(RunError, match="'overrides' must be a list of texts"):
+        SweepDirectory(tmp_path).read()

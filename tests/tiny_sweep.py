@@ -42,4 +42,9 @@ def edited(text: bytes, place: int, **changes: Json) -> bytes:
     """Change fields of one job in the text of a sweep.json."""
     value = json.loads(text)
     value["jobs"][place] |= changes
-    return json.dumps(value).encode()
+    return jobs_text(value)
+
+
+def jobs_text(value: Json) -> bytes:
+    """Write a sweep.json in the form that it has in a bundle."""
+    return (json.dumps(value, indent=1, ensure_ascii=False) + "\n").encode()
