@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import NoReturn
 
 from analysis.sweeps import Finished, Sweep
-from tacevo.errors import RunError
+from tacevo.errors import IncomparableError
 from tacevo.records import Json
 from tacevo.store import canonical, differences, shown, value_at
 
@@ -38,8 +38,9 @@ def check_sweep(sweep: Sweep) -> None:
     """Refuse a sweep whose finished jobs are no comparison.
 
     Raises:
-        RunError: two jobs differ in their data, budget or versions, or in the niches of archives that are otherwise
-            alike, or two runs of an arm in more than their seed; the message names the jobs, the field and both values.
+        IncomparableError: two jobs differ in their data, budget or versions, or in the niches of archives that are
+            otherwise alike, or two runs of an arm in more than their seed; the message names the jobs, the field and
+            both values.
     """
     first = sweep.finished[0]
     for other in sweep.finished[1:]:
@@ -97,7 +98,7 @@ def _compare_with_first(
 
 def _refuse(sweep: Sweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]) -> NoReturn:
     (first, was), (second, came) = one, two
-    raise RunError(
+    raise IncomparableError(
         f"{sweep.path} mixes what cannot be compared: {field} is {json.dumps(was)} in {first.job.name} and "
         f"{json.dumps(came)} in {second.job.name}. {_REMEDIES[kind]}"
     )

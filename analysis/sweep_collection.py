@@ -18,7 +18,7 @@ from analysis.sweep_checks import check_sweep
 from analysis.sweeps import REFERENCE, Finished, HashOf, Sweep, load_sweep
 from analysis.tables import Table
 from analysis.tessellation import load_niches
-from tacevo.errors import RunError
+from tacevo.errors import IncomparableError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,8 +42,8 @@ def collect_sweep(path: Path, store: Path | None, hash_of: HashOf) -> SweepColle
         hash_of: as `analysis.sweeps.load_sweep` takes it.
 
     Raises:
-        RunError: this is no sweep with a finished job, its jobs are no comparison, one of them was edited, or none has
-            niches over both descriptors.
+        IncomparableError: its jobs are no comparison, or none has niches over both descriptors.
+        RunError: this is no sweep with a finished job, or one of them was edited.
     """
     sweep = load_sweep(path, hash_of)
     check_sweep(sweep)
@@ -65,13 +65,13 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
         The job, and its centroids.
 
     Raises:
-        RunError: there is none.
+        IncomparableError: there is none.
     """
     for one in sorted(sweep.finished, key=lambda one: one.job.arm != REFERENCE):
         centroids = centroids_of(one.run)
         if len(centroids) and centroids.shape[1] == 2:
             return one, centroids
-    raise RunError(
+    raise IncomparableError(
         f"no finished job of {sweep.path} has an archive over both descriptors, in whose niches all could be measured; "
         f"add the arm {REFERENCE} to the sweep"
     )

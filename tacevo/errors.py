@@ -5,6 +5,7 @@
     ├── DataError            a data set is missing, broken or does not fit the task
     ├── StoreError           a store entry is damaged or of an unknown schema
     ├── RunError             a run directory cannot be used as asked
+    │   └── IncomparableError  the runs of a sweep differ in what a comparison must hold fixed
     ├── BundleError          a published run is damaged, was edited or could do harm
     ├── DivergenceError      a recomputed ledger line differs from the recorded one
     ├── LLMError
@@ -36,6 +37,10 @@ class StoreError(TacevoError):
 
 class RunError(TacevoError):
     """A run directory is missing something, or holds another run."""
+
+
+class IncomparableError(RunError):
+    """The jobs of a sweep are no comparison; each may be sound."""
 
 
 class BundleError(TacevoError):

@@ -4,7 +4,8 @@ What they do is imported when they run, so that help is quick.
 """
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +46,7 @@ def verify_bundle(bundle: "Opened", view: "View") -> "Verified":
     """Verify a bundle (`tacevo.verifying`) with the tables of the analysis."""
     from tacevo.verifying import verify
 
-    return verify(bundle, table_files, view)
+    return verify(bundle, partial(table_files, say=view.say), view)
 
 
 def in_bundle(verified: "Verified") -> str:
@@ -58,17 +59,23 @@ def in_bundle(verified: "Verified") -> str:
     )
 
 
-def table_files(folder: Path, store: Path) -> dict[str, bytes]:
-    """Make every table of a run or a sweep, from its records and recorded probes alone; give contents by file name."""
-    return _of_sweep(folder, store)[0] if _is_sweep(folder) else _tables(_collect(folder, store), store)
+def table_files(folder: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
+    """Make every table of a run or a sweep, from its records and recorded probes alone; give contents by file name.
+
+    Args:
+        folder: of the run or the sweep.
+        store: of its stores.
+        say: is told why a sweep has no tables of its arms.
+    """
+    return _of_sweep(folder, store, say)[0] if _is_sweep(folder) else _tables(_collect(folder, store), store)
 
 
-def pages(folder: Path, store: Path) -> tuple[dict[str, bytes], dict[str, bytes]]:
-    """Make every table of a run or a sweep, and every figure that follows from its records; give contents by name."""
+def pages(folder: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    """Make every table, as `table_files`, and every figure that follows from the records; give contents by name."""
     from analysis.collection import pictures_of
 
     if _is_sweep(folder):
-        tables, pictures = _of_sweep(folder, store)
+        tables, pictures = _of_sweep(folder, store, say)
         return tables, _drawn(pictures)
     found = _collect(folder, store)
     return _tables(found, store), _drawn(pictures_of(found))
@@ -80,19 +87,23 @@ def _is_sweep(folder: Path) -> bool:
     return SweepDirectory(folder).is_one
 
 
-def _of_sweep(folder: Path, store: Path) -> "tuple[dict[str, bytes], tuple[Picture, ...]]":
+def _of_sweep(
+    folder: Path, store: Path, say: Callable[[str], object]
+) -> "tuple[dict[str, bytes], tuple[Picture, ...]]":
     """Make the tables and list the figures of a sweep; one whose jobs are no comparison has none of arms."""
     from analysis.loading import load_run
     from analysis.published_tables import beside_published
     from analysis.sweep_collection import collect_sweep, pictures_of, tables_of
-    from tacevo.errors import RunError
+    from tacevo.errors import IncomparableError
     from tacevo.opening import located
     from tacevo.sweepstatus import recorded_hash
 
     beside = beside_published([load_run(run) for run in located(folder).runs])
     try:
         found = collect_sweep(folder, store, recorded_hash)
-    except RunError:  # e.g. budgets that differ; the runs themselves have been replayed
+    except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
+        reason = str(error).replace(str(folder), "the sweep")  # which may lie in a private folder
+        say(f"no table or figure compares the arms: {reason}")
         return _files([beside]), ()
     return _files([beside, *tables_of(found)]), pictures_of(found)
 
@@ -133,7 +144,7 @@ def _publish(options: argparse.Namespace) -> int:
         published=options.date,
     )
     with PlainView(Console(stderr=True)) as view:
-        done = publish(request, Path(options.output), make_pages=pages, view=view)
+        done = publish(request, Path(options.output), make_pages=partial(pages, say=view.say), view=view)
     print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
     print(f"{done.what}: {done.content}")
     print(f"bundle digest: {done.digest}")

@@ -9,7 +9,7 @@ from hand_sweeps import SETTINGS, VERSIONS, finished, run_to, sweep_of
 from analysis.sweep_checks import VERSIONS as CHECKED
 from analysis.sweep_checks import check_sweep
 from analysis.sweeps import Finished
-from tacevo.errors import RunError
+from tacevo.errors import IncomparableError
 from tacevo.records import Json
 
 RUN = run_to(0.5, 0.4)
@@ -55,14 +55,14 @@ def test_arms_may_differ_in_how_they_search() -> None:
 )
 def test_other_settings_are_refused(settings: Mapping[str, Json], words: str) -> None:
     """The message has both jobs, the field, both values, and what to do."""
-    with pytest.raises(RunError, match=words):
+    with pytest.raises(IncomparableError, match=words):
         beside(finished("a", 0, RUN, settings=settings))
 
 
 def test_other_data_are_refused() -> None:
     """By their fingerprint, wherever they lie."""
     other = replace(RUN, facts=replace(RUN.facts, fingerprint="cd"))
-    with pytest.raises(RunError, match=r'the data\'s fingerprint is "ab" in none-seed0 and "cd" in a-seed0'):
+    with pytest.raises(IncomparableError, match=r'the data\'s fingerprint is "ab" in none-seed0 and "cd" in a-seed0'):
         beside(finished("a", 0, other))
 
 
@@ -70,13 +70,15 @@ def test_another_baseline_is_refused() -> None:
     """An improvement over another network would be another number."""
     first, *rest = RUN.candidates
     other = replace(RUN, candidates=(replace(first, source="another"), *rest))
-    with pytest.raises(RunError, match='the hash of the baseline\'s source is "g00s00" in none-seed0 and "another"'):
+    with pytest.raises(
+        IncomparableError, match='the hash of the baseline\'s source is "g00s00" in none-seed0 and "another"'
+    ):
         beside(finished("a", 0, other))
 
 
 def test_another_number_of_generations_is_refused() -> None:
     """As the ledger has them: a continued run has more than it was begun with."""
-    with pytest.raises(RunError, match="the number of generations is 1 in none-seed0 and 2 in a-seed0"):
+    with pytest.raises(IncomparableError, match="the number of generations is 1 in none-seed0 and 2 in a-seed0"):
         beside(finished("a", 0, run_to(0.5, 0.4, 0.3)))
 
 
@@ -85,7 +87,8 @@ def test_other_versions_are_refused(package: str) -> None:
     """Of all that can change a result."""
     other = replace(finished("a", 0, RUN), versions={**VERSIONS, package: "2.0"})
     with pytest.raises(
-        RunError, match=rf'version of {package} is "1\.0" in none-seed0 and "2\.0" in a-seed0\. Delete.*store\.root'
+        IncomparableError,
+        match=rf'version of {package} is "1\.0" in none-seed0 and "2\.0" in a-seed0\. Delete.*store\.root',
     ):
         beside(other)
 
@@ -98,6 +101,6 @@ def test_versions_that_change_no_result_may_differ() -> None:
 def test_arm_of_two_configurations_is_refused() -> None:
     """Median over seeds of two searches would be that of neither."""
     with pytest.raises(
-        RunError, match=r'temperature\.rule is "paper" in none-seed0 and "fixed" in none-seed1\. The runs'
+        IncomparableError, match=r'temperature\.rule is "paper" in none-seed0 and "fixed" in none-seed1\. The runs'
     ):
         beside(finished("none", 1, RUN, settings=changed("temperature", rule="fixed")))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from analysis.loading import Run
 from analysis.sweep_collection import measuring
-from tacevo.errors import RunError
+from tacevo.errors import IncomparableError
 
 RUN = run_to(0.5)
 SWEEP = sweep_of([finished("best only", 0, RUN), finished("one axis", 0, RUN), finished("a", 0, RUN)])
@@ -36,6 +36,6 @@ def test_niches_without_none_are_those_of_a_map() -> None:
 def test_sweep_without_a_map_is_refused() -> None:
     """With what to do."""
     with pytest.raises(
-        RunError, match=r"no finished job of sweep has an archive over both descriptors.*add the arm none"
+        IncomparableError, match=r"no finished job of sweep has an archive over both descriptors.*add the arm none"
     ):
         measuring(SWEEP, lambda run: np.full((4, 1), 0.5))

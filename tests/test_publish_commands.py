@@ -1,0 +1,43 @@
+"""Promise: a sweep whose jobs are no comparison is published without one, and the user is told why."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tacevo.errors import IncomparableError, RunError
+from tacevo.publish_commands import table_files
+
+
+@pytest.fixture
+def sweep(swept: Path, tmp_path: Path) -> Path:
+    """Give the folder of a sweep of one's own."""
+    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    return tmp_path / "sweep"
+
+
+def test_why_there_is_no_comparison_is_told(sweep: Path, swept: Path) -> None:
+    """The tables of the runs stay; the message names no private folder."""
+    whole = table_files(sweep, swept / "cache", pytest.fail)
+    path = sweep / "none-seed1" / "run.json"
+    run = json.loads(path.read_text())
+    run["versions"]["numpy"] = "1.0"
+    path.write_text(json.dumps(run))
+    said: list[str] = []
+    fewer = table_files(sweep, swept / "cache", said.append)
+    assert fewer.keys() < whole.keys()
+    assert said[0].startswith("no table or figure compares the arms: the sweep mixes what cannot be compared: ")
+    assert "numpy" in said[0]
+    assert len(said) == 1
+
+
+def test_other_fault_is_no_reason_to_leave_the_comparison_out(sweep: Path, swept: Path) -> None:
+    """A list that has a seed twice is wrong, and not merely incomparable."""
+    shutil.copytree(sweep / "none-seed0", sweep / "again")
+    told = json.loads((sweep / "sweep.json").read_text())
+    told["jobs"].append({**told["jobs"][0], "name": "again"})
+    (sweep / "sweep.json").write_text(json.dumps(told))
+    with pytest.raises(RunError, match="2 jobs of arm none with seed 0") as caught:
+        table_files(sweep, swept / "cache", pytest.fail)
+    assert not isinstance(caught.value, IncomparableError)
