@@ -92,8 +92,8 @@ def publish(
         read: set[Path] = set()
         with standing_for(staged.folder, request.run):
             runs = over_runs(staged, lambda run: rerun(run, str(store), view, seen=read.add), view.say)
-            if staged.jobs is not None:
-                check_jobs(SweepDirectory(staged.folder))
+            for text in () if staged.jobs is None else check_jobs(SweepDirectory(staged.folder)):
+                view.say(text)
         tables, figures = make_pages(staged.folder, store)
         members = {
             **_members(staged, runs),

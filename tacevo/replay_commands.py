@@ -62,32 +62,31 @@ def _replay(options: argparse.Namespace) -> int:
 
             insist_on_walls(found)
         if found.root is None:
-            runs, beside = _rerun(found, existing_store(options.store), view), []
+            runs, uncompared = _rerun(found, existing_store(options.store), view)
+            beside = [*uncompared]
         else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made
             verified = verify_bundle(found, view)
-            runs, beside = verified.runs, [in_bundle(verified), f"bundle digest: {found.digest}"]
+            runs = verified.runs
+            beside = [in_bundle(verified), *verified.uncompared, f"bundle digest: {found.digest}"]
         trained = [] if options.retrain is None else [_retrain(found, options, view)]
     for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
         print(printable(text))
     return DONE
 
 
-def _rerun(found: "Opened", store: str | None, view: "View") -> tuple["Rerun", ...]:
-    """Run every search and study of a folder again; of a sweep, hold its list of jobs against them."""
+def _rerun(found: "Opened", store: str | None, view: "View") -> tuple[tuple["Rerun", ...], tuple[str, ...]]:
+    """Run every search and study of a folder again; of a sweep, hold its list of jobs against them.
+
+    Returns:
+        The runs, and what of the list could not be compared, for a person.
+    """
     from tacevo.job_checks import check_jobs
     from tacevo.opening import over_runs
-    from tacevo.replaying import replay
-    from tacevo.studying import replay_studies
     from tacevo.sweepdir import SweepDirectory
-    from tacevo.verifying import Rerun
+    from tacevo.verifying import rerun
 
-    def again(run: Path) -> Rerun:
-        return Rerun(replayed=replay(run, store, view), studies=replay_studies(run, store, view))
-
-    runs = over_runs(found, again, view.say)
-    if found.jobs is not None:
-        check_jobs(SweepDirectory(found.folder))
-    return runs
+    runs = over_runs(found, lambda run: rerun(run, store, view), view.say)
+    return runs, () if found.jobs is None else check_jobs(SweepDirectory(found.folder))
 
 
 def _told(found: "Opened", runs: Sequence["Rerun"]) -> list[str]:
@@ -97,7 +96,7 @@ def _told(found: "Opened", runs: Sequence["Rerun"]) -> list[str]:
     lines = sum(run.replayed.lines for run in runs)
     spent = in_words(total(run.replayed.spent for run in runs))
     told = [
-        f"{lines} ledger lines, both archives and every candidate's source are as recorded",
+        f"{lines} ledger lines, both archives, every candidate's source, costs and summary are as recorded",
         f"recorded: {spent}; this replay made no call and cost nothing",
     ]
     for job, run in zip(found.jobs or ("",), runs, strict=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.errors import DivergenceError
+from tacevo.errors import DivergenceError, RunError
 from tacevo.job_checks import check_jobs
 from tacevo.records import Json
 from tacevo.replaying import read_run
@@ -123,8 +123,129 @@ def test_job_that_is_there_twice_is_found(sweep: Path) -> None:
 
 def test_overrides_that_compose_nothing_are_found(sweep: Path) -> None:
     """A traceback is no answer."""
-    edit(sweep, lambda told: told.update(overrides=["experiment=mine"]))
+    edit(sweep, lambda told: told.update(overrides=["search.candidate=2"]))
     refused(sweep, "the overrides of job none-seed0 give no configuration here: ")
+
+
+def forged(sweep: Path) -> None:
+    """Call a sweep of the method on the grammar one of a model, and its arm an ablation, as somebody might sell it."""
+    shutil.rmtree(sweep / "fixed_temperature-seed0")
+
+    def change(told: Json) -> None:
+        told["jobs"] = told["jobs"][:2]
+        told["overrides"] += ["llm=anthropic", "training=paper"]
+        for job in told["jobs"]:
+            job.update(arm="no_qd", overrides=["ablation=no_qd", f"seed={job['seed']}"])
+
+    edit(sweep, change)
+
+
+def of_another_version(sweep: Path) -> None:
+    """Let the runs be made by a version whose defaults nobody knows."""
+    for path in sweep.glob("*/run.json"):
+        run = json.loads(path.read_text())
+        run["versions"]["tacevo"] = "0.0.1"
+        path.write_text(json.dumps(run))
+
+
+@pytest.mark.parametrize("is_ours", [True, False])
+def test_choices_that_all_jobs_claim_are_held_against_the_runs(is_ours: bool, sweep: Path) -> None:
+    """Model, training and arm are files, and every setting in them is claimed; whatever the version."""
+    forged(sweep)
+    if not is_ours:
+        of_another_version(sweep)
+    refused(sweep, "job none-seed0: its overrides give config.archive.k")
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("llm=anthropic", "config.llm."),
+        ("training=paper", "config.training."),
+        ("experiment=paper_force", "config."),
+        ("task=grating", "task."),
+        ("search={candidates:9}", "config.search.candidates=9"),
+        ("search={generations:9}", "generations=9"),
+    ],
+)
+def test_shared_choice_is_held_under_another_version_too(override: str, words: str, sweep: Path) -> None:
+    """What a file or a group sets is claimed by who names it."""
+    of_another_version(sweep)
+    check_jobs(SweepDirectory(sweep))
+    edit(sweep, lambda told: told.update(overrides=[*told["overrides"], override]))
+    refused(sweep, f"job none-seed0: its overrides give {words}")
+
+
+def test_dropped_setting_is_found_where_this_version_made_the_runs(sweep: Path) -> None:
+    """A sweep of 40 images is not told as one of 600."""
+
+    def drop(told: Json) -> None:
+        told["overrides"].remove("data.images=40")
+
+    edit(sweep, drop)
+    refused(sweep, "job none-seed0: its overrides give data.images=600, and its run has 40")
+    of_another_version(sweep)
+    assert check_jobs(SweepDirectory(sweep)) == ()
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "llm.model=${oc.env:HOME}",
+        r"llm.model=$\{oc.env\:HOME\}",
+        "experiment=../../secret",
+        "task=[../../secret]",
+        "ablation='../experiment/demo'",
+        "task@_global_=force",
+        "+task=force",
+        "data={root:/home}",
+    ],
+)
+def test_override_that_reads_elsewhere_is_not_composed(override: str, sweep: Path) -> None:
+    """Neither a variable of the environment nor a file beside conf/ is read for a stranger, and then shown."""
+    edit(sweep, lambda told: told.update(overrides=[*told["overrides"], override]))
+    with pytest.raises(RunError, match=re.escape(f"has the override {override!r}, which is not read")):
+        check_jobs(SweepDirectory(sweep))
+
+
+def rename_arm(sweep: Path, *, arm: str, to: str) -> None:
+    """Give an arm a name that no file of conf/ has."""
+
+    def change(told: Json) -> None:
+        for job in told["jobs"]:
+            if job["arm"] == arm:
+                job.update(arm=to, overrides=[f"ablation={to}", f"seed={job['seed']}"])
+
+    edit(sweep, change)
+
+
+def test_choice_that_is_not_here_is_told(sweep: Path) -> None:
+    """A publisher's own task or arm is no fault, and no silence either; the other jobs are compared."""
+    rename_arm(sweep, arm="fixed_temperature", to="own")
+    (told,) = check_jobs(SweepDirectory(sweep))
+    assert told.startswith("NOT compared: whether the runs of jobs fixed_temperature-seed0 have the settings that")
+    assert "chooses ablation=own, which is not in this version's conf/" in told
+    edit(sweep, lambda told: told.update(overrides=[*told["overrides"], "task=own"]))
+    (told,) = check_jobs(SweepDirectory(sweep))
+    assert "jobs none-seed0, none-seed1, fixed_temperature-seed0 have" in told
+    assert "task=own, ablation=own, which is not" in told
+
+
+def test_choice_that_is_not_here_hides_no_other_job(sweep: Path) -> None:
+    """Where the arm of one job is not known, a lie about another is found as ever."""
+    rename_arm(sweep, arm="fixed_temperature", to="own")
+    rename_arm(sweep, arm="none", to="no_qd")
+    refused(sweep, "job none-seed0: its overrides give config.archive.k")
+
+
+def test_arm_that_is_not_here_has_settings_of_its_own(sweep: Path) -> None:
+    """Runs of two arms under one name, or one arm under two names, are found without knowing either."""
+    rename_arm(sweep, arm="fixed_temperature", to="own")
+    rename_arm(sweep, arm="none", to="own")
+    refused(sweep, "runs of the arm 'own' differ in more than their seeds, job fixed_temperature-seed0 too")
+    edit(sweep, lambda told: told["jobs"][1].update(arm="mine", overrides=["ablation=mine", "seed=1"]))
+    edit(sweep, lambda told: told["jobs"].pop())
+    refused(sweep, "the arms 'own' and 'mine' have runs of the same settings")
 
 
 @pytest.mark.parametrize(
