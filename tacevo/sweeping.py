@@ -162,10 +162,9 @@ def _require_place(key: str, written: str, values: Sequence[str]) -> None:
         raise ConfigError(
             f"a sweep takes each setting by its own name; write {key}.NAME=VALUE in place of {key}={{...}}"
         )
-    if "${" in written:
+    if "$" in written:
         raise ConfigError(
-            f"{key} holds ${{...}}, which may stand for something else when the sweep goes on elsewhere; write the "
-            "value itself"
+            f"{key} holds a $, and may stand for something else when the sweep goes on elsewhere; write the value itself"
         )
 
 
