@@ -1,12 +1,14 @@
 """Run directories into MLflow: one, those of a sweep, or all below a folder.
 
-What it promises: nothing is written into a run directory; what stands in MLflow already is not written again; a run
-that is damaged, or that MLflow refuses, is told of, and the others are written.
+What it promises: nothing but its id is written into a run directory; what stands in MLflow already is not written
+again; a run that is damaged, or that MLflow refuses, is told of, and the others are written.
 """
 
 import contextlib
+import logging
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +21,6 @@ from tacevo.tracking.veil import Veil, veiled
 
 #: A folder with one of these is that of a run, perhaps a damaged one.
 _MARKS = frozenset({"run.json", "ledger.jsonl"})
-#: How MLflow calls it when a store is not there, rather than that it refuses something.
-_ABSENCES = frozenset({"INTERNAL_ERROR", "TEMPORARILY_UNAVAILABLE"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,8 +31,8 @@ class Tracked:
     done: tuple[Path, ...]
     #: Why the others are not, one line each.
     failed: tuple[str, ...]
-    #: How to look at the stores that were written, one line each.
-    views: tuple[str, ...]
+    #: How to look at each store that was written, and how many of the runs are there.
+    views: tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +62,9 @@ def track(path: Path, uri: str | None, show: Callable[[int, int], None]) -> Trac
     prepare()
     done: list[Path] = []
     failed: list[str] = []
-    views: dict[str, None] = {}
+    views: Counter[str] = Counter()
     absent: set[str] = set()
-    runs = find_runs(path)
+    runs = find_runs(path, lambda error: failed.append(_unreadable(error)))
     show(0, len(runs))
     for number, run in enumerate(runs, 1):
         try:
@@ -76,19 +76,23 @@ def track(path: Path, uri: str | None, show: Callable[[int, int], None]) -> Trac
             failed.append(str(error))
         else:
             done.append(run)
-            views[viewing(target.uri)] = None
+            views[viewing(target.uri)] += 1
         show(number, len(runs))
-    return Tracked(done=tuple(done), failed=tuple(failed), views=tuple(views))
+    return Tracked(done=tuple(done), failed=tuple(failed), views=tuple(views.items()))
 
 
-def find_runs(path: Path) -> tuple[Path, ...]:
+def find_runs(path: Path, unreadable: Callable[[OSError], object]) -> tuple[Path, ...]:
     """Find the run directories in a folder, by name; hidden folders are left out, and links are not followed.
+
+    Args:
+        path: the folder.
+        unreadable: is told of each folder that cannot be searched.
 
     Raises:
         RunError: there is none.
     """
     found: list[Path] = []
-    for folder, below, files in os.walk(path):
+    for folder, below, files in os.walk(path, onerror=unreadable):
         if _MARKS.isdisjoint(files):
             below[:] = sorted(name for name in below if not name.startswith("."))
         else:
@@ -103,7 +107,10 @@ def _target(path: Path, uri: str | None) -> _Target:
     """Read where a run is to be written, and see that it is sound."""
     directory = RunDirectory(path)
     run = directory.read_run()
-    directory.read_ledger()
+    try:
+        directory.read_ledger()
+    except OSError as error:
+        raise RunError(_unreadable(error)) from error
     with directory.believed():
         tracking = run["config"]["tracking"]
         target = _Target(uri=uri or tracking["uri"], experiment=tracking["experiment"])
@@ -122,25 +129,46 @@ def _mirror(path: Path, target: _Target, absent: set[str]) -> None:
         with (
             contextlib.redirect_stdout(Veil(sys.stdout, target.uri)),
             contextlib.redirect_stderr(Veil(sys.stderr, target.uri)),
-            RunDirectory(path).believed(),
         ):
+            _ask(path, target)
             _write(path, target)
     except _StoreAbsentError:
         absent.add(target.uri)
         raise
 
 
-def _write(path: Path, target: _Target) -> None:
-    from mlflow.exceptions import MlflowException
+def _ask(path: Path, target: _Target) -> None:
+    """See that the store answers; whatever it fails with then, no other run will come into it either."""
+    from tacevo.tracking.stores import open_store
 
+    logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors come here, and are told in one line
+    try:
+        open_store(target.uri).search_experiments(max_results=1)
+    except Exception as error:  # a driver's own, for which there is no common class
+        raise _StoreAbsentError(_refusal(path, target, error)) from error
+
+
+def _write(path: Path, target: _Target) -> None:
     from tacevo.tracking.mirror import mirror
 
     try:
-        mirror(path, uri=target.uri, experiment=target.experiment, finished=lambda: True)
-    except (MlflowException, OSError) as error:
-        reason = veiled(str(error), target.uri).partition("\n")[0]
-        kind = _StoreAbsentError if getattr(error, "error_code", None) in _ABSENCES else RunError
-        raise kind(
-            f"{path} could not be written to {without_password(target.uri)}: {type(error).__name__}: {reason}; when "
-            "that is mended, the same command writes what is missing"
-        ) from error
+        with RunDirectory(path).believed():
+            mirror(path, uri=target.uri, experiment=target.experiment, finished=None)
+    except TacevoError:
+        raise
+    except Exception as error:  # as in `_ask`
+        raise RunError(_refusal(path, target, error)) from error
+
+
+def _refusal(path: Path, target: _Target, error: Exception) -> str:
+    """Say in one line why a run is not in a store, without the password of its address."""
+    reason = veiled(str(error), target.uri).partition("\n")[0]
+    hint = " (install the database driver that this address needs)" if isinstance(error, ImportError) else ""
+    return (
+        f"{path} could not be written to {without_password(target.uri)}: {type(error).__name__}: {reason}{hint}; when "
+        "that is mended, the same command writes what is missing"
+    )
+
+
+def _unreadable(error: OSError) -> str:
+    return f"{error.filename} cannot be read: {error.strerror}"

@@ -32,6 +32,6 @@ def _track(options: argparse.Namespace) -> int:
         tracked = track(folder, options.uri, view.tracked)
     for reason in tracked.failed:
         print(f"failed: {reason}", file=sys.stderr)
-    for look in tracked.views:
-        print(f"{counted(len(tracked.done), 'run')} of {folder} in MLflow: {look}")
+    for look, number in tracked.views:
+        print(f"{counted(number, 'run')} of {folder} in MLflow: {look}")
     return DIFFERENT if tracked.failed else DONE

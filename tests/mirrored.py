@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import Run
 
+#: Tags that hold the id of a folder, which is another for every folder.
+KEYS = {"tacevo.run", "tacevo.sweep_key"}
 INSTRUCTIONS = [{"id": "widen", "text": "Widen every convolution."}, {"id": "gelu", "text": "ReLU to GELU."}]
 HEADER: dict[str, Json] = {"kind": "run", "schema": 1, "task": "force"}
 BASELINE: dict[str, Json] = {
@@ -110,7 +112,7 @@ def mirror_once(run_dir: Path, uri: str) -> None:
     """Mirror what stands in a run directory, in this process."""
     from tacevo.tracking.mirror import mirror
 
-    mirror(run_dir, uri=uri, experiment="tacevo", finished=lambda: True)
+    mirror(run_dir, uri=uri, experiment="tacevo", finished=None)
 
 
 def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
@@ -131,18 +133,18 @@ def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
 
 
 def contents(uri: str) -> dict[str, Any]:
-    """Give everything that a store says of a search, but for times and MLflow's own ids."""
+    """Give everything that a store says of a search, but for times and ids."""
     client, parent, nested = open_store(uri)
     return {"parent": said_by(client, parent), **{name: said_by(client, run) for name, run in nested.items()}}
 
 
 def said_by(client: "MlflowClient", run: "Run") -> Any:
-    """Give everything that a run says, but for times and MLflow's own ids."""
+    """Give everything that a run says, but for times and ids."""
     histories = {
         key: [(point.step, point.value) for point in client.get_metric_history(run.info.run_id, key)]
         for key in run.data.metrics
     }
-    tags = {key: value for key, value in run.data.tags.items() if key.startswith("tacevo.")}
+    tags = {key: value for key, value in run.data.tags.items() if key.startswith("tacevo.") and key not in KEYS}
     files = [file.path for file in client.list_artifacts(run.info.run_id)]
     return run.info.run_name, run.info.status, run.data.params, tags, histories, files
 

@@ -9,6 +9,7 @@ import pytest
 from smallest import ARCHIVES
 
 from tacevo.app import main
+from tacevo.tracking.locking import alone
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -105,7 +106,9 @@ def test_search_without_tracking_leaves_no_trace_of_it(untracked: Searched) -> N
 
 def test_track_again_adds_nothing(tracked: Searched, monkeypatch: pytest.MonkeyPatch) -> None:
     """MLflow holds one parent and a nested run a candidate; `tacevo track` twice leaves them as they are."""
-    assert main(["track", str(tracked.run)]) == 0  # a slow mirror may still have been at work until here
+    with alone(tracked.run):  # a slow mirror may still be at work until here
+        pass
+    assert main(["track", str(tracked.run)]) == 0
     first = runs_in(database(tracked.folder), monkeypatch)
     (parent,) = [run for run in first if "tacevo.run" in run.data.tags]
     nested = [run for run in first if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]

@@ -1,7 +1,8 @@
-"""All runs below a folder come into MLflow, each once; what is damaged is named, and nothing is written beside it."""
+"""All runs below a folder come into MLflow, each once; what is damaged is named, and only ids are written there."""
 
 import json
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -10,10 +11,14 @@ from pathlib import Path
 
 import pytest
 from mirrored import BASELINE, ENTRIES, build_run, build_sweep, everything
+from mounts import read_only
 
 from tacevo.app import main
 from tacevo.errors import RunError
 from tacevo.mirroring import find_runs, track
+from tacevo.rundir import RunDirectory
+from tacevo.tracking.identity import FILE
+from tacevo.tracking.locking import alone
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
@@ -36,8 +41,10 @@ def test_runs_are_found_at_any_depth_by_name(tmp_path: Path) -> None:
     for name in ("b", "a/deep", ".hidden", "b/studies/inner"):
         build_run(tmp_path / name, ENTRIES[:1])
     (tmp_path / "again").symlink_to(tmp_path / "b")
-    assert find_runs(tmp_path) == (tmp_path / "a" / "deep", tmp_path / "b")
-    assert find_runs(tmp_path / "b") == (tmp_path / "b",)
+    errors: list[OSError] = []
+    assert find_runs(tmp_path, errors.append) == (tmp_path / "a" / "deep", tmp_path / "b")
+    assert find_runs(tmp_path / "b", errors.append) == (tmp_path / "b",)
+    assert errors == []
 
 
 @pytest.mark.parametrize("name", ["empty", "missing"])
@@ -45,13 +52,13 @@ def test_folder_without_a_run_is_the_users_mistake(name: str, tmp_path: Path) ->
     """A mistyped folder is told of."""
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"neither the folder of a run .* nor holds one"):
-        find_runs(tmp_path / name)
+        find_runs(tmp_path / name, lambda error: None)
 
 
 def test_damaged_run_is_named_and_the_others_are_written(
     tmp_path: Path, uri: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Status 1, a line for each damaged run, nothing of these in MLflow, and no file of any run is touched."""
+    """Status 1, a line for each damaged run, nothing of these in MLflow, and of no run is more written than an id."""
     runs = tmp_path / "runs"
     for name in ("a", "edited", "lost", "z"):
         build_run(runs / name, ENTRIES)
@@ -66,7 +73,9 @@ def test_damaged_run_is_named_and_the_others_are_written(
     assert "edited/ledger.jsonl, line 2 does not match its hash" in edited
     assert "it has no run.json" in lost
     assert {path[0] for path in everything(uri)} == {"a", "z"}
-    assert files_below(runs) == before
+    written = files_below(runs)
+    assert written.keys() - before.keys() == {runs / name / FILE for name in ("a", "z")}
+    assert written | before == written
 
 
 def test_each_run_that_names_no_store_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -146,17 +155,104 @@ def runs_in(database: Path) -> int:
 
 
 def test_run_that_cannot_be_written_to_can_be_tracked(tmp_path: Path, uri: str) -> None:
-    """A published run on a read-only disk, say: nothing is written beside it."""
+    """A published run on a read-only disk, say: nothing is written beside it, and nothing twice."""
     build_run(tmp_path / "runs" / "a", ENTRIES)
-    for folder in (tmp_path / "runs" / "a", tmp_path / "runs"):
-        folder.chmod(0o555)
-    try:
-        before = os.listdir(tmp_path / "runs" / "a")
+    before = files_below(tmp_path / "runs")
+    with read_only(tmp_path / "runs"):
         assert track(tmp_path / "runs", uri, quietly).failed == ()
-        assert os.listdir(tmp_path / "runs" / "a") == before
-    finally:
-        for folder in (tmp_path / "runs", tmp_path / "runs" / "a"):
-            folder.chmod(0o755)
+        first = everything(uri)
+        assert track(tmp_path / "runs", uri, quietly).failed == ()
+    assert everything(uri) == first
+    assert files_below(tmp_path / "runs") == before
+
+
+def test_folder_that_cannot_be_searched_is_told_of(tmp_path: Path, uri: str) -> None:
+    """A path that is too long for the system, say: the status tells, and the runs elsewhere are written."""
+    build_run(tmp_path / "runs" / "a", ENTRIES[:2])
+    handle = os.open(tmp_path / "runs", os.O_RDONLY)
+    for _ in range(18):
+        os.mkdir("d" * 250, dir_fd=handle)
+        below = os.open("d" * 250, os.O_RDONLY, dir_fd=handle)
+        os.close(handle)
+        handle = below
+    os.close(handle)
+    tracked = track(tmp_path / "runs", uri, quietly)
+    assert tracked.done == (tmp_path / "runs" / "a",)
+    (reason,) = tracked.failed
+    assert "cannot be read: File name too long" in reason
+
+
+def test_run_that_is_being_mirrored_is_not_waited_for(tmp_path: Path, uri: str) -> None:
+    """Its search's mirror may be at it for hours; the others are written meanwhile."""
+    for name in ("a", "b"):
+        build_run(tmp_path / "runs" / name, ENTRIES[:2])
+    with alone(tmp_path / "runs" / "a"):
+        tracked = track(tmp_path / "runs", uri, quietly)
+    assert tracked.done == (tmp_path / "runs" / "b",)
+    assert "runs/a is being mirrored by its search" in tracked.failed[0]
+
+
+def test_search_at_work_is_shown_as_running(tmp_path: Path, uri: str) -> None:
+    """What stands there so far is written; without its search the run counts as killed."""
+    build_run(tmp_path / "a", ENTRIES[:2], whole=False)
+    with RunDirectory(tmp_path / "a").locked():
+        track(tmp_path / "a", uri, quietly)
+    assert everything(uri)["a",][1] == "RUNNING"
+    track(tmp_path / "a", uri, quietly)
+    assert everything(uri)["a",][1] == "KILLED"
+
+
+@pytest.mark.parametrize(
+    ("uri", "reason"),
+    [
+        ("sqlite:///{folder}/notes.db", "is no SQLite database: it begins with b'My notes'"),
+        ("sqlite:///{folder}", "IsADirectoryError"),
+        ("nonsense://user:s3cret@nowhere", "UnsupportedModelRegistryStoreURIException"),
+        ("nosuch+driver://user:s3cret@nowhere/db?key=s3cret", "could not be written to"),
+        ("postgresql://user:s3cret@127.0.0.1:9/db", "install the database driver that this address needs"),
+    ],
+)
+def test_address_that_leads_nowhere_is_the_users_mistake(
+    uri: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever class of error a driver has for it, it is one line, without the password."""
+    build_run(tmp_path / "a", ENTRIES[:1])
+    (tmp_path / "notes.db").write_text("My notes")
+    assert main(["track", str(tmp_path / "a"), "--uri", uri.format(folder=tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line
+    assert "s3cret" not in line
+    assert (tmp_path / "notes.db").read_text() == "My notes"
+
+
+def test_run_that_the_store_fails_with_stops_no_other(
+    tmp_path: Path, uri: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A store that answers is not taken for absent, whatever it says of one run."""
+    for name in ("a", "b"):
+        build_run(tmp_path / "runs" / name, ENTRIES[:2])
+    broken = "BEGIN SELECT json('no JSON'); END"  # an OperationalError, as of a database that is away
+    connection = sqlite3.connect(tmp_path / "mlflow.db")
+    connection.execute(f"CREATE TRIGGER broken BEFORE INSERT ON runs WHEN NEW.name = 'a' {broken}")
+    connection.commit()
+    connection.close()
+    tracked = track(tmp_path / "runs", uri, quietly)
+    assert tracked.done == (tmp_path / "runs" / "b",)
+    (reason,) = tracked.failed
+    assert "runs/a could not be written to" in reason
+    assert capfd.readouterr().err == "", "MLflow tells of it at length"
+
+
+def test_runs_are_counted_by_the_store_they_went_to(tmp_path: Path, uri: str, empty_store: Path) -> None:
+    """Two stores have the runs that are theirs."""
+    other = f"sqlite:///{shutil.copy(empty_store, tmp_path / 'other.db')}"
+    for name, store in (("a", uri), ("b", uri), ("c", other)):
+        build_run(tmp_path / "runs" / name, ENTRIES[:1])
+        facts = tmp_path / "runs" / name / "run.json"
+        run = json.loads(facts.read_text(encoding="utf-8"))
+        run["config"]["tracking"]["uri"] = store
+        facts.write_text(json.dumps(run), encoding="utf-8")
+    assert [number for _, number in track(tmp_path / "runs", None, quietly).views] == [2, 1]
 
 
 def test_damaged_sweep_is_named(tmp_path: Path, uri: str) -> None:

@@ -22,6 +22,8 @@ from hypothesis import strategies as st
 from mirrored import (
     BASELINE,
     ENTRIES,
+    GENERATION,
+    HEADER,
     INSTRUCTIONS,
     MUTATION,
     REJECTED,
@@ -33,7 +35,7 @@ from mirrored import (
 )
 
 from tacevo.costs import Spending
-from tacevo.records import to_json
+from tacevo.records import Json, to_json
 from tacevo.rundir import RunDirectory
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
@@ -293,6 +295,76 @@ def test_candidate_left_unfinished_is_replaced(run_dir: Path, uri: str) -> None:
     mirror_once(run_dir, uri)
     assert contents(uri) == whole
     assert open_store(uri)[2]["g00s00"].info.run_id != nested["g00s00"].info.run_id
+
+
+OTHERS: dict[str, list[dict[str, Json]]] = {
+    "candidate": [HEADER, BASELINE, {**MUTATION, "fitness": 0.125}, *ENTRIES[3:]],
+    "generation": [*ENTRIES[:4], {**GENERATION, "coverage": 0.5}, SECOND_GENERATION],
+    "fewer candidates": [HEADER, BASELINE, GENERATION],
+    "nothing yet": [HEADER],
+}
+
+
+@pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS.keys())
+def test_search_begun_anew_in_its_folder_is_not_mixed_with_the_former(
+    other: list[dict[str, Json]], run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
+) -> None:
+    """Of the same settings, name and id, but another ledger: what MLflow shows is this one's alone."""
+    mirror_once(run_dir, uri)
+    _, former, _ = open_store(uri)
+    for path in (run_dir / "ledger.jsonl", run_dir / "run.json"):
+        path.unlink()
+    build_run(run_dir, other)
+    mirror_once(run_dir, uri)
+    fresh = f"sqlite:///{shutil.copy(empty_store, tmp_path / 'fresh.db')}"
+    mirror_once(run_dir, fresh)
+    assert contents(uri) == contents(fresh)
+    assert open_store(uri)[1].info.run_id != former.info.run_id
+
+
+def test_equal_searches_in_two_folders_are_two_runs(run_dir: Path, uri: str, tmp_path: Path) -> None:
+    """Two users run one command against one server: neither takes away what the other is writing."""
+    mirror_once(run_dir, uri)
+    client, parent, nested = open_store(uri)
+    client.update_run(nested["g00s00"].info.run_id, status="RUNNING")
+    build_run(tmp_path / "elsewhere" / run_dir.name, ENTRIES)
+    mirror_once(tmp_path / "elsewhere" / run_dir.name, uri)
+    searches = client.search_runs([parent.info.experiment_id], "tags.`tacevo.digest` LIKE '%'")
+    assert len(searches) == 2
+    assert len({run.data.tags["tacevo.digest"] for run in searches}) == 1
+    assert client.get_run(nested["g00s00"].info.run_id).info.lifecycle_stage == "active"
+
+
+def test_renamed_folder_is_the_same_run(run_dir: Path, uri: str) -> None:
+    """Its id goes with it."""
+    mirror_once(run_dir, uri)
+    first = contents(uri)
+    mirror_once(run_dir.rename(run_dir.with_name("renamed")), uri)
+    assert contents(uri) == first
+
+
+def test_tag_that_a_lost_answer_took_already_is_no_error(run_dir: Path, uri: str) -> None:
+    """The client asks again, and the server has no such tag any more."""
+    from tacevo.tracking.runs import unlabel
+
+    mirror_once(run_dir, uri)
+    client, parent, _ = open_store(uri)
+    for _ in range(2):
+        unlabel(client, parent.info.run_id, "tacevo.digest")
+    assert "tacevo.digest" not in contents(uri)["parent"][3]
+
+
+def test_tag_of_a_run_that_is_gone_is_an_error(run_dir: Path, uri: str) -> None:
+    """Only the missing tag is passed over."""
+    from mlflow.exceptions import MlflowException
+
+    from tacevo.tracking.runs import unlabel
+
+    mirror_once(run_dir, uri)
+    client, parent, _ = open_store(uri)
+    client.delete_run(parent.info.run_id)
+    with pytest.raises(MlflowException, match="active"):
+        unlabel(client, parent.info.run_id, "tacevo.digest")
 
 
 def test_longer_run_loses_the_digest_of_the_shorter(tmp_path: Path, uri: str) -> None:

@@ -84,12 +84,12 @@ def server(tmp_path: Path) -> Iterator[Server]:
 
 @contextlib.contextmanager
 def forgetful(server: Server) -> Iterator[str]:
-    """Stand before a server, and lose every third answer to a request that makes a run; give the address."""
-    made = 0
+    """Stand before a server, and lose every seventh answer, and every third about a new run; give the address."""
+    asked = made = 0
 
     class Relay(BaseHTTPRequestHandler):
         def _relay(self) -> None:
-            nonlocal made
+            nonlocal asked, made
             self.close_connection = True
             body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
             headers = {key: value for key, value in self.headers.items() if key not in {"Host", "Connection"}}
@@ -102,10 +102,13 @@ def forgetful(server: Server) -> Iterator[str]:
                 return  # the server is away, and so is the answer
             finally:
                 connection.close()
+            asked += 1
             if self.path.endswith("/runs/create"):
                 made += 1
                 if made % 3 == 0:
                     return
+            elif asked % 7 == 0:
+                return
             self.send_response(answer.status)
             self.send_header("Content-Type", answer.getheader("Content-Type", "application/json"))
             self.send_header("Content-Length", str(len(content)))
@@ -150,5 +153,6 @@ def test_server_that_loses_answers_and_is_killed_has_each_run_once(
         killer.join()
         assert tracked.failed == ()
         assert len(tracked.done) == 3
+        assert track(tmp_path / "runs", address, quietly).failed == ()
         track(tmp_path / "runs", uri, quietly)
         assert everything(address) == everything(uri)

@@ -1,17 +1,19 @@
 """In MLflow the searches of a sweep are nested under one run, and stand side by side with what compares them."""
 
 import json
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
 
 import pytest
 from mirrored import ENTRIES, GENERATION, SECOND_GENERATION, build_run, build_sweep, everything, mirror_once
+from mounts import read_only
 
 from tacevo.costs import Spending
 from tacevo.sweepdir import SweepDirectory
 from tacevo.tracking.entries import Measure
-from tacevo.tracking.standing import Standing, standing_measures
+from tacevo.tracking.totals import Totals, total_measures
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
@@ -50,7 +52,7 @@ def test_searches_of_a_sweep_stand_side_by_side(sweep: Path, uri: str) -> None:
     found = client.search_runs([experiment.experiment_id], SEARCHES, order_by=["tags.`tacevo.arm` ASC"])
     assert [run.data.tags["tacevo.arm"] for run in found] == ["greedy", "none"]
     assert {run.data.tags["tacevo.seed"] for run in found} == {"0"}
-    final = {"best": 0.25, "improvement": 0.0, "coverage": 0.01, "qd_score": 0.8, "evaluations": 2.0}
+    final = {"best": 0.25, "improvement": 0.0, "coverage": 0.01, "qd_score": 0.8, "trained_candidates": 2.0}
     assert [{key: run.data.metrics[key] for key in final} for run in found] == [final, final]
 
 
@@ -68,6 +70,80 @@ def test_equal_searches_of_two_sweeps_are_two_runs(sweep: Path, tmp_path: Path, 
     mirror_once(sweep / "none-seed0", uri)
     mirror_once(tmp_path / "other" / "none-seed0", uri)
     assert {path for path in everything(uri) if len(path) == 2} == {("sweep", "none-seed0"), ("other", "none-seed0")}
+
+
+def test_shared_settings_that_may_change_make_no_second_sweep(sweep: Path, uri: str) -> None:
+    """Given again with other workers, the sweep and all its searches stay the runs they were."""
+    for name in ("none-seed0", "greedy-seed0"):
+        mirror_once(sweep / name, uri)
+    first = everything(uri)
+    SweepDirectory(sweep).write(["experiment=demo", "executor.workers=4"], SweepDirectory(sweep).read()[1])
+    for name in ("none-seed0", "greedy-seed0"):
+        mirror_once(sweep / name, uri)
+    assert everything(uri) == first
+
+
+def test_sweep_takes_its_searches_along_under_a_new_name(sweep: Path, uri: str) -> None:
+    """A renamed folder is the same sweep, called anew."""
+    mirror_once(sweep / "none-seed0", uri)
+    first = everything(uri)
+    mirror_once(sweep.rename(sweep.with_name("renamed")) / "none-seed0", uri)
+    second = everything(uri)
+    assert set(second) == {("renamed", *path[1:]) for path in first}
+    assert second["renamed", "none-seed0"][3]["tacevo.sweep"] == "renamed"
+
+
+def test_read_only_sweeps_are_told_apart_by_name(sweep: Path, tmp_path: Path, uri: str) -> None:
+    """Where no id can be written the names of the folders stand in for it, also the second time."""
+    build_sweep(tmp_path / "other", ENTRIES[:2])
+    with read_only(sweep), read_only(tmp_path / "other"):
+        for folder in (sweep, tmp_path / "other", sweep):
+            mirror_once(folder / "none-seed0", uri)
+    assert {path for path in everything(uri) if len(path) == 2} == {("sweep", "none-seed0"), ("other", "none-seed0")}
+    assert not list(tmp_path.rglob(".tracking"))
+
+
+def test_search_is_not_lost_with_a_sweeps_run_that_another_machine_takes_away(sweep: Path, uri: str) -> None:
+    """Without common locks a rival makes an older run, and removes ours just before our search is tagged with it."""
+    from tacevo.tracking.runs import PARENT_TAG
+    from tacevo.tracking.stores import find_or_create_experiment, open_store
+    from tacevo.tracking.sweeps import SWEEP_KEY_TAG, membership, nest
+
+    member = membership(sweep / "none-seed0")
+    assert member is not None
+    client = open_store(uri)
+    experiment = find_or_create_experiment(client, "tacevo")
+    tagged: list[str] = []
+
+    def tag(tags: Mapping[str, str]) -> None:
+        if not tagged:
+            client.create_run(experiment, start_time=1, tags={SWEEP_KEY_TAG: member.key})
+            client.delete_run(tags[PARENT_TAG])
+        tagged.append(tags[PARENT_TAG])
+
+    nest(client, experiment, member, tag)
+    assert client.get_run(tagged[-1]).info.lifecycle_stage == "active"
+
+
+def test_seeds_that_were_added_meanwhile_keep_the_sweep_going(sweep: Path, uri: str) -> None:
+    """The last of the jobs that a search knew of is not the last that there are now."""
+    from tacevo.tracking.stores import find_or_create_experiment, open_store
+    from tacevo.tracking.sweeps import join_sweep, leave_sweep, membership
+
+    directory = SweepDirectory(sweep)
+    overrides, jobs = directory.read()
+    directory.write(overrides, jobs[:1])
+    member = membership(sweep / jobs[0].name)
+    assert member is not None
+    client = open_store(uri)
+    experiment = find_or_create_experiment(client, "tacevo")
+    join_sweep(client, experiment, member)
+    directory.write(overrides, jobs)
+    leave_sweep(client, experiment, member)
+    assert everything(uri)["sweep",][1] == "RUNNING"
+    directory.write(overrides, jobs[:1])
+    leave_sweep(client, experiment, member)
+    assert everything(uri)["sweep",][1] == "FINISHED"
 
 
 def test_run_beside_the_jobs_of_a_sweep_is_none_of_them(sweep: Path, uri: str) -> None:
@@ -143,16 +219,16 @@ def test_password_of_a_sweep_is_not_shown(sweep: Path, uri: str) -> None:
     assert "s3cret" not in json.dumps(list(everything(uri).values()))
 
 
-def test_standing_adds_up_what_generations_say() -> None:
+def test_totals_adds_up_what_generations_say() -> None:
     """Improvement on generation 0, mean trainable share from generation 1 on, evaluations and costs so far."""
     second = {**GENERATION, "generation": 1, "candidates": 4, "trained": 1, "repaired": 2, "best": 0.125}
-    standing = Standing().after(GENERATION, Spending()).after(second, Spending(answers=1, input_tokens=5, usd=0.5))
+    totals = Totals().after(GENERATION, Spending()).after(second, Spending(answers=1, input_tokens=5, usd=0.5))
     third = {**second, "generation": 2, "trained": 3, "repaired": 0}
-    standing = standing.after(third, Spending(answers=2, input_tokens=7, usd=0.25))
-    measures = {measure.key: measure for measure in standing_measures(standing, third)}
+    totals = totals.after(third, Spending(answers=2, input_tokens=7, usd=0.25))
+    measures = {measure.key: measure for measure in total_measures(totals, third)}
     assert {measure.step for measure in measures.values()} == {2}
     assert {key: measure.value for key, measure in measures.items()} == {
-        "evaluations": 8.0,
+        "trained_candidates": 8.0,
         "improvement": 0.5,
         "trainable_rate": 0.5,
         "total_answers": 3.0,
@@ -162,9 +238,9 @@ def test_standing_adds_up_what_generations_say() -> None:
     }
 
 
-def test_standing_leaves_out_what_does_not_apply_yet() -> None:
+def test_totals_leaves_out_what_does_not_apply_yet() -> None:
     """Before anything is trained there is no improvement; generation 0 has no share of trainable answers."""
     nothing = {**SECOND_GENERATION, "generation": 0, "candidates": 1, "best": None}
-    assert standing_measures(Standing().after(nothing, Spending()), nothing) == (
-        Measure(key="evaluations", value=0.0, step=0),
+    assert total_measures(Totals().after(nothing, Spending()), nothing) == (
+        Measure(key="trained_candidates", value=0.0, step=0),
     )

@@ -37,7 +37,7 @@ def _mirror(options: argparse.Namespace, uri: str) -> int:
     prepare()
     from tacevo.tracking.mirror import mirror  # only now: MLflow reads its environment while it is imported
 
-    finished = _input_ended if options.follow else lambda: True
+    finished = _input_ended if options.follow else None
     try:
         mirror(options.run_dir, uri=uri, experiment=options.experiment, finished=finished)
     except Exception as error:  # whatever it is: it is told in the log and ends the mirror alone

@@ -1,7 +1,8 @@
 """The mirror's work: reads a run directory and writes it into MLflow.
 
-What it promises: it only reads the run; done twice, or killed and done again, it writes nothing twice. What it
-does not: it takes the ledger's lines as they stand; to check their chain is the ledger's business.
+What it promises: but for the id of the folder it only reads the run; done twice, or killed and done again, it writes
+nothing twice. What it does not: it takes the ledger's lines as they stand; to check their chain is the ledger's
+business.
 """
 
 import json
@@ -20,34 +21,37 @@ from tacevo.tracking.entries import (
     cost_measures,
     generation_measures,
 )
+from tacevo.tracking.identity import folder_id
 from tacevo.tracking.locking import alone
-from tacevo.tracking.standing import Standing, standing_measures
 from tacevo.tracking.stores import find_or_create_experiment, open_store
-from tacevo.tracking.sweeps import Membership, join_sweep, leave_sweep, membership
-from tacevo.tracking.writer import SearchWriter
+from tacevo.tracking.sweeps import Membership, leave_sweep, membership, nest
+from tacevo.tracking.totals import Totals, total_measures
+from tacevo.tracking.writer import Entry, SearchWriter
 
 
-def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool]) -> None:
-    """Write a run into MLflow, and follow it until it is finished.
+def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
+    """Write a run into MLflow, as it stands or until it is finished.
 
     The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
     last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's, which ends with its last
-    job. A mirror of the same directory that is still at work is waited for.
+    job.
 
     Args:
-        run_dir: the run directory; nothing is written there.
+        run_dir: the run directory; nothing is written there but its id.
         uri: an MLflow tracking URI; `sqlite:///` with a relative path starts from the working directory.
         experiment: the name of the MLflow experiment.
         finished: says that no more lines will come; asked before each look at the ledger, so the time it takes
-            to answer sets the pace.
+            to answer sets the pace. Another mirror of the directory is waited for. None writes what stands there now:
+            another mirror is not waited for, and a search that is at work is left `RUNNING`.
 
     Raises:
-        RunError: the folder of the run's sweep is damaged.
+        RunError: the folder of the run's sweep, or its id, is damaged; or another mirror of the directory is at work.
         OSError: the run directory cannot be read, or the folder of a SQLite database cannot be made.
         MlflowException: the store cannot be written.
     """
-    with alone(run_dir):
-        lines = follow(run_dir / "ledger.jsonl", finished)
+    ledger = run_dir / "ledger.jsonl"
+    with alone(run_dir, wait=finished is not None):
+        lines = follow(ledger, finished or _at_once)
         header = next(lines, None)
         if header is None:
             return
@@ -60,15 +64,20 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             place,
             key=_key(run_dir, header, member),
             name=facts["name"],
-            tags={} if member is None else join_sweep(client, place, member),
+            ledger=frozenset(line["hash"] for line in follow(ledger, _at_once)),
         )
+        if member is not None:
+            nest(client, place, member, writer.tag)
         writer.write_params(config_params(facts["config"]))
         last = header["hash"]
         sums = _Sums(run_dir)
         for line in lines:
             _write_line(writer, run_dir, facts, line, sums)
             last = line["hash"]
-        writer.end(last if _facts(run_dir)["digest"] == last else None)
+        if _facts(run_dir)["digest"] == last:
+            writer.finish(last)
+        elif finished is not None or not RunDirectory(run_dir).is_busy:
+            writer.stop()
         if member is not None:
             leave_sweep(client, place, member)
 
@@ -92,7 +101,7 @@ class _Sums:
         self._directory = RunDirectory(run_dir)
         self._known: dict[str, Spending] = {}
         self._generation: list[Spending] = []
-        self._standing = Standing()
+        self._totals = Totals()
 
     def of_candidate(self, name: str) -> Spending:
         """Give a candidate's cost; the file is read again only for one that is new."""
@@ -104,27 +113,33 @@ class _Sums:
     def of_generation(self, line: Mapping[str, Json]) -> tuple[Measure, ...]:
         """Give what the candidates since the last generation cost, and how far the search has come with them."""
         spent, self._generation = total(self._generation), []
-        self._standing = self._standing.after(line, spent)
-        return (*cost_measures(spent, line["generation"]), *standing_measures(self._standing, line))
+        self._totals = self._totals.after(line, spent)
+        return (*cost_measures(spent, line["generation"]), *total_measures(self._totals, line))
 
 
 def _key(run_dir: Path, header: Mapping[str, Json], member: Membership | None) -> str:
-    """Name a search; two sweeps may hold equal searches under equal names, so a job's is its sweep's."""
-    return content_hash([header["hash"], run_dir.resolve().name, *([] if member is None else [member.key])])
+    """Name a search: by its folder's id or, where none can be written, by the names of its folder and its sweep's."""
+    own = folder_id(run_dir)
+    names = [run_dir.resolve().name, *([] if member is None else [member.name])]
+    return content_hash([header["hash"], *(names if own is None else [own])])
+
+
+def _at_once() -> bool:
+    """Say that no more lines are waited for."""
+    return True
 
 
 def _write_line(
     writer: SearchWriter, run_dir: Path, facts: Mapping[str, Json], line: dict[str, Json], sums: _Sums
 ) -> None:
     if line["kind"] == "generation":
-        writer.write_generation((*generation_measures(line), *sums.of_generation(line)))
+        writer.write_generation(line["hash"], (*generation_measures(line), *sums.of_generation(line)))
     elif line["kind"] == "candidate":
         writer.write_candidate(
-            line["id"],
+            Entry(name=line["id"], line=line["hash"], failed="stage" in line),
             candidate_params(line, facts["task"]["instructions"]),
             (*candidate_measures(line), *cost_measures(sums.of_candidate(line["id"]), 0)),
             run_dir / "candidates" / f"{line['id']}.py",
-            failed="stage" in line,
         )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run
+from mlflow.exceptions import MlflowException
 
 from tacevo.tracking.entries import Measure
 
@@ -41,8 +42,8 @@ def tagged(tag: str, value: str) -> str:
 def claim(client: MlflowClient, experiment: str, *, tag: str, key: str, name: str) -> Run:
     """Give the one run with a tag, made where there is none.
 
-    Where a server is killed before it answers, the client asks again, and two runs are made of one request; so do two
-    machines that ask at once. The oldest stays, what is nested under the others comes to it, and the others go.
+    Where a server is killed before it answers, the client asks again, and two runs are made of one request; so are they
+    by two machines that ask at once. The oldest stays, what is nested under the others comes to it, and the others go.
 
     Args:
         client: the store.
@@ -69,6 +70,15 @@ def label(client: MlflowClient, run: Run, tags: Mapping[str, str]) -> None:
     for tag, value in tags.items():
         if run.data.tags.get(tag) != value:
             client.set_tag(run.info.run_id, tag, value)
+
+
+def unlabel(client: MlflowClient, run: str, tag: str) -> None:
+    """Take a tag from a run; that it is gone already, by a request whose answer was lost, is no error."""
+    try:
+        client.delete_tag(run, tag)
+    except MlflowException as error:
+        if error.error_code != "RESOURCE_DOES_NOT_EXIST":
+            raise
 
 
 def log(client: MlflowClient, run: str, params: Mapping[str, str], measures: Sequence[Measure]) -> None:

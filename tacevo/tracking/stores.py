@@ -6,20 +6,26 @@ from pathlib import Path
 from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
+from tacevo.errors import RunError
+
 _SQLITE = "sqlite:///"
+#: What every SQLite database begins with; one in which nothing was made yet may be empty.
+_MAGIC = b"SQLite format 3\0"
 
 
 def open_store(uri: str) -> MlflowClient:
     """Open a store; a SQLite database and its folder are made where they are missing.
 
     Raises:
-        OSError: the folder cannot be made. (MLflow itself would try for two minutes before it said so.)
+        RunError: the file is no SQLite database. (MLflow itself would try for two minutes before it said so.)
+        OSError: the folder cannot be made. (Likewise.)
         MlflowException: the store cannot be opened.
     """
     database = _database(uri)
     if database is not None:
         database.parent.mkdir(parents=True, exist_ok=True)
         _make(database)
+        _check(database)
     return MlflowClient(uri)
 
 
@@ -55,6 +61,13 @@ def _make(database: Path) -> None:
         part.with_name(f"{part.name}-journal").unlink(missing_ok=True)
         MlflowClient(f"{_SQLITE}{part}")
         part.rename(database)
+
+
+def _check(database: Path) -> None:
+    with database.open("rb") as file:
+        start = file.read(len(_MAGIC))
+    if start not in {b"", _MAGIC}:
+        raise RunError(f"{database} is no SQLite database: it begins with {start!r}; name another, or a new one")
 
 
 def _artifact_location(uri: str) -> str | None:

@@ -2,9 +2,10 @@
 
 What it promises: one such run a sweep, whichever of its jobs' mirrors comes first, and however many at once on one
 machine. On several machines this holds where their shared file system has locks; where it has none, two may be made,
-and whichever mirror next finds both leaves one, with the searches of both.
+of which one is left, with the searches of both.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tacevo.errors import RunError
 from tacevo.store import content_hash
 from tacevo.sweepdir import Job, SweepDirectory
 from tacevo.tracking.entries import shorten, without_password
+from tacevo.tracking.identity import folder_id
 from tacevo.tracking.locking import alone
 from tacevo.tracking.runs import PARENT_TAG, claim, label, log
 
@@ -30,7 +32,6 @@ class Membership:
 
     directory: SweepDirectory
     overrides: tuple[str, ...]
-    jobs: tuple[Job, ...]
     #: The job whose run it is.
     job: Job
 
@@ -41,8 +42,11 @@ class Membership:
 
     @property
     def key(self) -> str:
-        """What the sweep is found by: the hash of its name and of what its jobs share."""
-        return content_hash(["sweep", self.name, *self.overrides])
+        """What the sweep is found by: its folder's id or, where none can be written, its folder's name.
+
+        Not by what its jobs share, of which workers, stores, tracking and budgets may change.
+        """
+        return content_hash(["sweep", folder_id(self.directory.path) or self.name])
 
 
 def membership(run_dir: Path) -> Membership | None:
@@ -58,9 +62,25 @@ def membership(run_dir: Path) -> Membership | None:
     overrides, jobs = directory.read()
     shown = tuple(map(without_password, overrides))
     return next(
-        (Membership(directory=directory, overrides=shown, jobs=jobs, job=job) for job in jobs if job.name == path.name),
+        (Membership(directory=directory, overrides=shown, job=job) for job in jobs if job.name == path.name),
         None,
     )
+
+
+def nest(client: MlflowClient, experiment: str, member: Membership, tag: Callable[[Mapping[str, str]], None]) -> None:
+    """Bring a search under its sweep's run.
+
+    It is done twice: where two machines without common locks make the sweep's run at once, the second may take the
+    first one's away just before the search is tagged with it; by then it finds its own.
+
+    Args:
+        client: the store.
+        experiment: the experiment's id.
+        member: the sweep.
+        tag: sets tags of the search's run.
+    """
+    for _ in range(2):
+        tag(join_sweep(client, experiment, member))
 
 
 def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dict[str, str]:
@@ -70,7 +90,7 @@ def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dic
         label(client, run, {SWEEP_TAG: member.name})
         if "overrides" not in run.data.params:
             log(client, run.info.run_id, {"overrides": shorten(" ".join(member.overrides))}, ())
-        client.update_run(run.info.run_id, status="RUNNING")
+        client.update_run(run.info.run_id, status="RUNNING", name=member.name)
     return {
         PARENT_TAG: run.info.run_id,
         SWEEP_TAG: member.name,
@@ -80,8 +100,9 @@ def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dic
 
 
 def leave_sweep(client: MlflowClient, experiment: str, member: Membership) -> None:
-    """End the sweep's run where all of its jobs are finished; else it goes on."""
-    if not all(_is_finished(member.directory, job) for job in member.jobs):
+    """End the sweep's run where all of its jobs are finished, also those added meanwhile; else it goes on."""
+    _, jobs = member.directory.read()
+    if not all(_is_finished(member.directory, job) for job in jobs):
         return
     with alone(member.directory.path):
         run = claim(client, experiment, tag=SWEEP_KEY_TAG, key=member.key, name=member.name)
