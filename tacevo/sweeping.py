@@ -164,7 +164,8 @@ def _require_place(key: str, written: str, values: Sequence[str]) -> None:
         )
     if "$" in written:
         raise ConfigError(
-            f"{key} holds a $, and may stand for something else when the sweep goes on elsewhere; write the value itself"
+            f"{key} holds a $, which may stand for something else when the sweep goes on elsewhere; write the value "
+            "itself"
         )
 
 
