@@ -46,7 +46,7 @@ bench: $(READY) ## measure speed and memory beside a peer, in the same run
 	$(BIN)/python -m benchmarks
 
 replay: $(READY) ## replay the published runs that come with the project, and compare everything
-	@for run in $(wildcard cache/published/*.zip); do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
+	@for run in cache/published/*.zip; do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
 
 # Published runs, or folders of yours: make paper RUNS="DIR DIR"
 RUNS ?= cache/published/force-grammar.zip cache/published/grating-grammar.zip

@@ -59,7 +59,7 @@ def test_searches_of_a_sweep_stand_side_by_side(sweep: Path, uri: str) -> None:
 def test_sweep_ends_with_its_last_job(sweep: Path, uri: str) -> None:
     """When every job's run is finished, so is the sweep's."""
     for name in ("none-seed0", "none-seed1", "greedy-seed0", "greedy-seed1"):
-        build_run(sweep / name, ENTRIES[:2])
+        build_run(sweep / name, ENTRIES)
     mirror_once(sweep / "none-seed0", uri)
     assert everything(uri)["sweep",][1] == "FINISHED"
 
