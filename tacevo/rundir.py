@@ -122,6 +122,10 @@ class RunDirectory:
             schema = run["schema"]
         except FileNotFoundError as error:
             raise RunError(f"{self.path} is not the folder of a run: it has no run.json") from error
+        except NotADirectoryError as error:
+            raise RunError(
+                f"{self.path} is a file, and this takes the folder of a run; unpack a published one, and give run/ in it"
+            ) from error
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RunError(
                 f"{path} is damaged: {type(error).__name__}: {error}; restore it, or delete it, and the "

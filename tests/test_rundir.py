@@ -270,3 +270,10 @@ def test_ledger_with_other_or_fewer_lines_is_not_written_over(directory: RunDire
     with pytest.raises(RunError, match="holds another run, or less of this one; choose another"):
         directory.begin_with(sealed({"kind": "run"}, {"kind": "generation"}))
     assert directory.ledger.read_bytes() == before
+
+
+def test_file_is_no_folder_of_a_run(tmp_path: Path) -> None:
+    """A published run is not called damaged; the message says what to give instead."""
+    (tmp_path / "run.zip").write_bytes(b"PK")
+    with pytest.raises(RunError, match=r"run\.zip is a file, and this takes the folder of a run"):
+        RunDirectory(tmp_path / "run.zip").read_run()
