@@ -124,7 +124,7 @@ class RunDirectory:
             raise RunError(f"{self.path} is not the folder of a run: it has no run.json") from error
         except NotADirectoryError as error:
             raise RunError(
-                f"{self.path} is a file, and this takes the folder of a run; unpack a published one, and give run/ in it"
+                f"{self.path} is a file, and this takes the folder of a run; unpack a published one, and give its run/"
             ) from error
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RunError(
