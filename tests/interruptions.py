@@ -18,6 +18,7 @@ import pytest
 from smallest import SMALLEST
 
 from tacevo.sandbox.processes import descendants
+from tacevo.tracking import identity
 
 #: A real search, as small as one can be that mutates, crosses over, rejects and trains.
 SEARCH = [
@@ -221,9 +222,10 @@ def wait_until(holds: Callable[[], bool]) -> bool:
 
 
 def leftovers(folder: Path) -> list[str]:
-    """List what nobody reads: temporary files, and hidden ones that are no locks."""
+    """List what nobody reads: temporary files, and hidden ones that are neither a lock nor the mirror's id."""
     names = [path for path in folder.rglob("*") if path != folder / "tmp"]
-    hidden = [path for path in names if path.name.startswith(".") and not path.name.endswith("lock")]
+    kept = ("lock", identity.FILE)
+    hidden = [path for path in names if path.name.startswith(".") and not path.name.endswith(kept)]
     temporary = [path for path in names if path.name.endswith(("part", "-journal", ".tmp"))]
     return sorted({str(path.relative_to(folder)) for path in (*hidden, *temporary, *(folder / "tmp").rglob("*"))})
 

@@ -65,7 +65,7 @@ def test_exchanged_runs_of_a_bundle_are_refused(
     jobs = json.loads(members[JOBS])
     for job, other in zip(jobs["jobs"], ("fixed_temperature", "fixed_temperature", "none"), strict=True):
         job["arm"] = other
-    renamed = {**members, JOBS: json.dumps(jobs).encode()}
+    renamed = {**members, JOBS: f"{json.dumps(jobs, indent=1, ensure_ascii=False)}\n".encode()}
     for spoilt, words in (
         (exchanged(members), "holds the run of another configuration than sweep.json's job none-seed0"),
         (renamed, "'fixed_temperature', and its overrides make it 'none'"),
