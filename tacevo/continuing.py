@@ -23,7 +23,7 @@ from tacevo.retraining import insist_on_walls, load_same
 from tacevo.rundir import RunDirectory
 from tacevo.sandbox.client import Notice
 from tacevo.session import Result, record, require_means
-from tacevo.store import differences, entry_text, shown
+from tacevo.store import differences, readable, shown
 from tacevo.wiring import open_tools
 
 #: Groups that say where and how safely a run is computed and written: those of the published run are another machine's.
@@ -104,7 +104,7 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
 
 def _readable(entry: Path) -> bytes:
     """Write an entry as a store does; a bundle's are unpacked without line breaks."""
-    return entry_text(json.loads(entry.read_bytes())).encode()
+    return readable(json.loads(entry.read_bytes())).encode()
 
 
 def _refuse_same_folder(config: RunConfig, published: Path) -> None:

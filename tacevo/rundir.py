@@ -26,7 +26,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError, TacevoError
 from tacevo.ledger import read_ledger
 from tacevo.records import Json, Rejection
-from tacevo.store import canonical, content_hash, sweep, write_durably
+from tacevo.store import canonical, content_hash, readable, sweep, write_durably
 
 #: Layout of run.json.
 SCHEMA = 1
@@ -104,7 +104,7 @@ class RunDirectory:
 
     def write_json(self, name: str, value: Json) -> None:
         """Write one of the JSON files whole."""
-        write_durably(self.path / name, json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+        write_durably(self.path / name, readable(value))
 
     def write_text(self, name: str, text: str) -> None:
         """Write one of the text files whole."""

@@ -141,7 +141,7 @@ class Store:
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
         place, entry = sealed_entry(self._kind, request, answer)
-        text = entry_text(entry)
+        text = readable(entry)
         write_durably(self._folder.parent / place, text)
 
     def entries(self) -> Iterator[Json]:
@@ -199,9 +199,9 @@ def sealed_entry(kind: str, request: Json, answer: Json) -> tuple[str, dict[str,
     return f"{kind}/{key[:2]}/{key}.json", {**entry, "checksum": content_hash(entry)}
 
 
-def entry_text(entry: Json) -> str:
-    """Write an entry as its file has it, for people to read."""
-    return json.dumps(entry, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+def readable(value: Json) -> str:
+    """Write JSON as files have it that people read: indented, in the given order, no NaN."""
+    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def write_durably(path: Path, content: str | bytes) -> None:

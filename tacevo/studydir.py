@@ -13,7 +13,7 @@ from pathlib import Path
 from tacevo.errors import RunError
 from tacevo.ledger import GENESIS, Ledger, is_sealed
 from tacevo.records import Json
-from tacevo.store import canonical, content_hash, sweep, write_durably
+from tacevo.store import canonical, content_hash, readable, sweep, write_durably
 
 #: Layout of both files.
 SCHEMA = 2
@@ -127,7 +127,7 @@ class StudyDirectory:
         return study if isinstance(study, dict) else None
 
     def _write(self, study: dict[str, Json]) -> None:
-        write_durably(self.path / "study.json", json.dumps(study, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+        write_durably(self.path / "study.json", readable(study))
 
 
 def name_study(header: Mapping[str, Json], *, epochs: int) -> str:

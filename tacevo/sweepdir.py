@@ -16,7 +16,7 @@ from pathlib import Path
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.rundir import RunDirectory, locked
-from tacevo.store import content_hash, sweep, write_durably
+from tacevo.store import content_hash, readable, sweep, write_durably
 
 #: Layout of sweep.json.
 SCHEMA = 1
@@ -109,7 +109,8 @@ class SweepDirectory:
 
     def fail(self, job: Job, reason: str) -> None:
         """Keep why a job came to nothing."""
-        self._write(f"failed/{job.name}.json", {"job": job.name, "reason": reason})
+        path = self.path / "failed" / f"{job.name}.json"
+        write_durably(path, readable({"job": job.name, "reason": reason}))
 
     def succeed(self, job: Job) -> None:
         """Forget the reason of an earlier failure."""
@@ -130,9 +131,6 @@ class SweepDirectory:
         files = (self.path / job.name / "summary.md", self.path / "failed" / f"{job.name}.json")
         return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in files)
 
-    def _write(self, name: str, value: Json) -> None:
-        write_durably(self.path / name, _text(value))
-
 
 def name_arm(own: Sequence[str]) -> str:
     """Name what a job compares: its ablation, and what else is varied but the seed."""
@@ -150,11 +148,7 @@ def sweep_digest(digests: Mapping[str, str]) -> str:
 
 def sweep_text(overrides: Sequence[str], jobs: Sequence[Job]) -> str:
     """Give what sweep.json holds."""
-    return _text({"schema": SCHEMA, "overrides": list(overrides), "jobs": [asdict(job) for job in jobs]})
-
-
-def _text(value: Json) -> str:
-    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return readable({"schema": SCHEMA, "overrides": list(overrides), "jobs": [asdict(job) for job in jobs]})
 
 
 def _job(entry: Mapping[str, Json]) -> Job:
