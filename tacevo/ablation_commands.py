@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacevo.commandline import DONE, Parser, existing_store, output_folder
-from tacevo.errors import ConfigError
+from tacevo.commandline import DONE, Parser, existing_store, output_folder, place_of_results
 
 if TYPE_CHECKING:
     from analysis.sweep_collection import SweepCollection
@@ -36,11 +35,10 @@ def _ablations(options: argparse.Namespace) -> int:
     from analysis.sweep_collection import pictures_of, tables_of
     from analysis.writing import write_pictures, write_tables
 
-    path, store = Path(options.sweep), existing_store(options.store)
-    if path.is_file() and not options.output:
-        raise ConfigError(f"{path} is a file; say by -o where the tables and figures of a published sweep go")
-    found = _collected(path, None if store is None else Path(store))
-    folder = output_folder(options.output or path / "ablations")
+    store = existing_store(options.store)
+    place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
+    found = _collected(Path(options.sweep), None if store is None else Path(store))
+    folder = output_folder(place)
     tables = tables_of(found)
     print("\n".join(map(as_markdown, tables)))
     write_tables(tables, folder)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacevo.commandline import DIFFERENT, DONE, Parser, existing_store, output_folder
+from tacevo.commandline import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
 from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, SandboxError
 
 if TYPE_CHECKING:
@@ -235,16 +235,8 @@ def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
 
 
 def _place(options: argparse.Namespace, name: str) -> Path:
-    """Say where results go: where the user wants them, else into the folder of the run.
-
-    Raises:
-        ConfigError: the run is a bundle, into which nothing is written.
-    """
-    if options.output:
-        return Path(options.output)
-    if Path(options.run).is_file():
-        raise ConfigError(f"{options.run} is a file; say by -o where the {name} of a published run go")
-    return Path(options.run) / name
+    """Say where the results of a run go."""
+    return place_of_results(options.output, options.run, name, f"the {name} of a published run")
 
 
 def _remarks(gathered: _Gathered) -> list[str]:

@@ -27,6 +27,25 @@ def existing_store(name: str | None) -> str | None:
     return name
 
 
+def place_of_results(output: str | None, source: str, name: str, what: str) -> Path:
+    """Say where results go: where the user wants them, else into the folder that they are of.
+
+    Args:
+        output: where the user wants them.
+        source: the folder or the bundle that they are of.
+        name: what they are called in a folder.
+        what: what they are, for the message, e.g. `the figures of a published run`.
+
+    Raises:
+        ConfigError: they are of a bundle, into which nothing is written, and the user named no place.
+    """
+    if output:
+        return Path(output)
+    if Path(source).is_file():
+        raise ConfigError(f"{source} is a file; say by -o where {what} go")
+    return Path(source) / name
+
+
 def output_folder(name: str | Path) -> Path:
     """Make the folder of results before any work is done for them.
 

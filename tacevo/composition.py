@@ -115,8 +115,9 @@ def _compose(overrides: Sequence[str], root: _Root) -> object:
     GlobalHydra.instance().clear()
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
-            composed = hydra_compose(root.name, overrides=list(overrides))
-            return OmegaConf.to_object(composed if root is not _RUN else _with_arm(composed, overrides))
+            if root is _RUN:
+                return OmegaConf.to_object(_with_arm(overrides))
+            return OmegaConf.to_object(hydra_compose(root.name, overrides=list(overrides)))
     except ConfigError:
         raise
     except (HydraException, OmegaConfBaseException, yaml.YAMLError, OSError, ValueError, TypeError) as error:
@@ -124,24 +125,23 @@ def _compose(overrides: Sequence[str], root: _Root) -> object:
         raise ConfigError(_explained(error, given, root)) from error
 
 
-def _with_arm(composed: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """Lay the arm of an ablation over all else that was chosen.
+def _with_arm(overrides: Sequence[str]) -> DictConfig:
+    """Compose a run, with the arm of an ablation laid over all else that was chosen.
 
     Hydra itself would let the command line win, as in `ablation=no_prompt_archive prompts=curiosity`, and the arm would
     silently be another one.
 
     Args:
-        composed: what Hydra makes of all overrides.
-        overrides: those, of which one may choose the arm.
+        overrides: as the user wrote them; one may choose the arm.
 
     Raises:
-        ConfigError: the search is the arm's without it.
+        ConfigError: there is no such arm, or the search is the arm's without it.
     """
     choice, others = split_arm(overrides)
     arm = read_arm(choice)
-    if not arm:
-        return composed
     without = hydra_compose(_RUN.name, overrides=others)
+    if not arm:
+        return without
     require_change(choice, arm, cast(dict[str, Json], OmegaConf.to_container(without, enum_to_str=True)))
     return cast(DictConfig, OmegaConf.merge(without, arm))
 
