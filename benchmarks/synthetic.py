@@ -21,6 +21,7 @@ from tacevo.development import Tools
 from tacevo.progress import View
 from tacevo.proposals import Task
 from tacevo.records import DataFacts, Json, Limits, Mode, Profile, to_json
+from tacevo.rules import CURRENT, Rules
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.session import Result, record
 from tacevo.training.evaluation import Examples, Run
@@ -47,22 +48,24 @@ def record_synthetic(folder: Path, generations: int, view: View) -> Result:
     facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
     task = load_task(config, facts)
     # Nobody is held by anything in a sandbox that is made up, so there is nothing to tell.
-    return record(config, task, facts, lambda _notice: _made_up(config, task, facts), view)
+    return record(config, task, facts, lambda rules, _notice: _made_up(config, task, facts, rules), view)
 
 
 @contextmanager
-def _made_up(config: RunConfig, task: Task, facts: DataFacts) -> Iterator[Tools]:
+def _made_up(config: RunConfig, task: Task, facts: DataFacts, rules: Rules) -> Iterator[Tools]:
     """Open the effects of a search over a sandbox that is made up."""
     run = _sandbox(_profile_of_baseline(config, task), config.training.epochs, facts.outputs)
     with ThreadPoolExecutor(1) as executor:
         examples = _examples(facts)
-        yield build_tools(config, task, facts.fingerprint, run, executor=executor, examples=examples, mode=Mode.record)
+        yield build_tools(
+            config, task, facts.fingerprint, run, rules, executor=executor, examples=examples, mode=Mode.record
+        )
 
 
 def _profile_of_baseline(config: RunConfig, task: Task) -> Profile:
     """Probe the baseline in a real sandbox, once."""
     with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}) as sandbox:
-        judged = build_gate(config, task.contract, sandbox.run, Mode.record).inspect(task.baseline)
+        judged = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
     if not hasattr(judged, "profile"):
         raise RuntimeError(f"the baseline was turned away: {judged}")
     return judged.profile

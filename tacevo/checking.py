@@ -12,6 +12,7 @@ from tacevo.errors import ConfigError
 from tacevo.gate.admission import Admitted
 from tacevo.proposals import Task
 from tacevo.records import Completion, Json, Mode, Rejection
+from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Sandbox
 from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
@@ -38,7 +39,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     with contextlib.ExitStack() as stack:
         config.store.root = stack.enter_context(tempfile.TemporaryDirectory())  # a check leaves nothing behind
         sandbox = Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={})
-        gate = build_gate(config, judged.contract, stack.enter_context(sandbox).run, Mode.record)
+        gate = build_gate(config, judged.contract, stack.enter_context(sandbox).run, Mode.record, CURRENT)
         for file, completion in answers:
             verdict = _verdict(file, gate.admit(completion))
             yield json.dumps(verdict) if as_json else _words(verdict)

@@ -22,6 +22,11 @@ def add_continue(commands: "argparse._SubParsersAction[Parser]") -> None:
     )
     command.add_argument("run", metavar="RUN", help="the folder of a run, or a file that `tacevo publish` wrote")
     command.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; search.generations=N is needed")
+    command.add_argument(
+        "--rules",
+        choices=["current"],
+        help="search on under this release's rules where the run has others; the ledger records the change",
+    )
     command.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
     command.set_defaults(command=_continue)
 
@@ -38,7 +43,8 @@ def _continue(options: argparse.Namespace) -> int:
     with opened(Path(options.run)) as found, PlainView(Console(stderr=True)) as view:
         moved = found.root is None and options.store is not None
         published = replace(found, store=Path(options.store)) if moved else found
-        result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view))
+        mix = options.rules is not None
+        result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view), mix_rules=mix)
     print(result.summary)
     print(f"run: {result.directory}")
     print(f"digest: {result.digest}")

@@ -7,12 +7,13 @@ with its very lines, and the search is held against each of them; nothing is wri
 import json
 from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import asdict
 from pathlib import Path
 
 from tacevo.composition import compose, from_plain, to_plain
 from tacevo.config import RunConfig, identity
 from tacevo.development import Tools
-from tacevo.errors import ConfigError
+from tacevo.errors import ConfigError, RunError
 from tacevo.opening import Opened
 from tacevo.packing import take_in
 from tacevo.plurals import counted
@@ -20,7 +21,8 @@ from tacevo.progress import View
 from tacevo.records import Json, Mode
 from tacevo.replaying import read_run
 from tacevo.retraining import insist_on_walls, load_same
-from tacevo.rundir import RunDirectory
+from tacevo.rules import CURRENT, Era, Rules, eras_of
+from tacevo.rundir import RunDirectory, deviations
 from tacevo.sandbox.client import Notice
 from tacevo.session import Result, record, require_means
 from tacevo.store import differences, readable, shown
@@ -33,7 +35,9 @@ _HERE = ("store", "run", "tracking", "executor", "sandbox")
 Check = Callable[[Opened], Collection[Path]]
 
 
-def continue_run(published: Opened, overrides: Sequence[str], view: View, *, check: Check) -> Result:
+def continue_run(
+    published: Opened, overrides: Sequence[str], view: View, *, check: Check, mix_rules: bool = False
+) -> Result:
     """Take up a finished run where it ended, in a run directory of its own.
 
     Args:
@@ -41,10 +45,11 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
         overrides: settings as `tacevo search` takes them, among them `search.generations`.
         view: who is told.
         check: raises where the published run is not as it should be.
+        mix_rules: whether generations under the current rules may follow those under others.
 
     Raises:
         ConfigError: an override would make it another run, or not a longer one.
-        RunError: it is a sweep.
+        RunError: it is a sweep; or its rules are not the current ones, and they must not be mixed.
         DataError: the data set is not there, or is another one.
         TacevoError: what `check` raises, and as `tacevo.session.search`.
     """
@@ -57,6 +62,8 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
     settings, task, facts = read_run(directory)
     recorded = directory.read_finished()
     config = continued(settings, overrides)
+    with directory.believed():
+        eras = _eras(recorded, settings.search.generations, mix_rules, view)
     _refuse_same_folder(config, run)
     require_means(config)
     read = sorted(check(published))
@@ -65,10 +72,30 @@ def continue_run(published: Opened, overrides: Sequence[str], view: View, *, che
     written, _ = take_in(published.store, entries, Path(config.store.root))
     view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
 
-    def tools(notice: Notice) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, facts, data, Mode.record, notice=notice)
+    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
+        return open_tools(config, task, facts, data, Mode.record, rules=rules, notice=notice)
 
-    return record(config, task, facts, tools, view, begun=recorded)
+    return record(config, task, facts, tools, view, begun=recorded, eras=eras)
+
+
+def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool, view: View) -> tuple[Era, ...]:
+    """List the eras of a continued run: those of the published one and, where its rules are old, one more.
+
+    Raises:
+        RunError: they are old, and the user did not ask for a mix.
+    """
+    eras = eras_of(recorded)
+    last = eras[-1].rules
+    if last == CURRENT:
+        return eras
+    others = ", ".join(deviations(asdict(last), asdict(CURRENT)))
+    if not mix_rules:
+        raise RunError(
+            f"expected a run under the current rules; got one under others ({others}). Its candidates and new ones "
+            "would be judged differently; continue all the same with --rules current, which the ledger records"
+        )
+    view.say(f"from generation {generations + 1} on, the current rules apply: {others}")
+    return (*eras, Era(generation=generations + 1, rules=CURRENT))
 
 
 def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:

@@ -12,6 +12,7 @@ from tacevo.choices import Numerics
 from tacevo.confdir import conf_root
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Mode, Rejection
+from tacevo.rules import CURRENT
 from tacevo.rundir import machine, versions
 from tacevo.sandbox.client import Notice, Sandbox
 from tacevo.sandbox.confinement import in_force, report
@@ -63,7 +64,7 @@ def _sandbox(notice: Notice) -> str:
     with tempfile.TemporaryDirectory() as store:
         config.store.root = store  # nothing recorded may answer instead
         with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}, notice=notice) as sandbox:
-            verdict = build_gate(config, task.contract, sandbox.run, Mode.record).inspect(task.baseline)
+            verdict = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
     if isinstance(verdict, Rejection):
         raise SandboxError(
             f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"

@@ -4,12 +4,13 @@ from tacevo.archive import Elite, Places, coverage, qd_score, quality
 from tacevo.config import RunConfig, identity
 from tacevo.proposals import Task
 from tacevo.records import DataFacts, Json, to_json
+from tacevo.rules import Rules, recorded
 from tacevo.rundir import SCHEMA
 from tacevo.search import Plan, SearchState
 from tacevo.store import content_hash
 
 
-def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan) -> dict[str, Json]:
+def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rules: Rules) -> dict[str, Json]:
     """Write the first line of a ledger: all that the run's results follow from."""
     return {
         "kind": "run",
@@ -18,6 +19,7 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan) -> d
         "task": content_hash(to_json(task)),
         "data": to_json(facts),
         "centroids": content_hash([_centroids(plan), plan.prompts.centroids.tolist()]),
+        **recorded(rules),
     }
 
 

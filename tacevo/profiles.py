@@ -6,8 +6,9 @@ from pathlib import Path
 from tacevo.choices import Confinement
 from tacevo.errors import RunError
 from tacevo.gate.admission import Admitted
-from tacevo.records import Mode, Profile
+from tacevo.records import Mode, Profile, Rejection
 from tacevo.replaying import read_run
+from tacevo.rules import CURRENT, Rules, by_rules
 from tacevo.rundir import RunDirectory
 from tacevo.sandbox.confinement import require
 from tacevo.wiring import open_gate
@@ -21,8 +22,8 @@ def recall_profiles(
 ) -> dict[str, Profile]:
     """Give the profile of every trained candidate of a run, by id, in the order of its ledger.
 
-    A probe that is missing, e.g. because an older version of this package made the run, is made and stored; the code of
-    a candidate runs in a confined process, as in a search.
+    They are recalled under the rules of the run. A probe that the store lacks is made under the current rules and
+    stored; the code of a candidate runs in a confined process, as in a search.
 
     Args:
         path: the run directory.
@@ -38,16 +39,28 @@ def recall_profiles(
     directory = RunDirectory(path)
     config, task, _ = read_run(directory, store)
     with directory.believed():
-        trained = {line["id"]: line["source"] for line in directory.read_ledger() if "fitness" in line}
-    sources = {name: directory.read_source(name, digest) for name, digest in trained.items()}
+        trained = {
+            line["id"]: (rules, line["source"])
+            for rules, line in by_rules(directory.read_ledger())
+            if "fitness" in line
+        }
+    sources = {name: (rules, directory.read_source(name, digest)) for name, (rules, digest) in trained.items()}
     distinct = dict.fromkeys(sources.values())
-    with open_gate(config, task.contract, mode) as (gate, executor):
-        if mode is not Mode.replay and not all(map(gate.is_recorded, distinct)):
+    with open_gate(config, task.contract, mode) as (gate_under, executor):
+        current = gate_under(CURRENT)
+        gates = {rules: gate_under(rules) for rules, _ in distinct}
+        missing = {key for key in distinct if mode is not Mode.replay and not gates[key[0]].is_recorded(key[1])}
+        if missing:
             confine(config.sandbox.require)
-        verdicts = dict(zip(distinct, executor.map(gate.measure, distinct), strict=True))
+
+        def judge(key: tuple[Rules, str]) -> Admitted | Rejection:
+            rules, source = key
+            return (current if key in missing else gates[rules]).measure(source)
+
+        verdicts = dict(zip(distinct, executor.map(judge, distinct), strict=True))
     found = {}
-    for name, source in sources.items():
-        verdict = verdicts[source]
+    for name, key in sources.items():
+        verdict = verdicts[key]
         if not isinstance(verdict, Admitted):
             raise RunError(f"{name} of {path} was trained, but is turned away now: {verdict.reason}: {verdict.detail}")
         found[name] = verdict.profile

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,15 +12,16 @@ from tacevo.choices import DataSource
 from tacevo.composition import from_plain
 from tacevo.config import RunConfig, StoreConfig
 from tacevo.costs import Spending, spending_on, total
-from tacevo.development import Outcome
+from tacevo.development import Outcome, Tools
 from tacevo.documents import archive_files, run_header
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
 from tacevo.proposals import Instruction, Task
 from tacevo.records import Contract, DataFacts, Json, Mode, Rejection
+from tacevo.rules import CORES, Rules, check_known, eras_of
 from tacevo.rundir import RunDirectory, deviations, rejected_text, versions
-from tacevo.search import Plan, SearchState, run_search
+from tacevo.search import Plan, SearchState, run_eras
 from tacevo.store import Seen, differences, shown, value_at
 from tacevo.wiring import build_plan, open_tools
 
@@ -45,7 +47,8 @@ class Replayed:
 def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Replayed:
     """Run a recorded search again from its stores alone, and compare every line and file of it.
 
-    Neither the data set nor a model nor a sandbox is used.
+    Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
+    rules that the run recorded, whatever those of this release are.
 
     Args:
         path: the run directory.
@@ -56,7 +59,7 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
     Raises:
         DivergenceError: something recorded differs from what the search gives.
         CacheMissError: a store lacks an answer.
-        RunError: this is no run directory, or its ledger is damaged.
+        RunError: this is no run directory, its ledger is damaged, or this release cannot compute its core rules.
     """
     directory = RunDirectory(path)
     with directory.believed():
@@ -71,11 +74,19 @@ def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen |
     """Run the search again, and compare."""
     config, task, facts = read_run(directory, store)
     recorded = directory.read_finished()
+    with directory.believed():
+        eras = eras_of(recorded)
+    for era in eras:
+        check_known("core", era.rules.core, CORES, directory.path)
     plan = build_plan(config, task, Mode.replay, seen=seen)
-    with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay, seen=seen) as tools:
-        ledger.commit(run_header(config, task, facts, plan))
+
+    def tools(rules: Rules) -> AbstractContextManager[Tools]:
+        return open_tools(config, task, facts, None, Mode.replay, rules=rules, seen=seen)
+
+    with Ledger(None, recorded) as ledger:
+        ledger.commit(run_header(config, task, facts, plan, eras[0].rules))
         verifier = _Verifier(directory, plan, view)
-        state = run_search(plan, tools, ledger, verifier)
+        state = run_eras(plan, eras, tools, ledger, verifier)
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)

@@ -19,6 +19,7 @@ from tacevo.progress import Listener, View
 from tacevo.randomness import stream
 from tacevo.records import DataFacts, Json, Reason, Rejection, Training
 from tacevo.replaying import read_run
+from tacevo.rules import TRAININGS, by_rules, check_known
 from tacevo.rundir import RunDirectory, deviations, machine, versions
 from tacevo.sandbox.confinement import require
 from tacevo.training.numerics import check_machine
@@ -103,7 +104,8 @@ def retrain(runs: Sequence[Path], store: str | None, count: int | None, view: Vi
         DivergenceError: the first difference.
         DataError: a run's data set is not there, or is another one.
         ConfigError: this machine cannot compute what a run's numerics ask for.
-        RunError: a candidate's source is missing or was edited, or run.json is damaged.
+        RunError: a candidate's source is missing or was edited, run.json is damaged, or this release's trainer cannot
+            train as the run's did.
     """
     pairs = _evaluations(runs)
     seed = read_run(RunDirectory(runs[0]))[0].seed
@@ -129,8 +131,13 @@ def _evaluations(runs: Sequence[Path]) -> list[tuple[Path, Mapping[str, Json]]]:
     """List the evaluations of all runs, each with the first run that has it."""
     found: dict[str, tuple[Path, Mapping[str, Json]]] = {}
     for run in runs:
-        for line in evaluated(RunDirectory(run).read_ledger()):
+        directory = RunDirectory(run)
+        ledger = directory.read_ledger()
+        with directory.believed():
+            numbers = {line["hash"]: rules.training for rules, line in by_rules(ledger)}
+        for line in evaluated(ledger):
             found.setdefault(line["evaluation"], (run, line))
+            check_known("training", numbers[line["hash"]], TRAININGS, run)
     return list(found.values())
 
 

@@ -13,6 +13,7 @@ import hashlib
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -36,6 +37,7 @@ from tacevo.ledger import Ledger
 from tacevo.prompts import PromptArchive, Trial, curiosity
 from tacevo.proposals import Parent, Proposal, Settings, Task, plan_generation, plan_initial
 from tacevo.records import Json, Operator, Profile, Rejection, to_json
+from tacevo.rules import Era, Rules
 from tacevo.store import content_hash
 from tacevo.temperature import next_temperature
 
@@ -99,16 +101,49 @@ class Observer(Protocol):
         """Take a line of the ledger after it was committed, and the state that results."""
 
 
-def run_search(plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
-    """Run a search from its beginning to generation G, through the stores and onto the ledger.
+def run_search(
+    plan: Plan, tools: Tools, ledger: Ledger, observer: Observer, *, since: SearchState | None = None
+) -> SearchState:
+    """Run a search from its beginning, or from a later state, to generation G, through the stores and onto the ledger.
 
     Raises:
         DivergenceError: the ledger holds a line that the search does not reproduce.
         CacheMissError: a store in replay mode lacks an answer.
     """
-    state = SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
-    for _ in range(plan.generations + 1):
+    state = since or SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
+    while state.generation <= plan.generations:
         state = step(state, plan, tools, ledger, observer)
+    return state
+
+
+def run_eras(
+    plan: Plan,
+    eras: Sequence[Era],
+    open_tools: Callable[[Rules], AbstractContextManager[Tools]],
+    ledger: Ledger,
+    observer: Observer,
+) -> SearchState:
+    """Run a search whose generations follow several rules, one after the other; each change has a ledger line.
+
+    Args:
+        plan: of the whole search.
+        eras: from generation 0 on; one, unless the run was continued under other rules.
+        open_tools: opens the effects under the rules of an era.
+        ledger: for every line.
+        observer: who watches.
+
+    Raises:
+        TacevoError: as `run_search`.
+    """
+    state = None
+    ends = [era.generation - 1 for era in eras[1:]] + [plan.generations]
+    for era, end in zip(eras, ends, strict=True):
+        if state is not None:
+            ledger.commit(era.line())
+        with open_tools(era.rules) as tools:
+            state = run_search(replace(plan, generations=end), tools, ledger, observer, since=state)
+    if state is None:
+        raise ValueError("a search has one era at least; got none")
     return state
 
 

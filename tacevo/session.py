@@ -19,10 +19,11 @@ from tacevo.progress import View, Watcher
 from tacevo.proposals import Task
 from tacevo.providers import build_llm
 from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
+from tacevo.rules import CURRENT, PAGES, Era, Rules
 from tacevo.rundir import SCHEMA, RunDirectory, machine, versions
 from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, require
-from tacevo.search import Plan, SearchState, run_search
+from tacevo.search import Plan, SearchState, run_eras
 from tacevo.store import content_hash, sweep_stores
 from tacevo.summary import summarise
 from tacevo.tracking.entries import without_password
@@ -56,8 +57,8 @@ def search(config: RunConfig, view: View) -> Result:
     data = load_data(config, view.data, view.say)
     task = load_task(config, data.facts)
 
-    def tools(notice: Notice) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, data.facts, data, Mode.record, notice=notice)
+    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
+        return open_tools(config, task, data.facts, data, Mode.record, rules=rules, notice=notice)
 
     return record(config, task, data.facts, tools, view)
 
@@ -78,10 +79,11 @@ def record(
     config: RunConfig,
     task: Task,
     facts: DataFacts,
-    tools: Callable[[Notice], AbstractContextManager[Tools]],
+    tools: Callable[[Rules, Notice], AbstractContextManager[Tools]],
     view: View,
     *,
     begun: Sequence[dict[str, Json]] = (),
+    eras: Sequence[Era] = (Era(generation=0, rules=CURRENT),),
 ) -> Result:
     """Run a search with given effects into its run directory, or take up the one that was begun there.
 
@@ -89,26 +91,27 @@ def record(
         config: the configuration.
         task: the task.
         facts: of the data set.
-        tools: opens the effects when the directory is ready, and has what holds each candidate told.
+        tools: opens the effects under given rules when the directory is ready, and has what holds each candidate told.
         view: who is told.
         begun: the ledger of another run that this one continues; its lines are held against the search as those of a
             stopped run are.
+        eras: the rules to search under, from which generation on.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
     plan = build_plan(config, task, Mode.record)
-    header = run_header(config, task, facts, plan)
-    directory = RunDirectory(_run_path(config, header))
+    header = run_header(config, task, facts, plan, eras[0].rules)
+    directory = RunDirectory(_run_path(config, [header, config.search.generations, *(era.line() for era in eras[1:])]))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
         directory.sweep()
         sweep_stores(Path(config.store.root))
         _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
-        with _mirrored(config, directory, view), tools(Walls(directory).note) as opened:
-            observer = _Recorder(directory, ledger, plan, view)
-            state = run_search(plan, opened, ledger, observer)
+        with _mirrored(config, directory, view):
+            observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
+            state = run_eras(plan, eras, lambda rules: tools(rules, walls.note), ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
@@ -122,11 +125,11 @@ def _opened(directory: RunDirectory, begun: Sequence[dict[str, Json]]) -> Ledger
     return Ledger(directory.ledger)
 
 
-def _run_path(config: RunConfig, header: dict[str, Json]) -> Path:
-    """Name the folder of a run after what it is, so that the same command finds it again."""
+def _run_path(config: RunConfig, content: Json) -> Path:
+    """Name the folder of a run after what decides it, so that the same command finds it again."""
     if config.run.dir is not None:
         return Path(config.run.dir)
-    name = content_hash([header, config.search.generations])[:8]
+    name = content_hash(content)[:8]
     return Path("runs") / f"{config.task.name}-seed{config.seed}-{name}"
 
 
@@ -165,7 +168,9 @@ def _commit_header(ledger: Ledger, header: dict[str, Json], directory: RunDirect
     try:
         ledger.commit(header)
     except DivergenceError as error:
-        raise RunError(f"run.dir={directory.path} holds another run ({error}); choose another run.dir") from error
+        raise RunError(
+            f"run.dir={directory.path} holds another run, or one under other rules ({error}); choose another run.dir"
+        ) from error
 
 
 def _stage(ledger: Ledger) -> str:
@@ -183,7 +188,7 @@ def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
 def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
     """Write what is known only at the end; return the summary."""
     run = directory.read_run()
-    run |= {"config": _publishable(config), "digest": digest}
+    run |= {"config": _publishable(config), "digest": digest, "pages": PAGES}
     directory.write_json("run.json", run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
     summary = summarise(run, directory.read_ledger(), names, directory.read_spending())

@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from tacevo.errors import RunError
 from tacevo.ranking import best_of_their_own
 from tacevo.records import DataFacts, Json, Recipe, Rejection, to_json
+from tacevo.rules import FIRST_STUDY
 from tacevo.studydir import SCHEMA
 from tacevo.terms import Terms
 from tacevo.training.full import FullTraining
@@ -50,6 +51,7 @@ def study_header(
     seeds: int,
     terms: Terms,
     networks: Sequence[Json],
+    rules: int,
 ) -> dict[str, Json]:
     """Write the first line of the scores: all that they follow from, and how they are to be judged.
 
@@ -61,6 +63,7 @@ def study_header(
         seeds: S.
         terms: of the judgement.
         networks: see `networks_of`.
+        rules: number of the full trainings.
     """
     return {
         "kind": "study",
@@ -75,7 +78,17 @@ def study_header(
         "seeds": seeds,
         "terms": to_json(terms),
         "networks": list(networks),
+        **({} if rules == FIRST_STUDY else {"rules": rules}),
     }
+
+
+def study_rules(header: Mapping[str, Json]) -> int:
+    """Read the number of the full trainings of a study.
+
+    Args:
+        header: the first line of its scores, or its study.json.
+    """
+    return int(header.get("rules", FIRST_STUDY))
 
 
 def score_line(

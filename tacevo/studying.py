@@ -21,11 +21,12 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Kind, Limits, Mode, Recipe, Rejection
 from tacevo.replaying import doubting, read_run
 from tacevo.retraining import load_same
+from tacevo.rules import STUDY
 from tacevo.rundir import RunDirectory, deviations, machine, versions
 from tacevo.sandbox.confinement import require
 from tacevo.store import Seen, sweep_stores
 from tacevo.study_config import StudyConfig
-from tacevo.study_documents import networks_of, score_line, study_header
+from tacevo.study_documents import networks_of, score_line, study_header, study_rules
 from tacevo.studydir import StudyDirectory, describes, name_study, studies_of
 from tacevo.terms import Margin, Terms, fewest_seeds
 from tacevo.training.full import FullEvaluator, FullTraining
@@ -93,6 +94,7 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
         epochs=config.epochs,
         limits=limits,
         terms=partial(_stated, config),
+        rules=STUDY,
     )
     run = replace(plan.config, executor=config.executor)
     require(run.sandbox.require)
@@ -104,7 +106,7 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     units = list(units_of(catalogue)) if data.scale else []
     circumstances = {"scale": list(data.scale), "units": units, "versions": versions(), "machine": machine()}
     directory.begin(_described(plan), circumstances)
-    with open_studies(run, plan.task, plan.facts, data, Mode.record) as (evaluator, executor):
+    with open_studies(run, plan.task, plan.facts, data, Mode.record, rules=STUDY) as (evaluator, executor):
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, config, len(recorded), view)
         verdicts = _train(plan.jobs, recorded, evaluator, executor, view)
@@ -163,14 +165,22 @@ def _replay(
         recipe = Recipe.from_json(recorded["recipe"])
         elites, seeds = len(recorded["networks"]) - 1, int(recorded["seeds"])
         terms = Terms.from_json(recorded["terms"])
+        rules = study_rules(recorded)
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{directory.path}/study.json is damaged: {type(error).__name__}: {error}") from error
     plan = _plan(
-        path, store, elites=elites, seeds=seeds, epochs=recipe.epochs, limits=recipe.limits, terms=lambda _: terms
+        path,
+        store,
+        elites=elites,
+        seeds=seeds,
+        epochs=recipe.epochs,
+        limits=recipe.limits,
+        terms=lambda _: terms,
+        rules=rules,
     )
     if not describes(recorded, _described(plan)):
         raise DivergenceError(f"{directory.path}/study.json was edited, or tells of another run or other networks")
-    with open_studies(plan.config, plan.task, plan.facts, None, Mode.replay, seen=seen) as (evaluator, _):
+    with open_studies(plan.config, plan.task, plan.facts, None, Mode.replay, rules=rules, seen=seen) as (evaluator, _):
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = directory.compare(_entries(plan, evaluator, verdicts))
     if digest != recorded["digest"]:
@@ -193,6 +203,7 @@ def _plan(
     epochs: int,
     limits: Limits,
     terms: Callable[[Kind], Terms],
+    rules: int,
 ) -> _Plan:
     """Work out which networks of a finished run are to be trained, how, and on which terms they are judged."""
     directory = RunDirectory(path)
@@ -211,6 +222,7 @@ def _plan(
             seeds=seeds,
             terms=terms(facts.kind),
             networks=networks,
+            rules=rules,
         )
     jobs = [
         _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, "study", index))

@@ -126,7 +126,8 @@ def check_sizes(run: Path) -> None:
     with directory.believed():
         search = directory.read_run()["config"]["search"]
         initial, generations, candidates = (int(search[key]) for key in ("initial", "generations", "candidates"))
-        expected = 1 + (1 + initial + 1) + generations * (candidates + 1)
+        changes = sum(line["kind"] == "rules" for line in lines)
+        expected = 1 + (1 + initial + 1) + generations * (candidates + 1) + changes
     if len(lines) != expected:
         raise RunError(f"{run}/ledger.jsonl has {len(lines)} lines; the configuration in run.json gives {expected}")
     for study in studies_of(run):

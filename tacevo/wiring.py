@@ -28,6 +28,7 @@ from tacevo.proposals import Settings, Task
 from tacevo.providers import build_llm, provider_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
+from tacevo.rules import CURRENT, STUDY, Rules
 from tacevo.sandbox.client import Notice, Sandbox
 from tacevo.search import Plan
 from tacevo.store import Seen, Store
@@ -204,6 +205,7 @@ def open_tools(
     data: Dataset | None,
     mode: Mode,
     *,
+    rules: Rules,
     seen: Seen | None = None,
     notice: Notice | None = None,
 ) -> Iterator[Tools]:
@@ -215,13 +217,16 @@ def open_tools(
         facts: of the data set.
         data: the data set; None where every answer is recorded, as in a replay.
         mode: of the probes, evaluations and centroids; the completions follow `llm.mode`, unless this is `replay`.
+        rules: to search under; with others than the current ones, every store only replays.
         seen: told of every store entry that is read.
         notice: told of what holds each candidate, before its answer is kept.
     """
     examples = None if data is None else _examples(data)
     with _workers(config, data, notice) as (sandbox, executor):
         fingerprint, run = facts.fingerprint, sandbox.run
-        yield build_tools(config, task, fingerprint, run, executor=executor, examples=examples, mode=mode, seen=seen)
+        yield build_tools(
+            config, task, fingerprint, run, rules, executor=executor, examples=examples, mode=mode, seen=seen
+        )
 
 
 def build_tools(
@@ -229,6 +234,7 @@ def build_tools(
     task: Task,
     fingerprint: str,
     run: Run,
+    rules: Rules,
     *,
     executor: Executor,
     examples: Examples | None,
@@ -242,14 +248,21 @@ def build_tools(
         task: the task.
         fingerprint: of the data set.
         run: what runs a job in the sandbox.
+        rules: as in `open_tools`.
         executor: the threads that wait for it.
         examples: to train on; None where every answer is recorded.
         mode: as in `open_tools`.
         seen: told of every store entry that is read.
     """
-    gate = build_gate(config, task.contract, run, mode, seen=seen)
-    store = _store(config, "evaluations", mode, seen)
-    evaluator = Evaluator(run=run, store=store, setting=_setting(config, task, fingerprint), examples=examples)
+    mode = _mode_under(rules, mode)
+    gate = build_gate(config, task.contract, run, mode, rules, seen=seen)
+    evaluator = Evaluator(
+        run=run,
+        store=_store(config, "evaluations", mode, seen),
+        setting=_setting(config, task, fingerprint),
+        examples=examples,
+        rules=rules.training,
+    )
     seed = derived_seed(config.seed, "training")
     return Tools(
         llm=build_llm(config, mode, seen=seen),
@@ -273,14 +286,23 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
     with _workers(config, data) as (sandbox, executor):
         store = _store(config, "evaluations", Mode.live, seen=None)
         setting = _setting(config, task, data.facts.fingerprint)
-        evaluator = Evaluator(run=sandbox.run, store=store, setting=setting, examples=_examples(data))
+        evaluator = Evaluator(
+            run=sandbox.run, store=store, setting=setting, examples=_examples(data), rules=CURRENT.training
+        )
         seed = derived_seed(config.seed, "training")
         yield lambda source: evaluator.retrain(source, seed), executor
 
 
 @contextlib.contextmanager
 def open_studies(
-    config: RunConfig, task: Task, facts: DataFacts, data: Dataset | None, mode: Mode, *, seen: Seen | None = None
+    config: RunConfig,
+    task: Task,
+    facts: DataFacts,
+    data: Dataset | None,
+    mode: Mode,
+    *,
+    rules: int,
+    seen: Seen | None = None,
 ) -> Iterator[tuple[FullEvaluator, Executor]]:
     """Open what trains networks fully and tests them.
 
@@ -290,20 +312,21 @@ def open_studies(
         facts: of the data set.
         data: the data set; None where every training is recorded.
         mode: of the store.
+        rules: number of the full trainings; with another than the current one, the store only replays.
         seen: told of every store entry that is read.
     """
     with _workers(config, data) as (sandbox, executor):
         setting = _setting(config, task, facts.fingerprint)
-        store = _store(config, "studies", mode, seen)
+        store = _store(config, "studies", mode if rules == STUDY else Mode.replay, seen)
         examples = None if data is None else (_examples(data), _held_out(data))
-        yield FullEvaluator(run=sandbox.run, store=store, setting=setting, examples=examples), executor
+        yield FullEvaluator(run=sandbox.run, store=store, setting=setting, examples=examples, rules=rules), executor
 
 
 @contextlib.contextmanager
-def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tuple[Gate, Executor]]:
-    """Open the gate of a task alone, with the threads of its run; no process is started before something is probed."""
+def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tuple[Callable[[Rules], Gate], Executor]]:
+    """Open the gate of a task alone, under any rules, with the threads of its run; a process starts with a probe."""
     with _workers(config, None) as (sandbox, executor):
-        yield build_gate(config, contract, sandbox.run, mode), executor
+        yield lambda rules: build_gate(config, contract, sandbox.run, mode, rules), executor
 
 
 @contextlib.contextmanager
@@ -345,9 +368,11 @@ def _executor(executor: ExecutorConfig) -> Executor:
             return ThreadPoolExecutor(executor.workers, "worker")
 
 
-def build_gate(config: RunConfig, contract: Contract, run: Run, mode: Mode, *, seen: Seen | None = None) -> Gate:
-    """Build the gate of a task."""
-    gate = config.gate
+def build_gate(
+    config: RunConfig, contract: Contract, run: Run, mode: Mode, rules: Rules, *, seen: Seen | None = None
+) -> Gate:
+    """Build the gate of a task; with other rules than the current ones, its stores only replay."""
+    gate, mode = config.gate, _mode_under(rules, mode)
     return Gate(
         run=run,
         answers=_store(config, "answers", mode, seen),
@@ -361,7 +386,13 @@ def build_gate(config: RunConfig, contract: Contract, run: Run, mode: Mode, *, s
         ),
         probe_limits=Limits(seconds=gate.seconds, memory_mib=gate.memory_mib),
         numerics=config.numerics.kind,
+        rules=rules,
     )
+
+
+def _mode_under(rules: Rules, mode: Mode) -> Mode:
+    """Keep what this code computes from being stored under the numbers of other rules."""
+    return mode if rules == CURRENT else Mode.replay
 
 
 def recipe_of(config: RunConfig) -> Recipe:

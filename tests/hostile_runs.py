@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tacevo.choices import Numerics
 from tacevo.gate.admission import Admitted, Gate, GateLimits
 from tacevo.records import Json, Limits, Mode, Reason, Recipe, Rejection, Stage, Training, to_json
+from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.store import Store
 from tacevo.training import evaluation
@@ -71,7 +72,9 @@ class Harness:
         setting = Setting(
             contract=CONTRACT, fingerprint=self.data.fingerprint, recipe=RECIPE, numerics=Numerics.portable
         )
-        return Evaluator(run=self.sandbox.run, store=store, setting=setting, examples=self.data).evaluate(source, 0)
+        return Evaluator(run=self.sandbox.run, store=store, setting=setting, examples=self.data, rules=0).evaluate(
+            source, 0
+        )
 
     def good_one(self) -> Training | Rejection:
         """Train a decent candidate: what it gives must not hang on who was there before."""
@@ -86,6 +89,7 @@ class Harness:
             limits=GATE_LIMITS,
             probe_limits=LIMITS,
             numerics=Numerics.portable,
+            rules=CURRENT,
         )
 
 

@@ -44,6 +44,7 @@ HEADER = study_header(
     seeds=3,
     terms=TERMS,
     networks=NETWORKS,
+    rules=2,
 )
 SCORES: list[dict[str, Json]] = [
     {

@@ -50,7 +50,9 @@ class Trainer:
         setting = Setting(
             contract=CONTRACT, fingerprint=EXAMPLES.fingerprint, recipe=recipe, numerics=Numerics.portable
         )
-        return Evaluator(run=self._sandbox.run, store=store, setting=setting, examples=EXAMPLES).evaluate(source, 0)
+        return Evaluator(run=self._sandbox.run, store=store, setting=setting, examples=EXAMPLES, rules=0).evaluate(
+            source, 0
+        )
 
 
 @pytest.fixture(scope="module")

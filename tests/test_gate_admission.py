@@ -13,7 +13,6 @@ from gate_cases import VALID, candidate, completion, contract, examples, needs_s
 from tacevo.descriptors import describe
 from tacevo.errors import CacheMissError, SandboxError
 from tacevo.gate.admission import Admitted, Gate, GateLimits
-from tacevo.gate.answers import STATIC_VERSION
 from tacevo.records import (
     Contract,
     Graph,
@@ -28,6 +27,7 @@ from tacevo.records import (
     Step,
     to_json,
 )
+from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.store import Store
 
@@ -95,6 +95,7 @@ def gate(
         limits=limits,
         probe_limits=probe_limits,
         numerics=numerics,
+        rules=CURRENT,
     )
 
 
@@ -224,7 +225,7 @@ def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
     """Python 3.12 parses what 3.11 refuses, so a replay believes the recording and not its own parser."""
     text = "an answer that another version of Python found to hold the source"
     request = {
-        "version": STATIC_VERSION,
+        "version": CURRENT.static,
         "text": text,
         "stop_reason": "end_turn",
         "contract": to_json(contract()),

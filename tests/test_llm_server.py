@@ -18,6 +18,7 @@ from tacevo.checking import task_without_data
 from tacevo.gate.admission import Admitted
 from tacevo.llm.client import LLM
 from tacevo.records import Completion, Json, Mode, Request
+from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Sandbox
 from tacevo.training.numerics import environment
 from tacevo.wiring import ENTRIES, build_gate
@@ -138,7 +139,7 @@ def test_served_answers_get_the_verdicts_that_their_folder_states(
         config, judged = task_without_data(task, 32)
         config.store.root = str(tmp_path)
         with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
-            gate = build_gate(config, judged.contract, sandbox.run, Mode.record)
+            gate = build_gate(config, judged.contract, sandbox.run, Mode.record, CURRENT)
             mine = [completion for name, completion in given.items() if files[name]["task"] == task]
             admitted[task] = sum(isinstance(gate.admit(completion), Admitted) for completion in mine)
     assert admitted == Counter(file["task"] for file in files.values() if file["trains_at"]["32"])

@@ -14,6 +14,7 @@ from analysis.anatomy import Anatomy, read_anatomy
 from analysis.motifs import motifs_of
 from tacevo.gate.admission import Admitted, Gate, GateLimits
 from tacevo.records import Completion, Json, Limits, Mode
+from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Sandbox
 from tacevo.store import Store
 
@@ -75,6 +76,7 @@ def probed(sandbox: Sandbox, folder: Path, task: str, answer: Completion) -> Ana
         limits=GateLimits(parameters=20_000_000, flops=10**11, modules=1_000),
         probe_limits=Limits(seconds=60.0, memory_mib=2_000),
         numerics="portable",
+        rules=CURRENT,
     )
     found = gate.admit(answer)
     assert isinstance(found, Admitted), found

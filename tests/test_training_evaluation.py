@@ -33,9 +33,9 @@ WEIGHTS = "0" * 64
 def evaluator(run: Run, root: Path, **changes: Any) -> Evaluator:
     """Make an evaluator of the tiny task, with some arguments changed."""
     store = Store(root, "evaluations", changes.pop("mode", Mode.record))
-    examples = changes.pop("examples", EXAMPLES)
+    examples, rules = changes.pop("examples", EXAMPLES), changes.pop("rules", 1)
     setting = Setting(contract=CONTRACT, fingerprint="abc", recipe=RECIPE, numerics=Numerics.portable)
-    return Evaluator(run=run, store=store, setting=replace(setting, **changes), examples=examples)
+    return Evaluator(run=run, store=store, setting=replace(setting, **changes), examples=examples, rules=rules)
 
 
 def open_sandbox(folder: Path) -> Sandbox:

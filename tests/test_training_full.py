@@ -57,7 +57,7 @@ def evaluator(
     data: tuple[Examples, HeldOut] | None = (EXAMPLES, HELD_OUT),
 ) -> FullEvaluator:
     """Make an evaluator of the tiny task."""
-    return FullEvaluator(run=run, store=Store(root, "studies", mode), setting=setting, examples=data)
+    return FullEvaluator(run=run, store=Store(root, "studies", mode), setting=setting, examples=data, rules=2)
 
 
 def judged(outcome: Finished) -> FullTraining:
@@ -120,6 +120,7 @@ def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
         store=Store(tmp_path, "evaluations"),
         setting=SETTING,
         examples=EXAMPLES,
+        rules=1,
     )
     search.evaluate(SOURCE, 0)
     ((header, payload),) = recorder.sent

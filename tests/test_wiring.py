@@ -11,6 +11,7 @@ from tacevo.composition import compose, facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import Mode
+from tacevo.rules import CURRENT
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.wiring import load_data, open_tools
 
@@ -122,6 +123,6 @@ def test_run_is_told_what_holds_its_candidates(overrides: list[str], level: Conf
     facts = facts_without_data(config)
     task = load_task(config, facts)
     told: list[tuple[str, ...]] = []
-    with open_tools(config, task, facts, None, Mode.record, notice=told.append) as tools:
+    with open_tools(config, task, facts, None, Mode.record, rules=CURRENT, notice=told.append) as tools:
         tools.inspect(task.baseline)
     assert [in_force(measures)["level"] for measures in told] == [level]

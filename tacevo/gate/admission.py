@@ -25,12 +25,10 @@ from tacevo.records import (
     Stage,
     to_json,
 )
+from tacevo.rules import CURRENT, Rules
 from tacevo.sandbox.client import Died, Finished
 from tacevo.sandbox.text import one_line
 from tacevo.store import Store
-
-#: Raised when the probe or the tracer changes what it answers; part of every probe's key.
-PROBE_VERSION = 4
 
 #: Runs a sandbox entry: name, header, payload, limits.
 RunEntry = Callable[[str, Json, bytes, Limits], Finished | Died]
@@ -68,6 +66,8 @@ class Gate:
         limits: how large it may be.
         probe_limits: time and memory of one probe.
         numerics: name of the sandbox's numerics; part of the key, because a probe computes.
+        rules: under which verdicts and probes are kept. With others than the current ones, both stores must replay:
+            this code gives no verdict of another rule.
     """
 
     def __init__(
@@ -80,6 +80,7 @@ class Gate:
         limits: GateLimits,
         probe_limits: Limits,
         numerics: str,
+        rules: Rules,
     ) -> None:
         self._run = run
         self._store = store
@@ -88,6 +89,7 @@ class Gate:
         self._limits = limits
         self._probe_limits = probe_limits
         self._numerics = numerics
+        self._rules = rules
 
     def admit(self, completion: Completion) -> Admitted | Rejection:
         """Judge a model's answer.
@@ -96,16 +98,19 @@ class Gate:
             SandboxError: the sandbox is broken; nothing was stored.
             CacheMissError: a store only replays and does not know this answer or its source.
         """
-        source = read(completion, self._contract, limit=self._limits.source_bytes, store=self._answers)
+        limit, rules = self._limits.source_bytes, self._rules.static
+        source = read(completion, self._contract, limit=limit, store=self._answers, rules=rules)
         return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
 
         The policy is computed anew each time, even in a replay: the text is the task's own, and not one that a model
-        may have written for another version of Python.
+        may have written for another version of Python. Under other rules than the current ones its probe answers for
+        it, which was made only because the policy of that time had let it through.
         """
-        return check(source, self._contract) or self.measure(source)
+        rejection = check(source, self._contract) if self._rules.static == CURRENT.static else None
+        return rejection or self.measure(source)
 
     def measure(self, source: str) -> Admitted | Rejection:
         """Probe a source that the policy has let through, or recall its probe; raises as `admit` does."""
@@ -121,7 +126,7 @@ class Gate:
     def _request(self, source: str) -> Json:
         """Name everything that a probe's answer depends on."""
         return {
-            "version": PROBE_VERSION,
+            "version": self._rules.probe,
             "source": source,
             "contract": to_json(self._contract),
             "limits": self._sizes(),

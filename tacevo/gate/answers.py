@@ -10,11 +10,8 @@ from tacevo.gate.policy import check
 from tacevo.records import Completion, Contract, Json, Rejection, to_json
 from tacevo.store import Store
 
-#: Raised when extraction or policy changes what it answers; part of every answer's key.
-STATIC_VERSION = 1
 
-
-def read(completion: Completion, contract: Contract, *, limit: int, store: Store) -> str | Rejection:
+def read(completion: Completion, contract: Contract, *, limit: int, store: Store, rules: int) -> str | Rejection:
     """Find the source in an answer and hold it against the policy.
 
     Args:
@@ -23,6 +20,7 @@ def read(completion: Completion, contract: Contract, *, limit: int, store: Store
         limit: most UTF-8 bytes that an answer may have.
         store: where verdicts are kept, of kind `answers`. What needs no parsing is never kept: such an answer may be
             huge, or text that no file can hold.
+        rules: number of extraction and policy (`tacevo.rules.Rules.static`), part of the verdict's key.
 
     Returns:
         Source that may go on to the probe, or a rejection at stage `extract` or `policy`.
@@ -35,7 +33,7 @@ def read(completion: Completion, contract: Contract, *, limit: int, store: Store
     if rejection is not None:
         return rejection
     request = {
-        "version": STATIC_VERSION,
+        "version": rules,
         "text": completion.text,
         "stop_reason": completion.stop_reason,
         "contract": to_json(contract),

@@ -18,9 +18,6 @@ from tacevo.sandbox.client import Died, Finished
 from tacevo.store import Store
 from tacevo.training.answers import read_answer, training_of
 
-#: Enters every key; raise it with a change of the trainer or of `judge` that may change an answer.
-TRAINING_VERSION = 1
-
 #: What the sandbox must offer for `Evaluator`, beside the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
 
@@ -127,15 +124,17 @@ class Evaluator:
         store: of the kind `evaluations`.
         setting: what all trainings share.
         examples: None where every answer is recorded, as in replay.
+        rules: number of the trainer and of `judge` (`tacevo.rules.Rules.training`), part of every key.
 
     Raises:
         ValueError: the setting's fingerprint is not that of the examples.
     """
 
-    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: Examples | None) -> None:
+    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: Examples | None, rules: int) -> None:
         if examples is not None:
             setting.insist_on(examples)
         self._run, self._store, self._setting, self._examples = run, store, setting, examples
+        self._rules = rules
 
     def key(self, source: str, seed: int) -> str:
         """Name an evaluation: its key in the store."""
@@ -167,7 +166,7 @@ class Evaluator:
         return _verdict(self._train(source, seed))
 
     def _request(self, source: str, seed: int) -> Json:
-        return self._setting.request(source, seed, version=TRAINING_VERSION)
+        return self._setting.request(source, seed, version=self._rules)
 
     def _train(self, source: str, seed: int) -> Json:
         """Have a candidate trained; give the store's answer."""

@@ -20,9 +20,6 @@ from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Run, Setting
 from tacevo.training.metrics import Confusion, classification_metrics, confusion, regression_metrics
 
-#: Enters every key; raise it with a change of the trainer, of `assess` or of a metric that may change an answer.
-FULL_VERSION = 2
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeldOut:
@@ -76,15 +73,19 @@ class FullEvaluator:
         store: of the kind `studies`.
         setting: what all trainings share.
         examples: what is trained and validated on, and what is tested on; None where every answer is recorded.
+        rules: number of the trainer, of `assess` and of the metrics (`tacevo.rules.STUDY`), part of every key.
 
     Raises:
         ValueError: the setting's fingerprint is not that of the examples.
     """
 
-    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: tuple[Examples, HeldOut] | None) -> None:
+    def __init__(
+        self, *, run: Run, store: Store, setting: Setting, examples: tuple[Examples, HeldOut] | None, rules: int
+    ) -> None:
         if examples is not None:
             setting.insist_on(examples[0])
         self._run, self._store, self._setting, self._examples = run, store, setting, examples
+        self._rules = rules
 
     def key(self, source: str, seed: int) -> str:
         """Name a full training: its key in the store."""
@@ -115,7 +116,7 @@ class FullEvaluator:
         )
 
     def _request(self, source: str, seed: int) -> Json:
-        return self._setting.request(source, seed, version=FULL_VERSION)
+        return self._setting.request(source, seed, version=self._rules)
 
     def _train(self, source: str, seed: int) -> Json:
         """Have a network trained; give the store's answer."""
