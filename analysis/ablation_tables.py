@@ -1,5 +1,6 @@
 """The tables of a sweep: all arms in all metrics, each metric against the reference, and every run."""
 
+import json
 from collections.abc import Collection, Mapping, Sequence
 
 from analysis.ablation import (
@@ -16,10 +17,13 @@ from analysis.ablation import (
 from analysis.common_archive import Extent
 from analysis.effects import LEVEL, RESAMPLES, Interval, median_confidence
 from analysis.rounding import shown
+from analysis.sweep_checks import arm_settings
 from analysis.sweeps import REFERENCE, Missing, Sweep
 from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
 from tacevo.digits import rounded
+from tacevo.nesting import leaves
 from tacevo.plurals import counted, listed
+from tacevo.records import Json
 
 #: What a contrast has, in the order of its columns.
 _TESTED = ("U", "p", "p, Holm", "method", "A12", "Cliff's delta")
@@ -48,7 +52,7 @@ def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table,
         archive: what is to be said of the common archive.
     """
     metrics = (metric_table(sweep, found, metric, archive) for metric in Metric)
-    return arms_table(sweep, found, archive), *metrics, runs_table(sweep, found, archive)
+    return arms_table(sweep, found, archive), settings_table(sweep), *metrics, runs_table(sweep, found, archive)
 
 
 def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
@@ -66,6 +70,25 @@ def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
             *_missing_note(sweep.missing),
         ),
     )
+
+
+def settings_table(sweep: Sweep) -> Table:
+    """Show the settings in which the recorded configurations of the arms differ."""
+    arms = {one.job.arm: dict(leaves(arm_settings(one))) for one in reversed(sweep.finished)}
+    names = list(dict.fromkeys(one.job.arm for one in sweep.finished))
+    keys = dict.fromkeys(key for name in names for key in arms[name])
+    differing = [key for key in keys if len({json.dumps(arms[name].get(key)) for name in names}) > 1]
+    return Table(
+        name=f"ablation_settings_{sweep.task}",
+        caption=f"The settings in which the arms differ ({sweep.task}).",
+        columns=("setting", *names),
+        rows=tuple((key, *(_setting(arms[name].get(key)) for name in names)) for key in differing),
+        notes=("As the runs recorded them; all other settings that may change a result are equal.",),
+    )
+
+
+def _setting(value: Json) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:

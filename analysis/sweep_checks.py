@@ -48,7 +48,7 @@ def check_sweep(sweep: Sweep) -> None:
             if one != two:
                 _refuse(sweep, kind, field, (first, one), (other, two))
     _compare_with_first(sweep, _kind_of_archive, _archive_fields, "archive")
-    _compare_with_first(sweep, lambda one: one.job.arm, _arm_fields, "arm")
+    _compare_with_first(sweep, lambda one: one.job.arm, arm_settings, "arm")
 
 
 def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
@@ -77,7 +77,7 @@ def _archive_fields(one: Finished) -> Json:
     return {"archive": {key: one.run.config["archive"].get(key) for key in ("niches", "samples", "seed")}}
 
 
-def _arm_fields(one: Finished) -> Json:
+def arm_settings(one: Finished) -> Json:
     """Give the settings that must be those of the whole arm."""
     config = {key: value for key, value in one.run.config.items() if key not in _INDIFFERENT}
     llm = {key: value for key, value in config.get("llm", {}).items() if key not in _INDIFFERENT_LLM}

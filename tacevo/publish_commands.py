@@ -51,9 +51,18 @@ def verify_bundle(bundle: "Opened", view: "View") -> "Verified":
 
 def in_bundle(verified: "Verified") -> str:
     """Say what of a bundle was compared beside its search and studies, for a person."""
+    from tacevo.rules import PAGES
+
+    if all(run.pages == PAGES for run in verified.runs):
+        pages = f"summary, costs and {verified.tables} files of tables follow from the records, byte for byte"
+    else:
+        pages = (
+            "costs follow from the records; summary and tables were written by another release, so only their "
+            f"checksums were compared: today's tables would differ in {verified.outdated} files, and `tacevo tables` "
+            "writes them"
+        )
     return (
-        f"summary, costs and {verified.tables} files of tables follow from the records, byte for byte; all "
-        f"{verified.entries} store entries were needed\n"
+        f"{pages}; all {verified.entries} store entries were needed\n"
         f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, no more was "
         "compared"
     )

@@ -22,9 +22,11 @@ from tacevo.papers import Subject, Terms, citation, licence, readme
 from tacevo.progress import View
 from tacevo.records import Json
 from tacevo.replaying import read_run
+from tacevo.rules import FIRST_PAGES, PAGES
 from tacevo.rundir import PACKAGES, RunDirectory
 from tacevo.store import write_durably
 from tacevo.studydir import StudyDirectory, studies_of
+from tacevo.summary import summarise
 from tacevo.sweepdir import Job, SweepDirectory, name_arm
 from tacevo.sweepstatus import config_hash
 from tacevo.verifying import Rerun, rerun
@@ -92,8 +94,8 @@ def publish(
         read: set[Path] = set()
         with standing_for(staged.folder, request.run):
             runs = over_runs(staged, lambda run: rerun(run, str(store), view, seen=read.add), view.say)
-            for text in () if staged.jobs is None else check_jobs(SweepDirectory(staged.folder)):
-                view.say(text)
+            if staged.jobs is not None:
+                check_jobs(SweepDirectory(staged.folder))
         tables, figures = make_pages(staged.folder, store)
         members = {
             **_members(staged, runs),
@@ -127,18 +129,16 @@ def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = _publishable(RunDirectory(source))
         _stage(source, run, target, _studies(request, source, run["digest"], view))
-    shared, jobs = directory.read()
-    SweepDirectory(staged.folder).write(
-        published_overrides(shared), [_published_job(staged.folder, job) for job in jobs]
-    )
+    _, jobs = directory.read()
+    SweepDirectory(staged.folder).write((), [_published_job(staged.folder, job) for job in jobs])
     return staged
 
 
 def _published_job(folder: Path, job: Job) -> Job:
-    """Give a job without what belongs to one machine, from the run that was staged."""
-    overrides = published_overrides(job.overrides)
+    """Give a job without its overrides: the run that was staged records all settings, and no path of the machine."""
     config, _, _ = read_run(RunDirectory(folder / job.name))
-    return replace(job, arm=name_arm(overrides), overrides=overrides, config=config_hash(config))
+    arm = name_arm(published_overrides(job.overrides))
+    return replace(job, arm=arm, overrides=(), config=config_hash(config))
 
 
 def _publishable(directory: RunDirectory) -> dict[str, Json]:
@@ -149,7 +149,7 @@ def _publishable(directory: RunDirectory) -> dict[str, Json]:
     directory.read_finished()
     run = directory.read_run()
     with directory.believed():
-        return {**run, "name": run["name"] or "run", "config": published_config(run["config"])}
+        return {**run, "name": run["name"] or "run", "config": published_config(run["config"]), "pages": PAGES}
 
 
 def _day(request: Request, found: Opened) -> str:
@@ -176,7 +176,11 @@ def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[S
     for name in RUN_FILES:
         if (source / name).exists() and name != "run.json":
             shutil.copy(source / name, staged / name)
-    RunDirectory(staged).write_json("run.json", run)
+    directory = RunDirectory(staged)
+    if RunDirectory(source).read_run().get("pages", FIRST_PAGES) != PAGES:  # by another release
+        summary = summarise(run, directory.read_ledger(), directory.read_elites(), directory.read_spending())
+        directory.write_text("summary.md", summary)
+    directory.write_json("run.json", run)
     for study in studies:
         folder = staged / "studies" / study.path.name
         folder.mkdir(parents=True)

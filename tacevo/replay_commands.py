@@ -62,41 +62,40 @@ def _replay(options: argparse.Namespace) -> int:
 
             insist_on_walls(found)
         if found.root is None:
-            runs, uncompared = _rerun(found, existing_store(options.store), view)
-            beside = [*uncompared]
+            runs, beside = _rerun(found, existing_store(options.store), view), []
         else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made
             verified = verify_bundle(found, view)
             runs = verified.runs
-            beside = [in_bundle(verified), *verified.uncompared, f"bundle digest: {found.digest}"]
+            beside = [in_bundle(verified), f"bundle digest: {found.digest}"]
         trained = [] if options.retrain is None else [_retrain(found, options, view)]
     for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
         print(printable(text))
     return DONE
 
 
-def _rerun(found: "Opened", store: str | None, view: "View") -> tuple[tuple["Rerun", ...], tuple[str, ...]]:
-    """Run every search and study of a folder again; of a sweep, hold its list of jobs against them.
-
-    Returns:
-        The runs, and what of the list could not be compared, for a person.
-    """
+def _rerun(found: "Opened", store: str | None, view: "View") -> tuple["Rerun", ...]:
+    """Run every search and study of a folder again; compare a sweep's list of jobs with them."""
     from tacevo.job_checks import check_jobs
     from tacevo.opening import over_runs
     from tacevo.sweepdir import SweepDirectory
     from tacevo.verifying import rerun
 
     runs = over_runs(found, lambda run: rerun(run, store, view), view.say)
-    return runs, () if found.jobs is None else check_jobs(SweepDirectory(found.folder))
+    if found.jobs is not None:
+        check_jobs(SweepDirectory(found.folder))
+    return runs
 
 
 def _told(found: "Opened", runs: Sequence["Rerun"]) -> list[str]:
     """Say what was compared of each run, and of a sweep of all together, for a person."""
     from tacevo.costs import in_words, total
+    from tacevo.rules import PAGES
 
     lines = sum(run.replayed.lines for run in runs)
     spent = in_words(total(run.replayed.spent for run in runs))
+    summary = "costs and summary" if all(run.pages == PAGES for run in runs) else "and costs"
     told = [
-        f"{lines} ledger lines, both archives, every candidate's source, costs and summary are as recorded",
+        f"{lines} ledger lines, both archives, every candidate's source, {summary} are as recorded",
         f"recorded: {spent}; this replay made no call and cost nothing",
     ]
     for job, run in zip(found.jobs or ("",), runs, strict=True):

@@ -58,9 +58,10 @@ LAST_RELEASES: Mapping[tuple[str, int], str] = {}
 FIRST_STUDY = 2
 STUDY = 2
 
-#: Number of summaries and tables that this code writes; 1 where run.json has none. They follow from the records and
-#: decide nothing, so a replay of a run with another number compares no text of them.
-PAGES = 1
+#: Number of summaries and tables of runs that record none, and the number that this code writes. They follow from the
+#: records and decide nothing, so a replay compares the texts of its own number only.
+FIRST_PAGES = 1
+PAGES = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

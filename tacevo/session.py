@@ -151,6 +151,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             "machine": machine(),
             "confinement": [],  # nothing has been in force for anybody yet
             "digest": None,
+            "pages": PAGES,
         },
     )
 

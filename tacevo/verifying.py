@@ -17,6 +17,7 @@ from tacevo.ledger import unsealed
 from tacevo.opening import Opened, over_runs
 from tacevo.progress import View
 from tacevo.replaying import Replayed, doubting, replay
+from tacevo.rules import FIRST_PAGES, PAGES
 from tacevo.rundir import RunDirectory, deviations, versions
 from tacevo.store import EMPTY, OTHERWISE, Seen
 from tacevo.studydir import name_study, studies_of
@@ -39,6 +40,8 @@ class Rerun:
     replayed: Replayed
     #: Digest of each study, by name.
     studies: Mapping[str, str]
+    #: Number of the summary, which was compared where it is the current one (`tacevo.rules.PAGES`).
+    pages: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,12 +52,12 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Files of tables that were made anew and compared.
+    #: Files of tables that were made anew; they were compared where all runs have the current number of pages.
     tables: int
+    #: Of those, the files that would differ today; none where they were compared.
+    outdated: int
     #: Files of figures; their checksums were right.
     figures: int
-    #: What of a sweep's list of jobs could not be compared here, for a person.
-    uncompared: tuple[str, ...] = ()
 
 
 def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
@@ -83,13 +86,16 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
     runs = over_runs(bundle, check, view.say)
     with _refusing(bundle.root):
         _check_entries(bundle.store, read)
-        uncompared: tuple[str, ...] = ()
         if bundle.jobs is not None:
-            uncompared = check_jobs(SweepDirectory(bundle.folder))
+            check_jobs(SweepDirectory(bundle.folder))
         made = make_tables(bundle.folder, bundle.store)
-        compare_tables(bundle.root / "tables", made)
+        outdated = 0
+        if all(run.pages == PAGES for run in runs):
+            compare_tables(bundle.root / "tables", made)
+        else:
+            outdated = _count_outdated(bundle.root / "tables", made)
     figures = len(list(bundle.root.glob("figures/*")))
-    return Verified(runs=runs, entries=len(read), tables=len(made), figures=figures, uncompared=uncompared)
+    return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
 
 
 def rerun(run: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Rerun:
@@ -108,9 +114,9 @@ def rerun(run: Path, store: str | None, view: View, *, seen: Seen | None = None)
     replayed = replay(run, store, view, seen=seen)
     studies = replay_studies(run, store, view, seen=seen)
     with doubting(deviations(RunDirectory(run).read_run()["versions"], versions())):  # a summary is its version's
-        check_records(run, replayed)
+        pages = check_records(run, replayed)
     _check_names(run, studies)
-    return Rerun(replayed=replayed, studies=studies)
+    return Rerun(replayed=replayed, studies=studies, pages=pages)
 
 
 def check_sizes(run: Path) -> None:
@@ -141,8 +147,11 @@ def check_sizes(run: Path) -> None:
             raise RunError(f"{study.path}/study.json speaks of {trainings} trainings; it has {len(scores) - 1} scores")
 
 
-def check_records(run: Path, replayed: Replayed) -> None:
-    """Hold what stands beside a run's ledger and archives against its replay: costs and summary.
+def check_records(run: Path, replayed: Replayed) -> int:
+    """Compare what stands beside a run's ledger and archives with its replay: costs, and a summary of this release.
+
+    Returns:
+        The number of the run's pages; the summary was compared where it is `tacevo.rules.PAGES`.
 
     Raises:
         DivergenceError: they are not what follows from the records.
@@ -156,12 +165,17 @@ def check_records(run: Path, replayed: Replayed) -> None:
                 f"{run}/timings.jsonl: {name} was recorded with {spent} and its answers give "
                 f"{replayed.spending.get(name)}; {remedy}"
             )
-    summary = summarise(directory.read_run(), directory.read_ledger(), directory.read_elites(), spending)
+    recorded_run = directory.read_run()
+    pages = int(recorded_run.get("pages", FIRST_PAGES))
+    if pages != PAGES:
+        return pages
+    summary = summarise(recorded_run, directory.read_ledger(), directory.read_elites(), spending)
     path = run / "summary.md"
     recorded = path.read_text(encoding="utf-8") if path.exists() else ""
     found = _first_line(recorded, summary)
     if found is not None:
         raise DivergenceError(f"{path}, {found}; {remedy}")
+    return pages
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
@@ -197,6 +211,12 @@ def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
         found = table_difference((folder / name).read_bytes(), content, is_csv=name.endswith(".csv"))
         if found is not None:
             raise DivergenceError(f"table {name}, {found}")
+
+
+def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
+    """Count the files of tables that this release would write otherwise, or not at all."""
+    there = {path.name: path.read_bytes() for path in folder.glob("*")}
+    return sum(there.get(name) != made.get(name) for name in there.keys() | made.keys())
 
 
 def table_difference(recorded: bytes, made: bytes, *, is_csv: bool) -> str | None:

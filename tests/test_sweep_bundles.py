@@ -154,7 +154,7 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
         ({"name": "gone"}, "'gone' is a job, and its run is not there"),
         ({"name": "../../evil"}, "a job's name must be that of a folder"),
         ({"name": "none-seed0"}, "lists the job 'none-seed0' twice"),
-        ({"arm": "mine"}, "sweep.json, job none-seed1: field 'arm' is 'mine'"),
+        ({"arm": "mine"}, "the arms 'none' and 'mine' have runs of the same settings"),
         ({"seed": 9}, "sweep.json, job none-seed1: field 'seed' is 9"),
         ({"seed": "one"}, "sweep.json is damaged"),
     ],
@@ -182,14 +182,16 @@ def test_other_spelling_of_the_jobs_is_found(whole: Members, refused: Refused) -
     refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "is not written as `tacevo publish` writes it")
 
 
-def test_choice_that_is_not_here_is_told_by_the_replay(
-    whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A sweep over the publisher's own task is replayed anywhere; what could not be compared stands in the result."""
+def test_published_list_has_no_overrides(whole: Members) -> None:
+    """What an arm is follows from the recorded configurations; free text of a publisher is not there to be believed."""
     told = json.loads(whole[JOBS])
-    bundle = resealed({**whole, JOBS: jobs_text({**told, "overrides": ["task=own"]})}, tmp_path / "x.zip")
-    assert main(["replay", str(bundle)]) == 0
-    assert "NOT compared: whether the runs of jobs none-seed0, none-seed1, fixed" in capsys.readouterr().out
+    assert told["overrides"] == []
+    assert [(job["arm"], job["overrides"]) for job in told["jobs"]] == [
+        ("none", []),
+        ("none", []),
+        ("fixed_temperature", []),
+    ]
+    assert "temperature.rule,paper,fixed" in whole["tables/ablation_settings_force.csv"].decode()
 
 
 def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) -> None:
