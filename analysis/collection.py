@@ -105,7 +105,12 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         profiles: of its trained candidates, by id; None where they cannot be had, and there are no tables of motifs.
     """
     run = found.run
-    tables = [improvement_table(run), generations_table(run), gate_table(run), prompts_table(run)]
+    tables = [
+        improvement_table(run),
+        generations_table(run, found.niches.networks),
+        gate_table(run),
+        prompts_table(run),
+    ]
     tables += [temperatures_table(run), costs_table(run)]
     tables.append(health_table(run, found.niches.networks))
     if run.elites:

@@ -50,6 +50,11 @@ class Progress:
     #: What its answers cost; None unless that is known of every answer.
     spent: Spending | None
 
+    @property
+    def lost(self) -> int:
+        """How many occupied niches were empty after bounds moved, less those that were occupied then."""
+        return self.new - self.growth
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateStage:

@@ -6,6 +6,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
+from analysis.archive_history import archive_medians
 from analysis.comparison import Comparisons
 from analysis.dynamics import by_prompt, progress
 from analysis.figures.candidates import lineage, training_curves
@@ -41,8 +42,9 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
             "fitness_evolution",
-            partial(fitness_evolution, run),
-            "Best fitness so far, and the median of each generation.",
+            partial(fitness_evolution, run, archive_medians(run, niches.networks)),
+            "Best and median fitness of the network archive after each generation, and the median of its new "
+            "candidates.",
         ),
         (
             "trainable",

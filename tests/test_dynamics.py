@@ -1,5 +1,6 @@
 """The dynamics of a search are the counts that a person would make from its ledger."""
 
+import numpy as np
 import pytest
 from hand_runs import closed, run, trained, turned_away
 
@@ -56,6 +57,13 @@ def test_archive_that_shrinks_has_negative_growth() -> None:
     """Moved bounds can make niches fall together."""
     shrunk = run([trained(0, 0)], [closed(0, coverage=0.75), closed(1, coverage=0.5)])
     assert [entry.growth for entry in progress(shrunk)] == [3, -1]
+
+
+def test_niches_that_bounds_emptied_are_lost() -> None:
+    """Three niches are occupied, one candidate finds a fourth, and two are left: two were lost."""
+    slots = [trained(0, 0), trained(0, 1), trained(0, 2), trained(1, 0)]
+    moved = run(slots, [closed(0, coverage=0.75), closed(1, coverage=0.5)])
+    assert [entry.lost for entry in progress(moved)] == [0, 2]
 
 
 def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
@@ -197,7 +205,7 @@ def test_run_without_fitness_has_no_improvement() -> None:
 
 def test_tables_show_the_figures() -> None:
     """One row a generation, in the order of the columns."""
-    table = generations_table(two_generations())
+    table = generations_table(two_generations(), np.array([[0.25, 0.5], [0.75, 0.5]]))
     assert dict(zip(table.columns, table.rows[1], strict=True)) == {
         "generation": 1,
         "T": 0.6,
@@ -208,11 +216,13 @@ def test_tables_show_the_figures() -> None:
         "rejected: probe": 0,
         "rejected: train": 0,
         "best": 0.4,
-        "median": 0.4,
+        "archive median": 0.4,
+        "median of new": 0.4,
         "QD-score": 1.0,
         "coverage": Percent(0.75),
         "elites": 3,
         "growth": 1,
+        "lost": -1,
         "new": 0,
         "improved": 1,
         "repeated": 2,

@@ -63,6 +63,8 @@ RUN = replace(
     ),
     prompt_trials=TRIALS,
 )
+#: Of the archive after each generation.
+MEDIANS = [0.7, 0.5, 0.5]
 FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
 
 
@@ -74,7 +76,7 @@ def confused() -> Study:
 
 
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
-    "fitness_evolution": (lambda: fitness_evolution(RUN), 3.5),
+    "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
     "trainable": (lambda: trainable(progress(RUN)), 3.5),
     "growth": (lambda: growth(RUN), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
@@ -203,7 +205,7 @@ def test_text_of_an_svg_is_text() -> None:
 def test_drawing_leaves_no_state_behind() -> None:
     """Neither the global settings change nor does pyplot, which keeps every figure, ever come in."""
     before = dict(mpl.rcParams)
-    render(fitness_evolution(RUN), ".png")
+    render(fitness_evolution(RUN, MEDIANS), ".png")
     assert dict(mpl.rcParams) == before
     code = "import sys, analysis.gallery; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -241,7 +243,7 @@ def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale:
     """Logarithmic from a factor of 10 on, else from 0 up, in the curves as in the evolution."""
     high, low = trained(0, 0, losses[1]), trained(1, 0, losses[0])
     told = replace(RUN, generations=tuple(closed(place, loss) for place, loss in enumerate(losses)))
-    for drawn in (training_curves([high, low]), fitness_evolution(told)):
+    for drawn in (training_curves([high, low]), fitness_evolution(told, losses)):
         (axes,) = drawn.axes
         assert axes.get_yscale() == scale
         assert scale == "log" or axes.get_ylim()[0] == 0
@@ -267,9 +269,17 @@ def test_prompt_map_has_instructions_and_temperature_as_axes() -> None:
 
 def test_fitness_of_a_generation_without_training_is_a_gap() -> None:
     """Nothing is drawn where nothing was trained; the other values are the ledger's."""
-    (axes,) = fitness_evolution(RUN).axes
+    (axes,) = fitness_evolution(RUN, MEDIANS).axes
     assert line(axes, "best so far")[:2] == [0.6, 0.4]
     assert np.isnan(line(axes, "best so far")[2])
+    assert np.isnan(line(axes, "median of new")[2])
+
+
+def test_fitness_shows_the_archive_beside_the_new() -> None:
+    """The archive's median is a curve of its own; that of a generation's candidates is not taken for it."""
+    (axes,) = fitness_evolution(RUN, MEDIANS).axes
+    assert line(axes, "archive median") == MEDIANS
+    assert line(axes, "median of new")[:2] == [0.6, 0.4]
 
 
 def test_bars_add_up_to_the_answers() -> None:
@@ -328,7 +338,7 @@ def test_names_of_users_are_no_formulas() -> None:
 def test_single_generation_has_one_tick() -> None:
     """Between generations there is nothing, so no tick stands at 0.03."""
     early = run(SLOTS[:2], [closed(0, 0.6)])
-    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early), fitness_evolution(early)):
+    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early), fitness_evolution(early, [0.7])):
         axes = drawn.axes[-1]
         low, high = axes.get_xlim()
         assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0.0]
