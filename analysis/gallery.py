@@ -23,9 +23,6 @@ from analysis.tessellation import Niches
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
 
-#: The seed whose predictions the confusion matrices show.
-CONFUSED_SEED = 0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
@@ -100,9 +97,12 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
     )
     pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
     if study.kind is Kind.classification:
-        names = [network.name for network in study.networks[:2]]
-        draw = partial(confusion_matrices, study, names, seed=CONFUSED_SEED)
-        words = f"Test images of {' and '.join(names)} by true and predicted class, training seed {CONFUSED_SEED}."
+        words = (
+            "Test images of each network by true and predicted class: counts, and below them per cent of the true "
+            f"class. Of its {study.seeds} training seeds, each network is shown at the one whose accuracy is the "
+            "median: the lower one of two in the middle, and the first where several seeds have it."
+        )
+        draw = partial(confusion_matrices, study)
         pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
 

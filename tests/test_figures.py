@@ -70,9 +70,15 @@ FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.00
 
 def confused() -> Study:
     """Give a study of a classification in which every network mistakes one image of class b for a c."""
-    study = study_of({"baseline": [0.9, 0.9], "variant 1": [0.9, 0.9]}, kind=Kind.classification)
+    networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
+    study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
     counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
     return replace(study, names=("a", "b", "c"), scores=tuple(replace(one, confusion=counts) for one in study.scores))
+
+
+def of_networks(study: Study, count: int) -> Study:
+    """Keep the first networks of a study."""
+    return replace(study, networks=study.networks[:count])
 
 
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
@@ -86,8 +92,9 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "lineage": (lambda: lineage(find_lineage(RUN, "g01s01")), 3.5),
     "training_curves": (lambda: training_curves([SLOTS[0], SLOTS[2]]), 3.5),
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
-    "confusion_matrix": (lambda: confusion_matrices(confused(), ["baseline"], seed=0), 3.5),
-    "confusion_matrices": (lambda: confusion_matrices(confused(), ["baseline", "variant 1"], seed=1), 7.16),
+    "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
+    "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
+    "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),
 }
 
 
@@ -329,7 +336,7 @@ def test_names_of_users_are_no_formulas() -> None:
     for drawn in (
         prompt_productivity(by_prompt(named)),
         lineage(find_lineage(named, "g01s00")),
-        confusion_matrices(study, ["baseline"], seed=0),
+        confusion_matrices(study),
     ):
         assert render(drawn, ".svg")
         assert name in texts(drawn)
@@ -385,12 +392,27 @@ def test_accuracy_is_shown_in_per_cent() -> None:
 
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
-    (axes,) = confusion_matrices(confused(), ["baseline"], seed=0).axes
+    (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
     found = {tuple(map(int, text.get_position())): text.get_text() for text in axes.texts}
-    assert found == {(0, 0): "4\n100 %", (1, 1): "2\n67 %", (2, 1): "1\n33 %", (2, 2): "3\n100 %"}
+    assert found == {(0, 0): "4\n100", (1, 1): "2\n67", (2, 1): "1\n33", (2, 2): "3\n100"}
+
+
+def test_confusion_shows_every_network_at_its_median_seed() -> None:
+    """Not one seed for all, which may be the best of one network and the worst of another."""
+    study = study_of({"baseline": [1.0, 0.8, 0.9], "variant 1": [0.7, 0.8, 0.9]}, kind=Kind.classification)
+    best = replace(study, scores=tuple(replace(one, confusion=_diagonal(one.seed + 1)) for one in study.scores))
+    left, right = confusion_matrices(replace(best, names=("a", "b"))).axes
+    assert [axes.get_title() for axes in (left, right)] == ["baseline, seed 2", "variant 1, seed 1"]
+    assert {text.get_text() for text in left.texts} == {"3\n100"}
+    assert len(confusion_matrices(confused()).axes) == 5
+
+
+def _diagonal(count: int) -> tuple[tuple[int, ...], ...]:
+    """Give a matrix in which all is right."""
+    return ((count, 0), (0, count))
 
 
 def test_confusion_that_was_not_recorded_is_refused() -> None:
     """A regression confuses nothing."""
-    with pytest.raises(ValueError, match=re.escape("force has no confusion matrix of baseline, seed 0")):
-        confusion_matrices(FORCES, ["baseline"], seed=0)
+    with pytest.raises(ValueError, match=re.escape("force has no confusion matrix of baseline, seed 2")):
+        confusion_matrices(FORCES)
