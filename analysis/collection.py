@@ -15,7 +15,7 @@ from analysis.dynamics_tables import (
     temperatures_table,
 )
 from analysis.gallery import Picture, run_pictures, study_pictures
-from analysis.health_tables import health_table
+from analysis.health_tables import health_table, niches_table
 from analysis.lineage_tables import lineage_table
 from analysis.loading import Run, load_run
 from analysis.motif_tables import anatomies_table, motifs_table
@@ -112,7 +112,7 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         prompts_table(run),
     ]
     tables += [temperatures_table(run), costs_table(run)]
-    tables.append(health_table(run, found.niches.networks))
+    tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
     if profiles is not None:

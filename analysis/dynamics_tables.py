@@ -53,7 +53,7 @@ def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
         notes=(
             f"Trained and rejected count first answers. {_statuses(run)}",
             "Archive median: of the elites after the generation; median of new: of its own trained candidates. "
-            "Lost: niches that emptied as bounds moved.",
+            "Lost: niches that emptied as bounds moved, less those that filled so.",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
         ),
     )

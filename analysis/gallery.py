@@ -16,6 +16,7 @@ from analysis.figures.prompts import prompt_productivity
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.lineage import lineage as find_lineage
 from analysis.loading import Run
+from analysis.prompt_niches import reachable_prompt_niches
 from analysis.results import Study
 from analysis.rounding import shown
 from analysis.tables import PValue
@@ -55,9 +56,12 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         words = "The network archive; each cell is a niche."
         drawn.append(("network_map", partial(network_map, run, niches.networks), words))
     if run.config["prompts"]["policy"] != PromptPolicy.none:
-        drawn.append(
-            ("prompt_map", partial(prompt_map, run, niches.prompts), "The prompt archive; each cell is a niche.")
+        reached = reachable_prompt_niches(run, niches.prompts)
+        words = (
+            "The prompt archive; each cell is a niche. Shaded ones could not be reached, whatever the search found: "
+            "the temperature rule leads to no temperature in them."
         )
+        drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
     if run.instructions:
         words = "Children of each instruction that entered the network archive."
         drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))

@@ -15,7 +15,7 @@ CONFIG: Json = {
     "task": {"name": "force"},
     "archive": {"niches": 4, "bounds": "adaptive", "eff_ratio_scale": "linear"},
     "prompts": {"policy": "uniform"},
-    "temperature": {"rule": "paper"},
+    "temperature": {"rule": "paper", "start": 0.6, "step": 0.05},
 }
 
 

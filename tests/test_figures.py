@@ -87,7 +87,7 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "growth": (lambda: growth(RUN), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
     "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
-    "prompt_map": (lambda: prompt_map(RUN, CENTROIDS), 3.5),
+    "prompt_map": (lambda: prompt_map(RUN, CENTROIDS, range(9)), 3.5),
     "prompt_productivity": (lambda: prompt_productivity(by_prompt(RUN)), 3.5),
     "lineage": (lambda: lineage(find_lineage(RUN, "g01s01")), 3.5),
     "training_curves": (lambda: training_curves([SLOTS[0], SLOTS[2]]), 3.5),
@@ -267,11 +267,20 @@ def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
 
 def test_prompt_map_has_instructions_and_temperature_as_axes() -> None:
     """Its trials stand at their instruction and temperature; a fruitless one is hatched, too."""
-    (axes, bar) = prompt_map(RUN, CENTROIDS).axes
+    (axes, bar) = prompt_map(RUN, CENTROIDS, range(9)).axes
     assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 1.0), (0.0, 1.0))
     assert points(axes, "o") == [(0.0, 0.6), (1.0, 0.65)]
     assert sum(collection.get_hatch() is not None for collection in axes.collections) == 1
     assert bar.get_ylabel() == "curiosity of the trial"
+
+
+def test_niches_out_of_reach_are_shaded_and_hatched() -> None:
+    """So that a niche that no search could fill is not taken for one that it failed to fill."""
+    drawn = prompt_map(RUN, CENTROIDS, {1, 4, 7})
+    (shaded,) = (one for one in drawn.axes[0].collections if one.get_hatch() == "....")
+    assert len(shaded.get_paths()) == 6
+    assert "out of reach" in texts(drawn)
+    assert "out of reach" not in texts(prompt_map(RUN, CENTROIDS, range(9)))
 
 
 def test_fitness_of_a_generation_without_training_is_a_gap() -> None:
