@@ -6,7 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.archive_history import archive_medians
-from analysis.dynamics import LEVEL, MOST, Productivity, by_prompt, by_temperature, gate_stages, improvement, progress
+from analysis.dynamics import (
+    LEVEL,
+    MOST,
+    Productivity,
+    by_prompt,
+    by_temperature,
+    gate_stages,
+    improvement,
+    progress,
+    temperature_follows_age,
+)
 from analysis.loading import Run
 from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
@@ -107,7 +117,14 @@ def prompts_table(run: Run) -> Table:
 
 def temperatures_table(run: Run) -> Table:
     """Show what every band of temperatures brought."""
-    return _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    table = _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    if not temperature_follows_age(run):
+        return table
+    note = (
+        "T moved one way with the generations, so temperature and generation are one here: a difference between bands "
+        "may be one between early and late generations, whose archives are filled differently."
+    )
+    return replace(table, notes=(*table.notes, note))
 
 
 def improvement_table(run: Run) -> Table:

@@ -72,5 +72,6 @@ def _reach(run: Run) -> str:
     rule, generations = run.config["temperature"]["rule"], counted(run.generations[-1].generation, "generation")
     return (
         "Prompts: a niche counts as reachable if it holds an instruction at a temperature that "
-        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), whatever they find."
+        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), whatever "
+        "they find."
     )

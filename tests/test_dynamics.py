@@ -172,6 +172,27 @@ def test_band_holds_its_lower_end(temperature: float, band: str) -> None:
     assert isinstance(row[4], Between)
 
 
+@pytest.mark.parametrize(
+    ("temperatures", "told"),
+    [
+        ((0.6, 0.6, 0.65, 0.7), True),
+        ((0.6, 0.9, 0.95, 1.0, 1.0, 1.0), True),
+        ((0.6, 0.4, 0.2, 0.0, 0.0), True),
+        ((0.6, 0.6, 0.65, 0.6), False),
+        ((0.6, 0.6, 0.65, 0.65, 0.7), False),
+        ((0.6, 0.95, 1.0, 0.95), False),
+        ((1.0, 1.0, 1.0, 1.0), False),
+        ((0.6, 0.6, 0.6), False),
+        ((0.6, 0.6), False),
+    ],
+)
+def test_table_says_where_temperature_and_generation_are_one(temperatures: tuple[float, ...], told: bool) -> None:
+    """Where T moved one way from generation 1 on, but for the end at its limit; not where it turned or stood."""
+    lines = [closed(number, temperature=temperature) for number, temperature in enumerate(temperatures)]
+    notes = temperatures_table(run([trained(0, 0), trained(1, 0)], lines)).notes
+    assert any("temperature and generation are one here" in note for note in notes) is told
+
+
 def test_improvement_has_both_references() -> None:
     """From 0.8 and 0.6 to 0.4: half of the baseline, a third of the best of generation 0."""
     found = improvement(two_generations())
