@@ -416,6 +416,11 @@ def test_confusion_shows_every_network_at_its_median_seed() -> None:
     assert len(confusion_matrices(confused()).axes) == 5
 
 
+def test_confusion_is_a_drawing() -> None:
+    """Its cells stay sharp at every size; an image of seven pixels a side is smoothed by some readers."""
+    assert b"<image" not in render(confusion_matrices(confused()), ".svg")
+
+
 def _diagonal(count: int) -> tuple[tuple[int, ...], ...]:
     """Give a matrix in which all is right."""
     return ((count, 0), (0, count))

@@ -96,13 +96,16 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
     """Draw one matrix, coloured by the share of its row; a class without images stays pale."""
     totals = counts.sum(axis=1, keepdims=True)
     shares = 100 * counts / np.maximum(totals, 1)
-    axes.imshow(shares, cmap="Blues", vmin=0, vmax=100)
+    places = range(len(names))
+    axes.pcolormesh(places, places, shares, shading="nearest", cmap="Blues", vmin=0, vmax=100)  # imshow is no vector
+    axes.invert_yaxis()
+    axes.set_aspect("equal")
     for (row, column), count in np.ndenumerate(counts):
         if count:
             colour = "white" if shares[row, column] > 55 else BLACK
             text = f"{count}\n{shares[row, column]:.0f}"
             axes.text(column, row, text, color=colour, ha="center", va="center", linespacing=1.05)
-    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
-    axes.set_yticks(range(len(names)), names, parse_math=False)
+    axes.set_xticks(places, names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
+    axes.set_yticks(places, names, parse_math=False)
     axes.set_xlabel("predicted class")
     axes.spines[:].set_visible(True)
