@@ -15,7 +15,7 @@ from analysis.dynamics_tables import (
     temperatures_table,
 )
 from analysis.gallery import Picture, run_pictures, study_pictures
-from analysis.health_tables import health_table
+from analysis.health_tables import health_table, niches_table
 from analysis.lineage_tables import lineage_table
 from analysis.loading import Run, load_run
 from analysis.motif_tables import anatomies_table, motifs_table
@@ -105,9 +105,14 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         profiles: of its trained candidates, by id; None where they cannot be had, and there are no tables of motifs.
     """
     run = found.run
-    tables = [improvement_table(run), generations_table(run), gate_table(run), prompts_table(run)]
+    tables = [
+        improvement_table(run),
+        generations_table(run, found.niches.networks),
+        gate_table(run),
+        prompts_table(run),
+    ]
     tables += [temperatures_table(run), costs_table(run)]
-    tables.append(health_table(run, found.niches.networks))
+    tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
     if profiles is not None:

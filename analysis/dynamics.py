@@ -6,6 +6,7 @@ A rate counts first answers, as the paper does: one that was turned away and the
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 from statsmodels.stats.proportion import proportion_confint
 
@@ -49,6 +50,11 @@ class Progress:
     unchanged: int
     #: What its answers cost; None unless that is known of every answer.
     spent: Spending | None
+
+    @property
+    def lost(self) -> int:
+        """How many occupied niches were empty after bounds moved, less those that were occupied then."""
+        return self.new - self.growth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,6 +206,16 @@ def by_temperature(run: Run) -> tuple[Productivity, ...]:
             band = min(int(candidate.temperature * BANDS), BANDS - 1)  # the last band holds its upper end
             bands.setdefault(band, []).append(candidate)
     return tuple(_productivity(f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
+
+
+def temperature_follows_age(run: Run) -> bool:
+    """Say whether T is a strictly monotone function of the generation, so that neither's effect can be told apart.
+
+    Generations that stand at a limit of 0 or 1, beyond which T cannot move, do not count against it.
+    """
+    temperatures = [line.temperature for line in run.generations if line.generation > 0]
+    steps = [after - before for before, after in pairwise(temperatures) if after != before or after not in {0, 1}]
+    return bool(steps) and (min(steps) > 0 or max(steps) < 0)
 
 
 def improvement(run: Run) -> Improvement | None:

@@ -2,15 +2,34 @@
 
 from dataclasses import replace
 
-from analysis.dynamics import LEVEL, MOST, Productivity, by_prompt, by_temperature, gate_stages, improvement, progress
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.archive_history import archive_medians
+from analysis.dynamics import (
+    LEVEL,
+    MOST,
+    Productivity,
+    by_prompt,
+    by_temperature,
+    gate_stages,
+    improvement,
+    progress,
+    temperature_follows_age,
+)
 from analysis.loading import Run
 from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
 
 
-def generations_table(run: Run) -> Table:
-    """Show every generation of a run."""
+def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
+    """Show every generation of a run.
+
+    Args:
+        run: the run.
+        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
+    """
     rows = tuple(
         (
             entry.line.generation,
@@ -19,27 +38,32 @@ def generations_table(run: Run) -> Table:
             entry.line.trained,
             *(entry.rejected[stage] for stage in Stage),
             entry.line.best,
+            median,
             entry.line.generation_median,
             entry.line.qd_score,
             Percent(entry.line.coverage),
             entry.elites,
             entry.growth,
+            entry.lost,
             entry.new,
             entry.improved,
             entry.repeated,
             entry.unchanged,
         )
-        for entry in progress(run)
+        for entry, median in zip(progress(run), archive_medians(run, centroids), strict=True)
     )
     stages = tuple(f"rejected: {stage}" for stage in Stage)
-    results = ("best", "median", "QD-score", "coverage", "elites", "growth", "new", "improved", "repeated", "unchanged")
+    fitness = ("best", "archive median", "median of new")
+    archive = ("QD-score", "coverage", "elites", "growth", "lost", "new", "improved")
     return Table(
         name=f"generations_{run.task}",
         caption=f"The generations of {run.name}.",
-        columns=("generation", "T", "candidates", "trained", *stages, *results),
+        columns=("generation", "T", "candidates", "trained", *stages, *fitness, *archive, "repeated", "unchanged"),
         rows=rows,
         notes=(
             f"Trained and rejected count first answers. {_statuses(run)}",
+            "Archive median: of the elites after the generation; median of new: of its own trained candidates. "
+            "Lost: niches that emptied as bounds moved, less those that filled so.",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
         ),
     )
@@ -93,7 +117,14 @@ def prompts_table(run: Run) -> Table:
 
 def temperatures_table(run: Run) -> Table:
     """Show what every band of temperatures brought."""
-    return _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    table = _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    if not temperature_follows_age(run):
+        return table
+    note = (
+        "T moved one way with the generations, so temperature and generation are one here: a difference between bands "
+        "may be one between early and late generations, whose archives are filled differently."
+    )
+    return replace(table, notes=(*table.notes, note))
 
 
 def improvement_table(run: Run) -> Table:

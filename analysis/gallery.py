@@ -6,6 +6,7 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
+from analysis.archive_history import archive_medians
 from analysis.comparison import Comparisons
 from analysis.dynamics import by_prompt, progress
 from analysis.figures.candidates import lineage, training_curves
@@ -15,15 +16,13 @@ from analysis.figures.prompts import prompt_productivity
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.lineage import lineage as find_lineage
 from analysis.loading import Run
+from analysis.prompt_niches import reachable_prompt_niches
 from analysis.results import Study
 from analysis.rounding import shown
 from analysis.tables import PValue
 from analysis.tessellation import Niches
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
-
-#: The seed whose predictions the confusion matrices show.
-CONFUSED_SEED = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,8 +40,9 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
             "fitness_evolution",
-            partial(fitness_evolution, run),
-            "Best fitness so far, and the median of each generation.",
+            partial(fitness_evolution, run, archive_medians(run, niches.networks)),
+            "Best and median fitness of the network archive after each generation, and the median of its new "
+            "candidates.",
         ),
         (
             "trainable",
@@ -56,9 +56,12 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         words = "The network archive; each cell is a niche."
         drawn.append(("network_map", partial(network_map, run, niches.networks), words))
     if run.config["prompts"]["policy"] != PromptPolicy.none:
-        drawn.append(
-            ("prompt_map", partial(prompt_map, run, niches.prompts), "The prompt archive; each cell is a niche.")
+        reached = reachable_prompt_niches(run, niches.prompts)
+        words = (
+            "The prompt archive; each cell is a niche. Shaded ones could not be reached, whatever the search found: "
+            "the temperature rule leads to no temperature in them."
         )
+        drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
     if run.instructions:
         words = "Children of each instruction that entered the network archive."
         drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
@@ -98,9 +101,12 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
     )
     pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
     if study.kind is Kind.classification:
-        names = [network.name for network in study.networks[:2]]
-        draw = partial(confusion_matrices, study, names, seed=CONFUSED_SEED)
-        words = f"Test images of {' and '.join(names)} by true and predicted class, training seed {CONFUSED_SEED}."
+        words = (
+            "Test images of each network by true and predicted class: counts, and below them per cent of the true "
+            f"class. Of its {study.seeds} training seeds, each network is shown at the one whose accuracy is the "
+            "median: the lower one of two in the middle, and the first where several seeds have it."
+        )
+        draw = partial(confusion_matrices, study)
         pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dynamics import by_prompt, copies, gate_stages, repeats
+from analysis.dynamics import by_prompt, copies, gate_stages, progress, repeats
 from analysis.loading import Run
-from analysis.occupation import AXES, Occupation, effective_niches, occupation, reachable
-from tacevo.choices import PromptPolicy, TemperatureRule
+from analysis.occupation import AXES, Occupation, effective_niches, fullest_tenth, occupation, reachable
+from tacevo.choices import Axis, BoundsRule, PromptPolicy, Scale, TemperatureRule
+from tacevo.descriptors import scaled
 from tacevo.plurals import counted
 
 #: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs
@@ -32,6 +33,9 @@ LATE = 0.5
 #: An axis whose middle nine tenths of candidates fill less than this of it tells hardly any two of them apart.
 NARROW = 0.05
 _MIDDLE = (0.05, 0.95)
+
+#: Where a tenth of an axis holds half of the candidates, the niches of its other nine tenths tell only the rest apart.
+CONCENTRATED = 0.5
 
 #: Every fourth answer brought what was known already; a quarter of the price is worth a word.
 REPEATED = 0.25
@@ -103,21 +107,57 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
     last = run.generations[-1].generation
     late = [generation for generation in placed.moved if generation > LATE * last]
     if late:
+        lost = sum(entry.lost for entry in progress(run))
         yield Alarm(
             name="late bounds",
             sentence=f"The bounds of the descriptors moved {counted(len(late), 'time')} in the last half of the run, "
-            f"lastly in generation {late[-1]}; each time the archive was rebuilt and elites could be lost.",
-            figures=(("late moves", len(late)), ("moves", len(placed.moved)), ("last", late[-1])),
+            f"lastly in generation {late[-1]}; each time the archive was rebuilt. All moves of the run together "
+            f"emptied {counted(lost, 'niche')}; archive.bounds=fixed loses none.",
+            figures=(
+                ("late moves", len(late)),
+                ("moves", len(placed.moved)),
+                ("last", late[-1]),
+                ("lost niches", lost),
+            ),
         )
-    low, high = np.quantile(placed.points, _MIDDLE, axis=0)
-    for axis, extent in zip((AXES[axis] for axis in run.axes), (high - low).tolist(), strict=True):
-        if extent < NARROW and len(placed.points) > 1:
-            yield Alarm(
-                name=f"constant {axis}",
-                sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
-                f"{axis}, which therefore tells few networks apart.",
-                figures=(("extent", extent),),
-            )
+    if len(placed.points) > 1:
+        for axis, values in zip(run.axes, placed.points.T, strict=True):
+            yield from _of_axis(run, axis, values)
+
+
+def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alarm]:
+    """Look at how the candidates lie along an axis; `values`, shape (candidates,), are normalised."""
+    low, high = np.quantile(values, _MIDDLE)
+    extent, share = float(high - low), fullest_tenth(values, (0.0, 1.0))
+    if extent < NARROW:
+        yield Alarm(
+            name=f"constant {AXES[axis]}",
+            sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
+            f"{AXES[axis]}, which therefore tells few networks apart.",
+            figures=(("extent", extent),),
+        )
+    if share > CONCENTRATED:
+        remedy, figures = _remedy(run, axis)
+        yield Alarm(
+            name=f"concentrated {AXES[axis]}",
+            sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {AXES[axis]}, "
+            f"where few niches tell them apart; {remedy}.",
+            figures=(("share", share), *figures),
+        )
+
+
+def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
+    """Say what would spread the candidates along an axis; of a logarithm, with the share that is left then."""
+    settings = run.config["archive"]
+    adaptive = settings["bounds"] == BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
+    if adaptive and axis is Axis.eff_ratio and settings["eff_ratio_scale"] == Scale.linear:
+        measured = [candidate.measured for candidate in run.candidates if candidate.trained]
+        logarithms = np.array([scaled(it.eff_ratio, Scale.log) for it in measured if it is not None])
+        after = fullest_tenth(logarithms, (logarithms.min(), logarithms.max()))
+        if after <= CONCENTRATED:
+            words = f"under archive.eff_ratio_scale=log the fullest tenth would hold {100 * after:.0f} %"
+            return words, (("share under log", after),)
+    return f"archive.bounds=fixed with narrower archive.{axis}_bounds would spread them", ()
 
 
 def _of_candidates(run: Run) -> Iterator[Alarm]:

@@ -10,6 +10,7 @@ from analysis.loading import Run
 from tacevo.archive import Bounds, Tessellation
 from tacevo.choices import Axis, BoundsRule, Scale
 from tacevo.descriptors import scaled
+from tacevo.digits import rounded
 
 #: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
 LATTICE = 200
@@ -96,11 +97,16 @@ def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return inside
 
 
+def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> float:
+    """Return the part of values, shape (n,), that lies in the fullest of ten equal parts of a span, in [0.1, 1]."""
+    return rounded(np.histogram(values, bins=10, range=span)[0].max() / len(values))
+
+
 def effective_niches(found: Occupation) -> float:
     """Give the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
     counts = np.unique(found.niches, return_counts=True)[1]
     shares = counts / counts.sum()
-    return float(2.0 ** -(shares * np.log2(shares)).sum())
+    return rounded(2.0 ** -(shares * np.log2(shares)).sum())
 
 
 def _moves(run: Run, raw: NDArray[np.float64]) -> tuple[int, ...]:

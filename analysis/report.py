@@ -70,13 +70,21 @@ def as_html(run: Run, tables: Sequence[Table], images: Sequence[Image], remarks:
         remarks: sentences above all, e.g. what is missing.
     """
     parts = [
-        f"<p>Task {html.escape(run.task)}; {len(run.candidates)} candidates in {len(run.generations)} generations; "
-        f"digest <code>{run.digest}</code>.</p>",
+        f"<p>{html.escape(_origin(run))}</p>",
+        f"<p>{len(run.candidates)} candidates in {len(run.generations)} generations; digest "
+        f"<code>{run.digest}</code>.</p>",
         *(f"<p>{html.escape(remark)}</p>" for remark in remarks),
         *map(_figure, images),
         *map(_table, tables),
     ]
     return _PAGE.format(title=html.escape(run.name), body="\n".join(parts))
+
+
+def _origin(run: Run) -> str:
+    """Say what was searched for, who answered, and where the images come from."""
+    model = run.config["llm"]
+    source = run.config["data"]["source"]
+    return f"Task: {run.task}. Model: {model['model']}, provider: {model['provider']}. Data source: {source}."
 
 
 def _figure(image: Image) -> str:

@@ -19,7 +19,7 @@ from tacevo.data.sheet import DOTS_PER_INCH, FORMATS, WIDTHS
 #: Okabe and Ito's palette, which people with any colour vision tell apart (jfly.uni-koeln.de/color).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
-GREY, PALE = "#767676", "#F2F2F2"
+GREY, SHADE, PALE = "#767676", "#D0D0D0", "#F2F2F2"
 
 #: Of quantities: dark to light, even in grey.
 COLOUR_MAP = "cividis"

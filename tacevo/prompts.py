@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tacevo.archive import AddStatus, Archive, Elite, Tessellation, insert
+from tacevo.archive import AddStatus, Archive, Elite, Point, Tessellation, insert
 from tacevo.choices import PromptPolicy
 
 
@@ -62,12 +62,16 @@ class PromptArchive:
         Returns:
             The archive that results, the trial's niche, and what the insertion did.
         """
-        point = (trial.prompt / max(prompts - 1, 1), trial.temperature)
-        niche = tessellation.niche_of(point)
+        niche = tessellation.niche_of(prompt_point(trial.prompt, trial.temperature, prompts=prompts))
         archive, status = insert(self.archive, niche, Elite(name=name, objective=float(trial.inserted)))
         if status is AddStatus.rejected:
             return self, niche, status
         return replace(self, archive=archive, trials={**self.trials, niche: trial}), niche, status
+
+
+def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:
+    """Return where an instruction at a temperature stands in A_P, in [0, 1]^2; `prompts` is how many there are."""
+    return prompt / max(prompts - 1, 1), temperature
 
 
 def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, prompts: int, rng: np.random.Generator) -> int:

@@ -13,9 +13,11 @@ FACTS = DataFacts(
 
 CONFIG: Json = {
     "task": {"name": "force"},
+    "llm": {"provider": "grammar", "model": "grammar-1"},
+    "data": {"source": "simulated"},
     "archive": {"niches": 4, "bounds": "adaptive", "eff_ratio_scale": "linear"},
     "prompts": {"policy": "uniform"},
-    "temperature": {"rule": "paper"},
+    "temperature": {"rule": "paper", "start": 0.6, "step": 0.05},
 }
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies import study_of
 
 from analysis.results import Study
 from analysis.studies import load_study, refuse_mixed
@@ -166,3 +167,13 @@ def test_mixed_studies_are_refused(change: Callable[[Study], Study], named: str,
     refuse_mixed([study, replace(change(study), task="grating")])
     with pytest.raises(RunError, match=named):
         refuse_mixed([study, change(study)])
+
+
+@pytest.mark.parametrize(
+    ("values", "seed"),
+    [((0.7, 0.9, 0.8), 2), ((0.9, 0.6, 0.8, 0.7), 3), ((0.5, 0.8, 0.8, 0.9), 1), ((0.9,), 0)],
+    ids=["middle", "lower of two", "first of equal ones", "single"],
+)
+def test_median_seed_stands_for_a_network(values: tuple[float, ...], seed: int) -> None:
+    """It has the median, and which one it is follows from the scores alone."""
+    assert study_of({"baseline": values}, kind=Kind.classification).median_seed("baseline") == seed

@@ -53,19 +53,19 @@ def test_elites_without_niches_are_counted_in_places() -> None:
     """Two thirds of three places are two elites, and the table says what `new` means there."""
     run = best_of_all()
     assert progress(run)[0].elites == 2
-    assert "found a place empty among the best 3" in generations_table(run).notes[0]
+    assert "found a place empty among the best 3" in generations_table(run, NO_NICHES.networks).notes[0]
 
 
 @pytest.mark.parametrize(
-    ("run", "words"),
+    ("run", "niches", "words"),
     [
-        (best_of_all(), "no network_map: archive.kind=best"),
-        (one_axis(0.1, 0.9), "no network_map: archive.axes has eff_ratio only"),
+        (best_of_all(), NO_NICHES, "no network_map: archive.kind=best"),
+        (one_axis(0.1, 0.9), replace(NO_NICHES, networks=TENTHS), "no network_map: archive.axes has eff_ratio only"),
     ],
 )
-def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, words: str) -> None:
+def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, niches: Niches, words: str) -> None:
     """No picture of cells where there are none, and a sentence in its stead; the others are there."""
-    names = [picture.name for picture in run_pictures(run, NO_NICHES)]
+    names = [picture.name for picture in run_pictures(run, niches)]
     assert "network_map_force" not in names
     assert {"archive_growth_force", "fitness_evolution_force", "prompt_map_force"} <= set(names)
     (sentence,) = undrawn(run)

@@ -1,5 +1,6 @@
 """The dynamics of a search are the counts that a person would make from its ledger."""
 
+import numpy as np
 import pytest
 from hand_runs import closed, run, trained, turned_away
 
@@ -56,6 +57,13 @@ def test_archive_that_shrinks_has_negative_growth() -> None:
     """Moved bounds can make niches fall together."""
     shrunk = run([trained(0, 0)], [closed(0, coverage=0.75), closed(1, coverage=0.5)])
     assert [entry.growth for entry in progress(shrunk)] == [3, -1]
+
+
+def test_niches_that_bounds_emptied_are_lost() -> None:
+    """Three niches are occupied, one candidate finds a fourth, and two are left: two were lost."""
+    slots = [trained(0, 0), trained(0, 1), trained(0, 2), trained(1, 0)]
+    moved = run(slots, [closed(0, coverage=0.75), closed(1, coverage=0.5)])
+    assert [entry.lost for entry in progress(moved)] == [0, 2]
 
 
 def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
@@ -164,6 +172,27 @@ def test_band_holds_its_lower_end(temperature: float, band: str) -> None:
     assert isinstance(row[4], Between)
 
 
+@pytest.mark.parametrize(
+    ("temperatures", "told"),
+    [
+        ((0.6, 0.6, 0.65, 0.7), True),
+        ((0.6, 0.9, 0.95, 1.0, 1.0, 1.0), True),
+        ((0.6, 0.4, 0.2, 0.0, 0.0), True),
+        ((0.6, 0.6, 0.65, 0.6), False),
+        ((0.6, 0.6, 0.65, 0.65, 0.7), False),
+        ((0.6, 0.95, 1.0, 0.95), False),
+        ((1.0, 1.0, 1.0, 1.0), False),
+        ((0.6, 0.6, 0.6), False),
+        ((0.6, 0.6), False),
+    ],
+)
+def test_table_says_where_temperature_and_generation_are_one(temperatures: tuple[float, ...], told: bool) -> None:
+    """Where T moved one way from generation 1 on, but for the end at its limit; not where it turned or stood."""
+    lines = [closed(number, temperature=temperature) for number, temperature in enumerate(temperatures)]
+    notes = temperatures_table(run([trained(0, 0), trained(1, 0)], lines)).notes
+    assert any("temperature and generation are one here" in note for note in notes) is told
+
+
 def test_improvement_has_both_references() -> None:
     """From 0.8 and 0.6 to 0.4: half of the baseline, a third of the best of generation 0."""
     found = improvement(two_generations())
@@ -197,7 +226,7 @@ def test_run_without_fitness_has_no_improvement() -> None:
 
 def test_tables_show_the_figures() -> None:
     """One row a generation, in the order of the columns."""
-    table = generations_table(two_generations())
+    table = generations_table(two_generations(), np.array([[0.25, 0.5], [0.75, 0.5]]))
     assert dict(zip(table.columns, table.rows[1], strict=True)) == {
         "generation": 1,
         "T": 0.6,
@@ -208,11 +237,13 @@ def test_tables_show_the_figures() -> None:
         "rejected: probe": 0,
         "rejected: train": 0,
         "best": 0.4,
-        "median": 0.4,
+        "archive median": 0.4,
+        "median of new": 0.4,
         "QD-score": 1.0,
         "coverage": Percent(0.75),
         "elites": 3,
         "growth": 1,
+        "lost": -1,
         "new": 0,
         "improved": 1,
         "repeated": 2,

@@ -63,29 +63,38 @@ RUN = replace(
     ),
     prompt_trials=TRIALS,
 )
+#: Of the archive after each generation.
+MEDIANS = [0.7, 0.5, 0.5]
 FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
 
 
 def confused() -> Study:
     """Give a study of a classification in which every network mistakes one image of class b for a c."""
-    study = study_of({"baseline": [0.9, 0.9], "variant 1": [0.9, 0.9]}, kind=Kind.classification)
+    networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
+    study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
     counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
     return replace(study, names=("a", "b", "c"), scores=tuple(replace(one, confusion=counts) for one in study.scores))
 
 
+def of_networks(study: Study, count: int) -> Study:
+    """Keep the first networks of a study."""
+    return replace(study, networks=study.networks[:count])
+
+
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
-    "fitness_evolution": (lambda: fitness_evolution(RUN), 3.5),
+    "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
     "trainable": (lambda: trainable(progress(RUN)), 3.5),
     "growth": (lambda: growth(RUN), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
     "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
-    "prompt_map": (lambda: prompt_map(RUN, CENTROIDS), 3.5),
+    "prompt_map": (lambda: prompt_map(RUN, CENTROIDS, range(9)), 3.5),
     "prompt_productivity": (lambda: prompt_productivity(by_prompt(RUN)), 3.5),
     "lineage": (lambda: lineage(find_lineage(RUN, "g01s01")), 3.5),
     "training_curves": (lambda: training_curves([SLOTS[0], SLOTS[2]]), 3.5),
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
-    "confusion_matrix": (lambda: confusion_matrices(confused(), ["baseline"], seed=0), 3.5),
-    "confusion_matrices": (lambda: confusion_matrices(confused(), ["baseline", "variant 1"], seed=1), 7.16),
+    "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
+    "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
+    "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),
 }
 
 
@@ -203,7 +212,7 @@ def test_text_of_an_svg_is_text() -> None:
 def test_drawing_leaves_no_state_behind() -> None:
     """Neither the global settings change nor does pyplot, which keeps every figure, ever come in."""
     before = dict(mpl.rcParams)
-    render(fitness_evolution(RUN), ".png")
+    render(fitness_evolution(RUN, MEDIANS), ".png")
     assert dict(mpl.rcParams) == before
     code = "import sys, analysis.gallery; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -241,7 +250,7 @@ def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale:
     """Logarithmic from a factor of 10 on, else from 0 up, in the curves as in the evolution."""
     high, low = trained(0, 0, losses[1]), trained(1, 0, losses[0])
     told = replace(RUN, generations=tuple(closed(place, loss) for place, loss in enumerate(losses)))
-    for drawn in (training_curves([high, low]), fitness_evolution(told)):
+    for drawn in (training_curves([high, low]), fitness_evolution(told, losses)):
         (axes,) = drawn.axes
         assert axes.get_yscale() == scale
         assert scale == "log" or axes.get_ylim()[0] == 0
@@ -258,18 +267,35 @@ def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
 
 def test_prompt_map_has_instructions_and_temperature_as_axes() -> None:
     """Its trials stand at their instruction and temperature; a fruitless one is hatched, too."""
-    (axes, bar) = prompt_map(RUN, CENTROIDS).axes
+    (axes, bar) = prompt_map(RUN, CENTROIDS, range(9)).axes
     assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 1.0), (0.0, 1.0))
     assert points(axes, "o") == [(0.0, 0.6), (1.0, 0.65)]
     assert sum(collection.get_hatch() is not None for collection in axes.collections) == 1
     assert bar.get_ylabel() == "curiosity of the trial"
 
 
+def test_niches_out_of_reach_are_shaded_and_hatched() -> None:
+    """So that a niche that no search could fill is not taken for one that it failed to fill."""
+    drawn = prompt_map(RUN, CENTROIDS, {1, 4, 7})
+    (shaded,) = (one for one in drawn.axes[0].collections if one.get_hatch() == "....")
+    assert len(shaded.get_paths()) == 6
+    assert "out of reach" in texts(drawn)
+    assert "out of reach" not in texts(prompt_map(RUN, CENTROIDS, range(9)))
+
+
 def test_fitness_of_a_generation_without_training_is_a_gap() -> None:
     """Nothing is drawn where nothing was trained; the other values are the ledger's."""
-    (axes,) = fitness_evolution(RUN).axes
+    (axes,) = fitness_evolution(RUN, MEDIANS).axes
     assert line(axes, "best so far")[:2] == [0.6, 0.4]
     assert np.isnan(line(axes, "best so far")[2])
+    assert np.isnan(line(axes, "median of new")[2])
+
+
+def test_fitness_shows_the_archive_beside_the_new() -> None:
+    """The archive's median is a curve of its own; that of a generation's candidates is not taken for it."""
+    (axes,) = fitness_evolution(RUN, MEDIANS).axes
+    assert line(axes, "archive median") == MEDIANS
+    assert line(axes, "median of new")[:2] == [0.6, 0.4]
 
 
 def test_bars_add_up_to_the_answers() -> None:
@@ -319,7 +345,7 @@ def test_names_of_users_are_no_formulas() -> None:
     for drawn in (
         prompt_productivity(by_prompt(named)),
         lineage(find_lineage(named, "g01s00")),
-        confusion_matrices(study, ["baseline"], seed=0),
+        confusion_matrices(study),
     ):
         assert render(drawn, ".svg")
         assert name in texts(drawn)
@@ -328,7 +354,7 @@ def test_names_of_users_are_no_formulas() -> None:
 def test_single_generation_has_one_tick() -> None:
     """Between generations there is nothing, so no tick stands at 0.03."""
     early = run(SLOTS[:2], [closed(0, 0.6)])
-    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early), fitness_evolution(early)):
+    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early), fitness_evolution(early, [0.7])):
         axes = drawn.axes[-1]
         low, high = axes.get_xlim()
         assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0.0]
@@ -375,12 +401,32 @@ def test_accuracy_is_shown_in_per_cent() -> None:
 
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
-    (axes,) = confusion_matrices(confused(), ["baseline"], seed=0).axes
+    (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
     found = {tuple(map(int, text.get_position())): text.get_text() for text in axes.texts}
-    assert found == {(0, 0): "4\n100 %", (1, 1): "2\n67 %", (2, 1): "1\n33 %", (2, 2): "3\n100 %"}
+    assert found == {(0, 0): "4\n100", (1, 1): "2\n67", (2, 1): "1\n33", (2, 2): "3\n100"}
+
+
+def test_confusion_shows_every_network_at_its_median_seed() -> None:
+    """Not one seed for all, which may be the best of one network and the worst of another."""
+    study = study_of({"baseline": [1.0, 0.8, 0.9], "variant 1": [0.7, 0.8, 0.9]}, kind=Kind.classification)
+    best = replace(study, scores=tuple(replace(one, confusion=_diagonal(one.seed + 1)) for one in study.scores))
+    left, right = confusion_matrices(replace(best, names=("a", "b"))).axes
+    assert [axes.get_title() for axes in (left, right)] == ["baseline, seed 2", "variant 1, seed 1"]
+    assert {text.get_text() for text in left.texts} == {"3\n100"}
+    assert len(confusion_matrices(confused()).axes) == 5
+
+
+def test_confusion_is_a_drawing() -> None:
+    """Its cells stay sharp at every size; an image of seven pixels a side is smoothed by some readers."""
+    assert b"<image" not in render(confusion_matrices(confused()), ".svg")
+
+
+def _diagonal(count: int) -> tuple[tuple[int, ...], ...]:
+    """Give a matrix in which all is right."""
+    return ((count, 0), (0, count))
 
 
 def test_confusion_that_was_not_recorded_is_refused() -> None:
     """A regression confuses nothing."""
-    with pytest.raises(ValueError, match=re.escape("force has no confusion matrix of baseline, seed 0")):
-        confusion_matrices(FORCES, ["baseline"], seed=0)
+    with pytest.raises(ValueError, match=re.escape("force has no confusion matrix of baseline, seed 2")):
+        confusion_matrices(FORCES)

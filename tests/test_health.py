@@ -1,14 +1,18 @@
 """Each alarm rings for a run made sick on purpose, says the figures, and is silent for a run that is well."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_runs import closed, run, trained, turned_away
 from numpy.typing import NDArray
 
 from analysis.health import alarms
-from analysis.health_tables import health_table
-from analysis.loading import Candidate, Run
+from analysis.health_tables import health_table, niches_table
+from analysis.loading import Candidate, Elite, PromptTrial, Run
 from analysis.occupation import effective_niches, occupation, reachable
+from analysis.tables import Percent
+from analysis.tessellation import Niches
 from tacevo.records import Reason, Stage
 
 #: Four niches, one in each quarter of the unit square.
@@ -72,8 +76,8 @@ def test_nothing_lies_between_networks_on_a_line(points: tuple[tuple[float, floa
 def test_crowded_niche_is_told_with_what_is_left() -> None:
     """Seven of eight candidates in one quarter are worth less than two niches."""
     crowd = [(0.01 * number, 0.01) for number in range(6)]
-    (alarm,) = alarms(run(spread(*CORNERS[::3], *crowd), [closed(0)]), QUARTERS)
-    assert alarm.name == "crowded niche"
+    found = alarms(run(spread(*CORNERS[::3], *crowd), [closed(0)]), QUARTERS)
+    (alarm,) = (alarm for alarm in found if alarm.name == "crowded niche")
     figures = dict(alarm.figures)
     assert figures["share"] == 7 / 8
     assert figures["effective niches"] == pytest.approx((7 / 8) ** (-7 / 8) * (1 / 8) ** (-1 / 8))
@@ -112,6 +116,16 @@ def test_bounds_that_move_late_are_told(generation: int, rings: bool) -> None:
     assert occupation(hand, QUARTERS).moved[-1] == generation
 
 
+def test_late_bounds_say_how_many_niches_they_emptied() -> None:
+    """Four new candidates and one that moved the bounds, and two occupied niches are left: three were lost."""
+    mover = trained(1, 0, prompt=0, descriptors=(9.0, 0.5))
+    lines = [closed(0, coverage=1.0), closed(1, coverage=0.5)]
+    hand = run([*spread(*CORNERS), mover], lines, bounds=((0.0, 9.0), (0.0, 1.0)))
+    (alarm,) = (alarm for alarm in alarms(hand, QUARTERS) if alarm.name == "late bounds")
+    assert dict(alarm.figures)["lost niches"] == 3
+    assert "emptied 3 niches" in alarm.sentence
+
+
 def test_fixed_bounds_never_move() -> None:
     """A candidate outside is clipped, and the archive stands."""
     hand = run(spread(*CORNERS, (5.0, 5.0)), [closed(0)], archive={"bounds": "fixed"})
@@ -124,6 +138,50 @@ def test_axis_that_tells_nothing_apart_is_named(axis: int, name: str) -> None:
     points = [(0.5, number / 40) for number in range(40)] + [(0.0, 0.5), (1.0, 1.0)]
     hand = run(spread(*(point if axis == 0 else (point[1], point[0]) for point in points)), [closed(0)])
     assert name in rung(hand)
+
+
+def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Candidate]:
+    """Make forty candidates that lie evenly along the logarithm of one axis, and evenly along the other."""
+    steps = np.linspace(0.0, 1.0, 40)
+    points = [(float(step), float(low * (high / low) ** step)) for step in steps]
+    return spread(*(point if axis == 1 else point[::-1] for point in points))
+
+
+def concentrated(hand: Run) -> dict[str, tuple[str, dict[str, float]]]:
+    """Give the sentences and figures of the alarms of concentration, by their names."""
+    found = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
+    return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in found}
+
+
+def test_concentration_names_axis_share_and_what_helps() -> None:
+    """Thirty of forty networks lie below a tenth of the greatest ratio; on a logarithmic axis a tenth holds four."""
+    hand = run(outlying(1), [closed(0)], bounds=((0.0, 1.0), (1.0, 10_000.0)))
+    assert concentrated(hand) == {
+        "concentrated EffRatio": (
+            "75 % of the trained candidates lie in a tenth of the range of EffRatio, where few niches tell them apart; "
+            "under archive.eff_ratio_scale=log the fullest tenth would hold 10 %.",
+            {"share": 0.75, "share under log": 0.1},
+        )
+    }
+
+
+def test_logarithm_is_advised_only_where_it_helps() -> None:
+    """Not for the other axis, nor where the axis is logarithmic already, has fixed bounds, or would stay as crowded."""
+    narrower = "archive.bounds=fixed with narrower archive.{}_bounds would spread them."
+    steep = ((0.0, 1.0), (1.0, 10_000.0))
+    other = concentrated(run(outlying(0), [closed(0)], bounds=steep[::-1]))
+    assert other["concentrated ArchDiv"][0].endswith(narrower.format("arch_div"))
+    fixed = concentrated(run(outlying(1), [closed(0)], bounds=steep, archive={"bounds": "fixed"}))
+    assert fixed["concentrated EffRatio"][0].endswith(narrower.format("eff_ratio"))
+    twins = spread(*[(step / 40, 1.0) for step in range(40)], (1.0, 10_000.0))
+    same = concentrated(run(twins, [closed(0)], bounds=steep))
+    assert same["concentrated EffRatio"][0].endswith(narrower.format("eff_ratio"))
+
+
+def test_axis_that_is_filled_evenly_is_not_concentrated() -> None:
+    """A logarithmic axis of the networks that crowd a linear one."""
+    log = run(outlying(1), [closed(0)], bounds=((0.0, 1.0), (0.0, 4.0)), archive={"eff_ratio_scale": "log"})
+    assert concentrated(log) == {}
 
 
 def test_duplicates_are_told_once_a_slot() -> None:
@@ -190,3 +248,34 @@ def test_table_holds_sentence_and_figures() -> None:
     assert health_table(hand, QUARTERS).rows == (
         ("untried prompts", "Never drawn (prompts=uniform): refine.", "untried: 1, prompts: 2"),
     )
+
+
+#: Four niches over two instructions, below and above a temperature of 0.5.
+PROMPTS = np.array([[0.0, 0.25], [1.0, 0.25], [0.0, 0.75], [1.0, 0.75]])
+
+
+def test_niches_are_counted_of_all_and_of_those_within_reach() -> None:
+    """The rule of the paper only raises T from 0.6, so of four prompt niches the upper two count; one has a trial."""
+    elites = [Elite(id="g00s00", niche=0, fitness=0.5, descriptors=(0.0, 0.0))]
+    trial = PromptTrial(niche=2, prompt=0, temperature=0.6, inserted=True, curiosity=1.5)
+    lines = [closed(0, coverage=1.0), closed(1, coverage=0.25)]
+    hand = replace(run(spread(*CORNERS), lines, elites=elites), prompt_trials=(trial,))
+    table = niches_table(hand, Niches(networks=QUARTERS, prompts=PROMPTS))
+    head = ("archive", "niches", "occupied", "coverage", "reachable", "coverage of these", "effective", "lost")
+    assert (table.columns, table.rows) == (
+        head,
+        (
+            ("networks", 4, 1, Percent(0.25), 4, Percent(0.25), 4.0, 3),
+            ("prompts", 4, 1, Percent(0.25), 2, Percent(0.5), None, None),
+        ),
+    )
+    assert "temperature=paper can lead to in 1 generation (0.6 to 0.6)" in table.notes[-1]
+
+
+def test_archive_that_a_run_lacks_has_no_row() -> None:
+    """Neither one without niches nor one that was not kept; a run of generation 0 alone reaches no prompt niche."""
+    bare = run([turned_away(0, 0)], [closed(0, None, trained=0)], bounds=None)
+    niches = Niches(networks=QUARTERS, prompts=PROMPTS)
+    assert niches_table(bare, niches).rows == (("prompts", 4, 0, Percent(0.0), 0, None, None, None),)
+    without = replace(bare, config={**bare.config, "prompts": {"policy": "none"}})
+    assert niches_table(without, niches).rows == ()

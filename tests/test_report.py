@@ -1,6 +1,7 @@
 """Promise: a report is one page that needs nothing beside it, and shows text as text."""
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 from hand_runs import closed, run, trained
@@ -47,6 +48,19 @@ def test_text_cannot_become_markup() -> None:
     page = as_html(RUN, [TABLE], [Image(caption="<c>", width=3.5, png=b"")], ["missing: <x>"])
     assert "<script>" not in page
     assert {"&lt;script&gt;", "a &lt; b", "R &amp; D", "missing: &lt;x&gt;"} <= set(re.split(r"<[^>]*>", page))
+
+
+def test_first_lines_name_task_model_provider_and_data() -> None:
+    """Whoever reads a figure below must know that no language model answered, and that no sensor was touched."""
+    page = as_html(RUN, [TABLE], [], [])
+    first = page.split("</h1>")[1].lstrip().splitlines()[0]
+    assert first == "<p>Task: force. Model: grammar-1, provider: grammar. Data source: simulated.</p>"
+
+
+def test_name_of_a_model_cannot_become_markup() -> None:
+    """It comes from a configuration, which may be a stranger's."""
+    strange = replace(RUN, config={**RUN.config, "llm": {"provider": "openai", "model": "<b>"}})
+    assert "Model: &lt;b&gt;, provider: openai." in as_html(strange, [TABLE], [], [])
 
 
 def test_numbers_are_rounded_as_in_every_table() -> None:

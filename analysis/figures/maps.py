@@ -1,6 +1,6 @@
 """Maps of both archives: every niche as its Voronoi cell, in the units of the axes, coloured by what holds it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from numpy.typing import NDArray
 
 from analysis.loading import Run
-from analysis.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, VERMILLION, house_style, new_figure
+from analysis.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
 from analysis.tessellation import Polygon, cells
 
 #: (low, high) of both axes, in their units.
@@ -63,25 +63,31 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
 
 
 @house_style()
-def prompt_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
+def prompt_map(run: Run, centroids: NDArray[np.float64], reachable: Collection[int]) -> Figure:
     """Draw the prompt archive over instruction and temperature, each niche in the colour of its trial's curiosity.
 
-    A trial whose child the network archive did not take is hatched.
+    A trial whose child the network archive did not take is hatched; a niche that the run could not reach is shaded.
 
     Args:
         run: the run.
         centroids: of the prompt archive, shape (niches, 2), in [0, 1].
+        reachable: the niches that a trial of the run could have.
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     curiosity = {trial.niche: trial.curiosity for trial in run.prompt_trials}
     polygons = _placed(centroids, ((0.0, float(max(len(run.instructions) - 1, 1))), (0.0, 1.0)))
     filled = _fill(axes, polygons, curiosity, Normalize(0.5, 2.0), COLOUR_MAP)
     told: list[Patch] = []
+    beyond = [polygon for niche, polygon in enumerate(polygons) if niche not in reachable]
+    if beyond:
+        shade: dict[str, Any] = {"facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.3, "hatch": "...."}
+        axes.add_collection(PolyCollection(beyond, **shade))
+        told.append(Patch(**shade, label="out of reach"))
     fruitless = [trial.niche for trial in run.prompt_trials if not trial.inserted]
     if fruitless:
         marks: dict[str, Any] = {"facecolor": "none", "edgecolor": "white", "linewidth": 0.3, "hatch": "/////"}
         axes.add_collection(PolyCollection([polygons[niche] for niche in fruitless], **marks))
-        told = [Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted")]
+        told.append(Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted"))
     _points(axes, [(trial.prompt, trial.temperature) for trial in run.prompt_trials])
     if run.prompt_trials:
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])

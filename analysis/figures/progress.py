@@ -24,17 +24,23 @@ _STAGES = {
 
 
 @house_style()
-def fitness_evolution(run: Run) -> Figure:
-    """Draw the archive's best fitness and the median of each generation's candidates."""
+def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
+    """Draw best and median fitness of the network archive, and the median of each generation's new candidates.
+
+    Args:
+        run: the run.
+        medians: of the archive after each generation; None before anything was trained.
+    """
     figure, (axes,) = new_figure("single", 2.2)
     generations = [entry.generation for entry in run.generations]
     best = _values([entry.best for entry in run.generations])
-    median = _values([entry.generation_median for entry in run.generations])
-    axes.plot(generations, median, color=VERMILLION, linestyle="--", marker="s", label="median of the generation")
+    new = [entry.generation_median for entry in run.generations]
+    axes.plot(generations, _values(new), color=GREY, linestyle=":", marker="^", label="median of new")
+    axes.plot(generations, _values(medians), color=VERMILLION, linestyle="--", marker="s", label="archive median")
     axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
-    on_loss_axis(axes, [value for entry in run.generations for value in (entry.best, entry.generation_median)])
+    on_loss_axis(axes, [*(entry.best for entry in run.generations), *medians, *new])
     _generations(axes)
-    figure.legend(loc="outside upper center", ncols=2)
+    figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 

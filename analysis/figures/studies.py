@@ -1,5 +1,6 @@
 """A study: every seed of every network, and what its classifiers confuse."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -60,23 +61,27 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
 
 
 @house_style()
-def confusion_matrices(study: Study, networks: Sequence[str], *, seed: int) -> Figure:
-    """Draw the test images of one seed by true and predicted class: counts, and per cent of the true class.
+def confusion_matrices(study: Study) -> Figure:
+    """Draw the test images of every network by true and predicted class: counts, and per cent of the true class.
 
-    Args:
-        study: of a classification.
-        networks: the names of one network or two.
-        seed: whose predictions.
+    Each network is shown at its `Study.median_seed`.
 
     Raises:
-        ValueError: the study has no such matrix.
+        ValueError: the study has no such matrix, as one of a regression.
     """
-    columns = len(networks)
-    figure, panels = new_figure("single" if columns == 1 else "double", 3.4, columns=columns)
-    for axes, name in zip(panels, networks, strict=True):
-        _matrix(axes, _confusion(study, name, seed), study.names)
-        axes.set_title(f"{name}, seed {seed}")
-    panels[0].set_ylabel("true class")
+    names = [network.name for network in study.networks]
+    columns = min(len(names), 3)
+    rows = math.ceil(len(names) / columns)
+    width, height = ("single", 3.4) if columns == 1 else ("double", 7.8 / columns)
+    figure, panels = new_figure(width, height * rows, rows=rows, columns=columns)
+    for place, name in enumerate(names):
+        seed = study.median_seed(name)
+        _matrix(panels[place], _confusion(study, name, seed), study.names)
+        panels[place].set_title(f"{name}, seed {seed}")
+        if place % columns == 0:
+            panels[place].set_ylabel("true class")
+    for axes in panels[len(names) :]:
+        axes.remove()
     return figure
 
 
@@ -91,13 +96,16 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
     """Draw one matrix, coloured by the share of its row; a class without images stays pale."""
     totals = counts.sum(axis=1, keepdims=True)
     shares = 100 * counts / np.maximum(totals, 1)
-    axes.imshow(shares, cmap="Blues", vmin=0, vmax=100)
+    places = range(len(names))
+    axes.pcolormesh(places, places, shares, shading="nearest", cmap="Blues", vmin=0, vmax=100)  # imshow is no vector
+    axes.invert_yaxis()
+    axes.set_aspect("equal")
     for (row, column), count in np.ndenumerate(counts):
         if count:
             colour = "white" if shares[row, column] > 55 else BLACK
-            text = f"{count}\n{shares[row, column]:.0f} %"
+            text = f"{count}\n{shares[row, column]:.0f}"
             axes.text(column, row, text, color=colour, ha="center", va="center", linespacing=1.05)
-    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
-    axes.set_yticks(range(len(names)), names, parse_math=False)
+    axes.set_xticks(places, names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
+    axes.set_yticks(places, names, parse_math=False)
     axes.set_xlabel("predicted class")
     axes.spines[:].set_visible(True)
