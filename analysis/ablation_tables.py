@@ -17,7 +17,7 @@ from analysis.common_archive import Extent
 from analysis.effects import LEVEL, RESAMPLES, Interval, median_confidence
 from analysis.rounding import shown
 from analysis.sweeps import REFERENCE, Missing, Sweep
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.digits import rounded
 from tacevo.plurals import counted, listed
 
@@ -154,7 +154,7 @@ def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
         word = contrast.comparability.value
         return (None, word, None, None, None, None, None, *differences)
     return (
-        int(test.u) if test.u.is_integer() else test.u,
+        Halves(test.u),
         PValue(test.p),
         PValue(p_holm),
         test.method.value,

@@ -10,7 +10,7 @@ from analysis.results import LOWER_IS_BETTER, Network, Study
 from analysis.rounding import shown
 from analysis.samples import Sample
 from analysis.statistics import smallest_p
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.choices import MarginKind
 from tacevo.digits import rounded
 from tacevo.plurals import counted, listed
@@ -119,7 +119,7 @@ def _verdict_cells(variant: Comparison, metric: str) -> tuple[Cell, ...]:
     return (
         variant.network,
         _value(metric, variant.median),
-        int(variant.test.u) if variant.test.u.is_integer() else variant.test.u,
+        Halves(variant.test.u),
         PValue(variant.test.p),
         PValue(variant.p_holm),
         variant.test.method.value,
