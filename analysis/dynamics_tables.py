@@ -40,6 +40,7 @@ def generations_table(run: Run) -> Table:
         rows=rows,
         notes=(
             f"Trained and rejected count first answers. {_statuses(run)}",
+            "In generation 0 the baseline has one of the slots, and counts as a candidate here.",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
         ),
     )
@@ -78,7 +79,7 @@ def gate_table(run: Run) -> Table:
     )
     return Table(
         name=f"gate_{run.task}",
-        caption=f"Where the gate turned first answers of {run.name} away; the baseline is none.",
+        caption=f"Where the gate rejected first answers of {run.name}; the baseline is not an answer.",
         columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
     )
