@@ -1,6 +1,6 @@
 """The tables of a sweep: all arms in all metrics, each metric against the reference, and every run."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 from analysis.ablation import (
     ALPHA,
@@ -13,6 +13,7 @@ from analysis.ablation import (
     Contrast,
     Metric,
 )
+from analysis.cautions import caution_notes
 from analysis.common_archive import Extent
 from analysis.effects import LEVEL, RESAMPLES, Interval, median_confidence
 from analysis.rounding import shown
@@ -227,16 +228,7 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
             f"Identical: {listed(same)}. All seeds of such an arm are those of {REFERENCE}, each with the same value, "
             "or all runs of both have one value: there is nothing to test. In Holm's correction it counts as p = 1."
         )
-    return [*notes, *_caution_notes(contrasts)]
-
-
-def _caution_notes(contrasts: Mapping[str, Contrast]) -> list[str]:
-    """Say each caution once, for all arms that it concerns."""
-    concerned: dict[str, list[str]] = {}
-    for name, contrast in contrasts.items():
-        for caution in contrast.cautions:
-            concerned.setdefault(caution.value, []).append(name)
-    return [f"{listed(names)}: {words}." for words, names in concerned.items()]
+    return [*notes, *caution_notes((name, contrast.cautions) for name, contrast in contrasts.items())]
 
 
 def _reference_note(found: Ablation) -> list[str]:
