@@ -77,7 +77,7 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
         name=f"ablation_{metric.name}_{sweep.task}",
         caption=f"The arms ({sweep.task}): {metric.value}.",
         columns=(
-            *("arm", "seeds", "median", *_TESTED),
+            *("arm", "seeds", "median", "runs that differ", *_TESTED),
             *(f"difference of medians{unit}", f"median difference by seed{unit}"),
             *(f"seeds {word}" for word in counts),
         ),
@@ -86,7 +86,7 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
-            _median_note([len(arm.metrics[metric].values) for arm in found.arms]),
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms], _pairs(found, metric)),
             *_test_notes(found, metric),
             *_reference_note(found),
             *_missing_note(sweep.missing),
@@ -143,7 +143,7 @@ def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
         arm.name,
         len(summary.values),
         _summary(arm, metric),
-        *((None,) * (len(_TESTED) + 5) if contrast is None else _contrast(contrast, metric)),
+        *((None,) * (len(_TESTED) + 6) if contrast is None else _contrast(contrast, metric)),
     )
 
 
@@ -153,8 +153,9 @@ def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
     test, p_holm, effects = contrast.test, contrast.p_holm, contrast.effects
     if test is None or p_holm is None or effects is None:
         word = contrast.comparability.value
-        return (None, word, None, None, None, None, None, *differences)
+        return (contrast.differing, None, word, None, None, None, None, None, *differences)
     return (
+        contrast.differing,
         Halves(test.u),
         PValue(test.p),
         PValue(p_holm),
@@ -189,13 +190,19 @@ def _between(interval: Interval, factor: int = 1) -> Between:
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
 
-def _median_note(counts: Collection[int]) -> str:
-    """Say what the intervals of medians are, by the numbers of values that there are."""
+def _pairs(found: Ablation, metric: Metric) -> list[int]:
+    """Count the differences by seed that each arm has."""
+    contrasts = [contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None]
+    return [one.paired.better + one.paired.equal + one.paired.worse for one in contrasts]
+
+
+def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
+    """Say what the intervals of medians are, by the numbers of values that there are, and of differences by seed."""
     words = (
         "Median over the seeds whose value is known; in brackets two of their values, equally far from either end. The "
         f"median of all seeds lies between them with a chance of {100 * LEVEL:g} % at least"
     )
-    weak = [n for n in sorted(set(counts), reverse=True) if n >= FEWEST_SEEDS and median_confidence(n) < LEVEL]
+    weak = [n for n in sorted({*counts, *pairs}, reverse=True) if n >= FEWEST_SEEDS and median_confidence(n) < LEVEL]
     if weak:
         words += "; of few seeds their range, with less: " + listed(
             f"{shown(Percent(median_confidence(n)))} for {n} seeds" for n in weak
@@ -215,8 +222,11 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         return []
     family = sum(contrast.comparability is not Comparability.too_few_seeds for contrast in contrasts.values())
     same = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.identical]
+    few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
     notes = [
-        f"p: two-sided Mann-Whitney U of an arm's seeds against those of {REFERENCE}; corrected over "
+        f"Runs that differ: those that are not the run of {REFERENCE} of the same seed, candidate by candidate. All "
+        "columns behind are of these runs: what is one and the same run in both arms says nothing of the arm.",
+        f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
         f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
         f"resamples, whose {100 * LEVEL:g} % is approximate, and the more so the fewer seeds there are.",
@@ -225,8 +235,13 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     ]
     if same:
         notes.append(
-            f"Identical: {listed(same)}. All seeds of such an arm are those of {REFERENCE}, each with the same value, "
-            "or all runs of both have one value: there is nothing to test. In Holm's correction it counts as p = 1."
+            f"Identical: {listed(same)}. No run of such an arm differs from that of {REFERENCE} of the same seed, or "
+            "those that do have the same values: there is nothing to test. In Holm's correction it counts as p = 1."
+        )
+    if few:
+        notes.append(
+            f"Too few runs differ: {listed(few)}. A test needs two in either arm. In Holm's correction such an arm "
+            "counts as p = 1."
         )
     return [*notes, *caution_notes((name, contrast.cautions) for name, contrast in contrasts.items())]
 

@@ -153,7 +153,7 @@ def test_hypergeometric_p_is_counted(found: int, drawn: int, marked: int, popula
     )
     p = hypergeometric_p(found, drawn=drawn, marked=marked, population=population)
     assert p == pytest.approx(draws / math.comb(population, drawn), rel=1e-8)
-    rows = [[found, drawn - found], [marked - found, population - marked - drawn + found]]
+    rows = np.array([[found, drawn - found], [marked - found, population - marked - drawn + found]])
     assert p == pytest.approx(fisher_exact(rows, alternative="greater").pvalue, rel=1e-8)
 
 
