@@ -14,6 +14,7 @@ from analysis.comparison_tables import (
     study_tables,
     verdicts_table,
 )
+from analysis.rendering import as_markdown
 from analysis.tables import Between, Percent, PercentBetween
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
@@ -41,6 +42,13 @@ def test_accuracies_are_percentages() -> None:
     accuracies = study_of({"baseline": [0.5] * 5, "variant 1": [0.9, 0.8, 0.9, 1.0, 1.0]}, kind=Kind.classification)
     assert scores_table(accuracies).rows[1][4:9] == tuple(map(Percent, (0.9, 0.9, 1.0, 0.8, 1.0)))
     assert [row[1] for row in verdicts_table(accuracies, compare(accuracies)).rows] == [Percent(0.5), Percent(0.9)]
+
+
+def test_u_keeps_its_half() -> None:
+    """By hand: of 400 pairs the variant has the larger value in 309 and the same in 13, so U is 309 + 13 / 2."""
+    first, second = [at / 100 for at in range(20)], [(at + 7) / 100 for at in range(20)]
+    study = study_of({"baseline": first, "variant 1": second}, kind=Kind.classification)
+    assert "| 315.5 |" in as_markdown(verdicts_table(study, compare(study)))
 
 
 def test_metrics_are_rows_of_medians_and_quartiles() -> None:
