@@ -134,6 +134,14 @@ def test_outputs_have_a_table() -> None:
     assert "outputs_force" not in [table.name for table in study_tables(STUDY, compare(STUDY))]
 
 
+def test_output_that_is_not_compared_is_named() -> None:
+    """Without an error of the baseline there is no relative margin, and the table says why the output is missing."""
+    near, still = around(0.02, step=0.0001), [0.0] * 20
+    each = {"Fx": near, "Fy": still, "Fz": near}
+    study = study_of_outputs({name: {"baseline": values, "variant 1": values} for name, values in each.items()})
+    assert any(note.startswith("Not compared on Fy:") for note in outputs_table(study, compare(study)).notes)
+
+
 def test_direction_of_a12_is_told() -> None:
     """For errors below a half is better, for accuracies above."""
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
