@@ -2,11 +2,12 @@
 
 Every arm is held against the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
 Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
-one seed. docs/ablation_study.md says why these.
+one seed. A run that is the reference's own, candidate by candidate, says nothing of its arm and enters neither.
+docs/ablation_study.md says why these.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -15,7 +16,7 @@ from analysis.cautions import Caution, cautions
 from analysis.common_archive import CommonArchive, Filled, filled
 from analysis.dynamics import improvement
 from analysis.effects import Effects, Interval, effects, median
-from analysis.loading import Run
+from analysis.loading import Candidate, Run
 from analysis.statistics import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.sweeps import REFERENCE, Finished
 from tacevo.costs import Spending, total
@@ -64,21 +65,25 @@ class Outcome:
     best: tuple[float | None, ...]
     #: The common archive by generation.
     filled: tuple[Filled, ...]
+    #: What was asked and what came of it, slot by slot, without costs: equal in runs that are one and the same search.
+    slots: tuple[Candidate, ...]
 
 
 class Comparability(StrEnum):
     """Whether there is anything to test between two arms; the values are what a table says."""
 
     comparable = "comparable"
-    #: The same seeds, two at least, each with one value in both arms; or one value in all runs of both.
+    #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
     identical = "identical"
+    #: One of both arms has fewer than two runs that differ from the other's of the same seed.
+    too_few_differ = "too few runs differ"
     #: One of both arms has values of fewer than two seeds.
     too_few_seeds = "too few seeds"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paired:
-    """An arm against the reference, seed by seed."""
+    """An arm against the reference, seed by seed, where their runs differ."""
 
     #: Of the differences arm - reference; None below two shared seeds.
     difference: Interval | None
@@ -90,9 +95,11 @@ class Paired:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contrast:
-    """An arm against the reference in one metric."""
+    """An arm against the reference in one metric; runs of both that are one and the same are not compared."""
 
     comparability: Comparability
+    #: Runs of the arm that are not the reference's of the same seed.
+    differing: int
     paired: Paired
     #: These are None unless the arms are `comparable`.
     test: MannWhitney | None
@@ -146,6 +153,7 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
         values=_values(one.run, places[-1]),
         best=_best_so_far(one.run),
         filled=places,
+        slots=tuple(replace(candidate, spent=None) for candidate in one.run.candidates),
     )
 
 
@@ -204,8 +212,8 @@ def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome]
     samples = {name: _known(metric, name, outcomes) for name in names}
     contrasts: dict[str, Contrast] = {}
     if REFERENCE in samples:
-        others = {name: sample for name, sample in samples.items() if name != REFERENCE}
-        contrasts = _contrasts(metric, others, samples[REFERENCE], seed)
+        same = {name: _same_runs(name, outcomes) for name in names if name != REFERENCE}
+        contrasts = _contrasts(metric, samples, same, seed)
     return {
         name: Summary(
             values=sample,
@@ -223,23 +231,42 @@ def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, 
     return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
 
 
-def _contrasts(
-    metric: Metric, samples: Mapping[str, Mapping[int, float]], reference: Mapping[int, float], seed: int
-) -> dict[str, Contrast]:
-    """Compare the samples of all other arms with the reference's, by seed both, and correct the family's p-values.
+def _same_runs(name: str, outcomes: Sequence[Outcome]) -> frozenset[int]:
+    """Find the seeds of which an arm's run is the reference's, candidate by candidate."""
+    reference = {one.seed: one.slots for one in outcomes if one.arm == REFERENCE}
+    return frozenset(one.seed for one in outcomes if one.arm == name and one.slots == reference.get(one.seed))
 
-    An identical arm counts in the family with p = 1, so that the family's size does not hang on the values.
+
+def _contrasts(
+    metric: Metric, samples: Mapping[str, Mapping[int, float]], same: Mapping[str, Set[int]], seed: int
+) -> dict[str, Contrast]:
+    """Compare the samples of all other arms with the reference's, and correct the family's p-values.
+
+    An arm that has seeds enough and is not tested counts in the family with p = 1, so that the family's size does not
+    depend on what the runs found.
+
+    Args:
+        metric: what the samples are of.
+        samples: by arm and seed, those of the reference among them.
+        same: by every other arm, the seeds of which its run is the reference's.
+        seed: of the bootstrap.
     """
-    kinds = {name: _comparability(sample, reference) for name, sample in samples.items()}
-    family = [name for name, kind in kinds.items() if kind is not Comparability.too_few_seeds]
-    pairs = {name: (list(samples[name].values()), list(reference.values())) for name in family}
+    ours = {name: _without(samples[name], seeds) for name, seeds in same.items()}
+    theirs = {name: _without(samples[REFERENCE], seeds) for name, seeds in same.items()}
+    enough = {name: min(len(samples[name]), len(samples[REFERENCE])) >= FEWEST_SEEDS for name in same}
+    kinds = {
+        name: _comparability(ours[name], theirs[name]) if enough[name] else Comparability.too_few_seeds for name in same
+    }
+    family = [name for name in same if enough[name]]
+    pairs = {name: (list(ours[name].values()), list(theirs[name].values())) for name in family}
     tests = {name: mann_whitney(*pairs[name]) for name in family if kinds[name] is Comparability.comparable}
     p_holm = _corrected({name: tests[name].p if name in tests else 1.0 for name in family})
-    least = _corrected({name: smallest_p(len(samples[name]), len(reference)) for name in family})
+    least = _corrected({name: smallest_p(*map(len, pairs[name])) if name in tests else 1.0 for name in family})
     return {
         name: Contrast(
             comparability=kind,
-            paired=_paired(metric, samples[name], reference),
+            differing=len(ours[name]),
+            paired=_paired(metric, ours[name], theirs[name]),
             test=tests.get(name),
             p_holm=p_holm[name] if name in tests else None,
             effects=effects(*pairs[name], rng=stream(seed, "effects", name, metric.name)) if name in tests else None,
@@ -254,12 +281,16 @@ def _corrected(p_values: Mapping[str, float]) -> dict[str, float]:
     return dict(zip(p_values, holm(list(p_values.values())), strict=True)) if p_values else {}
 
 
+def _without(sample: Mapping[int, float], seeds: Set[int]) -> Mapping[int, float]:
+    return {seed: value for seed, value in sample.items() if seed not in seeds}
+
+
 def _comparability(sample: Mapping[int, float], reference: Mapping[int, float]) -> Comparability:
-    """Say whether a sample can be tested against the reference's, by seed both."""
-    if min(len(sample), len(reference)) < FEWEST_SEEDS:
-        return Comparability.too_few_seeds
-    constant = len({*sample.values(), *reference.values()}) == 1
-    return Comparability.identical if constant or dict(sample) == dict(reference) else Comparability.comparable
+    """Say whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
+    if sample == reference or len({*sample.values(), *reference.values()}) == 1:
+        return Comparability.identical
+    few = min(len(sample), len(reference)) < FEWEST_SEEDS
+    return Comparability.too_few_differ if few else Comparability.comparable
 
 
 def _paired(metric: Metric, sample: Mapping[int, float], reference: Mapping[int, float]) -> Paired:

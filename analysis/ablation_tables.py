@@ -1,7 +1,7 @@
 """The tables of a sweep: all arms in all metrics, each metric against the reference, and every run."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 from analysis.ablation import (
     ALPHA,
@@ -14,12 +14,13 @@ from analysis.ablation import (
     Contrast,
     Metric,
 )
+from analysis.cautions import caution_notes
 from analysis.common_archive import Extent
 from analysis.effects import LEVEL, RESAMPLES, Interval, median_confidence
 from analysis.rounding import shown
 from analysis.sweep_checks import arm_settings
 from analysis.sweeps import REFERENCE, Missing, Sweep
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.digits import rounded
 from tacevo.nesting import leaves
 from tacevo.plurals import counted, listed
@@ -99,7 +100,7 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
         name=f"ablation_{metric.name}_{sweep.task}",
         caption=f"The arms ({sweep.task}): {metric.value}.",
         columns=(
-            *("arm", "seeds", "median", *_TESTED),
+            *("arm", "seeds", "median", "runs that differ", *_TESTED),
             *(f"difference of medians{unit}", f"median difference by seed{unit}"),
             *(f"seeds {word}" for word in counts),
         ),
@@ -108,7 +109,7 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
-            _median_note([len(arm.metrics[metric].values) for arm in found.arms]),
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms], _pairs(found, metric)),
             *_test_notes(found, metric),
             *_reference_note(found),
             *_missing_note(sweep.missing),
@@ -165,7 +166,7 @@ def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
         arm.name,
         len(summary.values),
         _summary(arm, metric),
-        *((None,) * (len(_TESTED) + 5) if contrast is None else _contrast(contrast, metric)),
+        *((None,) * (len(_TESTED) + 6) if contrast is None else _contrast(contrast, metric)),
     )
 
 
@@ -175,9 +176,10 @@ def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
     test, p_holm, effects = contrast.test, contrast.p_holm, contrast.effects
     if test is None or p_holm is None or effects is None:
         word = contrast.comparability.value
-        return (None, word, None, None, None, None, None, *differences)
+        return (contrast.differing, None, word, None, None, None, None, None, *differences)
     return (
-        int(test.u) if test.u.is_integer() else test.u,
+        contrast.differing,
+        Halves(test.u),
         PValue(test.p),
         PValue(p_holm),
         test.method.value,
@@ -211,13 +213,19 @@ def _between(interval: Interval, factor: int = 1) -> Between:
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
 
-def _median_note(counts: Collection[int]) -> str:
-    """Say what the intervals of medians are, by the numbers of values that there are."""
+def _pairs(found: Ablation, metric: Metric) -> list[int]:
+    """Count the differences by seed that each arm has."""
+    contrasts = [contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None]
+    return [one.paired.better + one.paired.equal + one.paired.worse for one in contrasts]
+
+
+def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
+    """Say what the intervals of medians are, by the numbers of values that there are, and of differences by seed."""
     words = (
         "Median over the seeds whose value is known; in brackets two of their values, equally far from either end. The "
         f"median of all seeds lies between them with a chance of {100 * LEVEL:g} % at least"
     )
-    weak = [n for n in sorted(set(counts), reverse=True) if n >= FEWEST_SEEDS and median_confidence(n) < LEVEL]
+    weak = [n for n in sorted({*counts, *pairs}, reverse=True) if n >= FEWEST_SEEDS and median_confidence(n) < LEVEL]
     if weak:
         words += "; of few seeds their range, with less: " + listed(
             f"{shown(Percent(median_confidence(n)))} for {n} seeds" for n in weak
@@ -237,8 +245,11 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         return []
     family = sum(contrast.comparability is not Comparability.too_few_seeds for contrast in contrasts.values())
     same = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.identical]
+    few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
     notes = [
-        f"p: two-sided Mann-Whitney U of an arm's seeds against those of {REFERENCE}; corrected over "
+        f"Runs that differ: those that are not the run of {REFERENCE} of the same seed, candidate by candidate. All "
+        "columns behind are of these runs: what is one and the same run in both arms says nothing of the arm.",
+        f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
         f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
         f"resamples, whose {100 * LEVEL:g} % is approximate, and the more so the fewer seeds there are.",
@@ -247,19 +258,15 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     ]
     if same:
         notes.append(
-            f"Identical: {listed(same)}. All seeds of such an arm are those of {REFERENCE}, each with the same value, "
-            "or all runs of both have one value: there is nothing to test. In Holm's correction it counts as p = 1."
+            f"Identical: {listed(same)}. No run of such an arm differs from that of {REFERENCE} of the same seed, or "
+            "those that do have the same values: there is nothing to test. In Holm's correction it counts as p = 1."
         )
-    return [*notes, *_caution_notes(contrasts)]
-
-
-def _caution_notes(contrasts: Mapping[str, Contrast]) -> list[str]:
-    """Say each caution once, for all arms that it concerns."""
-    concerned: dict[str, list[str]] = {}
-    for name, contrast in contrasts.items():
-        for caution in contrast.cautions:
-            concerned.setdefault(caution.value, []).append(name)
-    return [f"{listed(names)}: {words}." for words, names in concerned.items()]
+    if few:
+        notes.append(
+            f"Too few runs differ: {listed(few)}. A test needs two in either arm. In Holm's correction such an arm "
+            "counts as p = 1."
+        )
+    return [*notes, *caution_notes((name, contrast.cautions) for name, contrast in contrasts.items())]
 
 
 def _reference_note(found: Ablation) -> list[str]:

@@ -1,5 +1,6 @@
-"""What to beware of when a comparison is read: assumptions that a pair of samples does not meet."""
+"""What to beware of when a comparison is read: assumptions that a pair of samples, or a study, does not meet."""
 
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from analysis.samples import Sample, checked
 from analysis.statistics import Method, mann_whitney
+from tacevo.plurals import listed
 
 #: Interquartile ranges further apart than this count as very different; equal normal spreads of 20 seeds are further
 #: apart about once in twenty.
@@ -49,6 +51,27 @@ def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tup
         Caution.few_seeds: least_p > alpha,
     }
     return tuple(caution for caution, holds in found.items() if holds)
+
+
+def caution_notes(given: Iterable[tuple[str, Iterable[Caution]]]) -> tuple[str, ...]:
+    """Write a sentence for each caution, with the names of all that it concerns."""
+    concerned: dict[Caution, list[str]] = {}
+    for name, found in given:
+        for caution in found:
+            concerned.setdefault(caution, []).append(name)
+    return tuple(f"{listed(names)}: {caution.value}." for caution, names in concerned.items())
+
+
+def late_share(chosen: Sequence[int], *, epochs: int) -> float:
+    """Return the part of a network's trainings whose best epoch lies in the last tenth of all.
+
+    Such a training may not have converged: against it, a network that is called better may only be faster.
+
+    Args:
+        chosen: the best epoch of each training, from 1; at least one.
+        epochs: of each training.
+    """
+    return sum(10 * epoch > 9 * epochs for epoch in chosen) / len(chosen)  # in integers: 0.9 is not a binary number
 
 
 def _spread(sample: Sample) -> float:

@@ -1,16 +1,17 @@
 """The variants of a study against its baseline: test, size, equivalence, and a verdict in a word.
 
 Each variant is compared with the baseline by the study's primary metric on the test split. The p-values of all
-variants are one family for Holm's correction, those for a difference and those for equivalence each.
+variants are one family for Holm's correction, those for a difference and those for equivalence each. Where the primary
+metric is a mean over several outputs, each variant is compared on each output, too; all of these are one more family.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from analysis.cautions import Caution, cautions
+from analysis.cautions import Caution, cautions, late_share
 from analysis.effects import Effects, a12, effects
 from analysis.equivalence import Equivalence, equivalence
 from analysis.power import Detectable, detectable
@@ -38,16 +39,16 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A variant against the baseline."""
+    """A variant against the baseline in one metric."""
 
     network: str
     median: float
     test: MannWhitney
-    #: Of the test, after Holm's correction over all variants.
+    #: Of the test, after Holm's correction over its family.
     p_holm: float
     effects: Effects
     equivalence: Equivalence
-    #: Of the equivalence, after Holm's correction over all variants.
+    #: Of the equivalence, after Holm's correction over its family.
     equivalence_p_holm: float
     verdict: Verdict
     cautions: tuple[Caution, ...]
@@ -66,8 +67,15 @@ class Comparisons:
     detectable: Detectable | None
     #: The same for the strictest step of Holm's correction, at alpha divided by the number of variants.
     detectable_holm: Detectable | None
-    #: In the order of the study.
+    #: In the order of the study; one family.
     variants: tuple[Comparison, ...]
+    #: The same on each output of a regression of several, by its name; one family over variants and outputs. An output
+    #: on which the baseline's median is 0 has no relative margin, and is left out.
+    outputs: Mapping[str, tuple[Comparison, ...]]
+    #: Of each network, the baseline too: part of its trainings whose best epoch lies in the last tenth, in [0, 1].
+    late: Mapping[str, float]
+    #: What one test image adds to an accuracy, in (0, 1]; None of a regression.
+    image: float | None
 
 
 def compare(study: Study, *, seed: int = 0) -> Comparisons:
@@ -83,48 +91,81 @@ def compare(study: Study, *, seed: int = 0) -> Comparisons:
     """
     metric, alpha = study.primary, study.terms.alpha
     _check_size(study)
-    baseline, *samples = (study.values(network.name, metric) for network in study.networks)
-    margin = _width(study.terms.margin, baseline, metric)
+    baseline, *variants = study.networks
+    outputs = _outputs(study)
     return Comparisons(
         metric=metric,
         seeds=study.seeds,
         terms=study.terms,
-        baseline_median=rounded(float(np.median(baseline))),
+        baseline_median=rounded(float(np.median(study.values(baseline.name, metric)))),
         detectable=detectable(study.seeds, alpha=alpha),
-        detectable_holm=detectable(study.seeds, alpha=alpha / len(samples)),
-        variants=_compared(study, baseline, samples, margin=margin, seed=seed),
+        detectable_holm=detectable(study.seeds, alpha=alpha / len(variants)),
+        variants=_compared(study, [metric], seed)[0],
+        outputs=dict(zip(outputs, _compared(study, [f"{metric}_{name}" for name in outputs], seed), strict=True)),
+        late={network.name: _late(study, network.name) for network in study.networks},
+        image=_image(study),
     )
 
 
-def _compared(
-    study: Study, baseline: Sample, samples: Sequence[Sample], *, margin: float, seed: int
-) -> tuple[Comparison, ...]:
-    """Compare each variant's sample, and correct the p-values of both families."""
-    metric, alpha = study.primary, study.terms.alpha
-    tests = [mann_whitney(sample, baseline) for sample in samples]
-    equivalences = [equivalence(sample, baseline, margin=margin) for sample in samples]
+def _outputs(study: Study) -> list[str]:
+    """Name the outputs that variants can be compared on, where the primary metric is a mean over several."""
+    measured, margin, baseline = study.scores[0].metrics, study.terms.margin, study.networks[0].name
+    metrics = {name: f"{study.primary}_{name}" for name in study.names}
+    if len(metrics) < 2 or not measured.keys() >= set(metrics.values()):
+        return []
+    return [name for name, metric in metrics.items() if margin.around(float(np.median(study.values(baseline, metric))))]
+
+
+def _late(study: Study, network: str) -> float:
+    chosen = [score.epoch for score in study.scores if score.network == network]
+    return rounded(late_share(chosen, epochs=study.recipe.epochs))
+
+
+def _image(study: Study) -> float | None:
+    confusion = study.scores[0].confusion
+    return None if confusion is None else rounded(1 / sum(map(sum, confusion)))
+
+
+def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Comparison, ...]]:
+    """Compare every variant by each metric, and correct all p-values as one family of each kind.
+
+    Returns:
+        For each metric, its variants in the order of the study.
+    """
+    if not metrics:
+        return []
+    alpha, lower = study.terms.alpha, LOWER_IS_BETTER[study.primary]
+    pairs = [(metric, network.name) for metric in metrics for network in study.networks[1:]]
+    samples = [(study.values(name, metric), study.values(study.networks[0].name, metric)) for metric, name in pairs]
+    tests = [mann_whitney(*sample) for sample in samples]
+    equivalences = [
+        equivalence(*sample, margin=_width(study.terms.margin, sample[1], metric))
+        for (metric, _), sample in zip(pairs, samples, strict=True)
+    ]
     differ, equal = holm([test.p for test in tests]), holm([found.p for found in equivalences])
-    least = holm([smallest_p(len(sample), len(baseline)) for sample in samples])
-    return tuple(
+    least = holm([smallest_p(study.seeds, study.seeds)] * len(pairs))
+    found = [
         Comparison(
-            network=network.name,
-            median=rounded(float(np.median(sample))),
+            network=name,
+            median=rounded(float(np.median(samples[at][0]))),
             test=tests[at],
             p_holm=differ[at],
-            effects=effects(sample, baseline, rng=stream(seed, "bootstrap", network.name, metric)),
+            effects=effects(*samples[at], rng=stream(seed, "bootstrap", name, metric)),
             equivalence=equivalences[at],
             equivalence_p_holm=equal[at],
-            verdict=_verdict(a12(sample, baseline), metric, differs=differ[at] <= alpha, equals=equal[at] <= alpha),
-            cautions=cautions(sample, baseline, least_p=least[at], alpha=alpha),
+            verdict=_verdict(a12(*samples[at]), lower=lower, differs=differ[at] <= alpha, equals=equal[at] <= alpha),
+            cautions=cautions(*samples[at], least_p=least[at], alpha=alpha),
         )
-        for at, (network, sample) in enumerate(zip(study.networks[1:], samples, strict=True))
-    )
+        for at, (metric, name) in enumerate(pairs)
+    ]
+    variants = len(study.networks) - 1
+    return [tuple(found[first : first + variants]) for first in range(0, len(found), variants)]
 
 
-def _verdict(dominance: float, metric: str, *, differs: bool, equals: bool) -> Verdict:
+def _verdict(dominance: float, *, lower: bool, differs: bool, equals: bool) -> Verdict:
     """Give the word for a variant whose values lie above the baseline's with this probability."""
     if differs:
-        return Verdict.better if (dominance < 0.5) == LOWER_IS_BETTER[metric] else Verdict.worse
+        return Verdict.better if (dominance < 0.5) == lower else Verdict.worse
     return Verdict.equivalent if equals else Verdict.undecided
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from analysis.cautions import caution_notes
 from analysis.comparison import Comparison, Comparisons
 from analysis.effects import LEVEL, RESAMPLES, Interval
 from analysis.metrics import SHARES, metric_name, named_metrics
@@ -10,7 +11,7 @@ from analysis.results import LOWER_IS_BETTER, Network, Study
 from analysis.rounding import shown
 from analysis.samples import Sample
 from analysis.statistics import smallest_p
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.choices import MarginKind
 from tacevo.digits import rounded
 from tacevo.plurals import counted, listed
@@ -25,7 +26,10 @@ def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
         found: what `analysis.comparison.compare` says of it; None where it cannot be compared.
     """
     described = scores_table(study), metrics_table(study)
-    return described if found is None else (*described, verdicts_table(study, found), effects_table(study, found))
+    if found is None:
+        return described
+    compared = verdicts_table(study, found), effects_table(study, found)
+    return (*described, *compared, outputs_table(study, found)) if found.outputs else (*described, *compared)
 
 
 def scores_table(study: Study) -> Table:
@@ -85,7 +89,14 @@ def verdicts_table(study: Study, found: Comparisons) -> Table:
             ("baseline", _value(found.metric, found.baseline_median), *(None,) * 8),
             *(_verdict_cells(variant, found.metric) for variant in found.variants),
         ),
-        notes=(*_scale_note(study), *_method_notes(found), *_caution_notes(found)),
+        notes=(
+            *_scale_note(study),
+            *_mean_note(found),
+            *_method_notes(found),
+            *caution_notes((variant.network, variant.cautions) for variant in found.variants),
+            *_image_note(found),
+            *_late_note(study, found),
+        ),
     )
 
 
@@ -115,11 +126,52 @@ def effects_table(study: Study, found: Comparisons) -> Table:
     )
 
 
+def outputs_table(study: Study, found: Comparisons) -> Table:
+    """Show how every variant does on each output: the primary metric is the mean over them."""
+    each = [(name, variant) for name, variants in found.outputs.items() for variant in variants]
+    metric = metric_name(found.metric)
+    return Table(
+        name=f"outputs_{study.task}",
+        caption=f"The variants of {study.task} against the baseline on each output, test {metric}.",
+        columns=(
+            *("output", "network", "median", "A12", "U", "p", "p, Holm"),
+            *("p, equivalence", "p, equivalence, Holm", "verdict"),
+        ),
+        rows=tuple(row for name in found.outputs for row in _output_rows(study, found, name)),
+        notes=(
+            *_scale_note(study),
+            f"p and p, equivalence: the tests of the verdicts on the mean; corrected after Holm over all "
+            f"{counted(len(each), 'pair')} of output and variant, because a reader may pick any of them. The margin is "
+            f"{_margin_of_outputs(found)}.",
+            f"A12: in brackets its {100 * LEVEL:g} % percentile interval; below 0.5 the variant is the better one.",
+            *_left_out_note(study, found),
+            *caution_notes((f"{variant.network} on {name}", variant.cautions) for name, variant in each),
+            *_late_note(study, found),
+        ),
+    )
+
+
+def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell, ...]]:
+    baseline = study.networks[0].name
+    median = _spread(study.values(baseline, f"{found.metric}_{name}"))[0]
+    return [
+        (name, baseline, median, *(None,) * 7),
+        *(
+            (
+                *(name, variant.network, variant.median, _between(variant.effects.a12), Halves(variant.test.u)),
+                *(PValue(variant.test.p), PValue(variant.p_holm)),
+                *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
+            )
+            for variant in found.outputs[name]
+        ),
+    ]
+
+
 def _verdict_cells(variant: Comparison, metric: str) -> tuple[Cell, ...]:
     return (
         variant.network,
         _value(metric, variant.median),
-        int(variant.test.u) if variant.test.u.is_integer() else variant.test.u,
+        Halves(variant.test.u),
         PValue(variant.test.p),
         PValue(variant.p_holm),
         variant.test.method.value,
@@ -197,13 +249,47 @@ def _margin(found: Comparisons) -> str:
     return f"{shown(Percent(found.terms.margin.value))} of the baseline's median, {wide}"
 
 
-def _caution_notes(found: Comparisons) -> tuple[str, ...]:
-    """Say each caution once, for all networks that it concerns."""
-    concerned: dict[str, list[str]] = {}
-    for variant in found.variants:
-        for caution in variant.cautions:
-            concerned.setdefault(caution.value, []).append(variant.network)
-    return tuple(f"{listed(names)}: {words}." for words, names in concerned.items())
+def _margin_of_outputs(found: Comparisons) -> str:
+    """Write the margin of every output: a relative one is as wide as the output's own error makes it."""
+    if found.terms.margin.kind is MarginKind.absolute:
+        return f"that of the mean, {_margin(found)}"
+    return f"{shown(Percent(found.terms.margin.value))} of the baseline's median on that output"
+
+
+def _mean_note(found: Comparisons) -> tuple[str, ...]:
+    if not found.outputs:
+        return ()
+    return (
+        f"{metric_name(found.metric)} is the mean over the outputs; verdicts on each stand in the table of outputs.",
+    )
+
+
+def _left_out_note(study: Study, found: Comparisons) -> tuple[str, ...]:
+    left_out = [name for name in study.names if name not in found.outputs]
+    if not left_out:
+        return ()
+    return (f"Not compared on {listed(left_out)}: the baseline's median error is 0, so there is no relative margin.",)
+
+
+def _image_note(found: Comparisons) -> tuple[str, ...]:
+    """Warn of a margin that no change of a score fits in."""
+    if found.image is None or found.variants[0].equivalence.margin >= found.image:
+        return ()
+    return (
+        f"The margin of equivalence is less than one test image, {shown(100 * found.image)} percentage points: a "
+        "network that errs on one image more or less lies outside it.",
+    )
+
+
+def _late_note(study: Study, found: Comparisons) -> tuple[str, ...]:
+    """Warn of trainings that may have ended too early, with their share of each network's."""
+    if not any(found.late.values()):
+        return ()
+    shares = listed(f"{name} {shown(Percent(share))}" for name, share in found.late.items())
+    return (
+        f"Best epoch in the last tenth of {study.recipe.epochs}, by share of the trainings: {shares}. These may not "
+        "have converged, so better may only mean faster, and worse only slower.",
+    )
 
 
 def _power_note(found: Comparisons) -> str:

@@ -64,6 +64,7 @@ def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
             f"Trained and rejected count first answers. {_statuses(run)}",
             "Archive median: of the elites after the generation; median of new: of its own trained candidates. "
             "Lost: niches that emptied as bounds moved, less those that filled so.",
+            "In generation 0 the baseline has one of the slots, and counts as a candidate here.",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
         ),
     )
@@ -102,7 +103,7 @@ def gate_table(run: Run) -> Table:
     )
     return Table(
         name=f"gate_{run.task}",
-        caption=f"Where the gate turned first answers of {run.name} away; the baseline is none.",
+        caption=f"Where the gate rejected first answers of {run.name}; the baseline is not an answer.",
         columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
     )

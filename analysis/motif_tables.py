@@ -1,64 +1,95 @@
-"""Tables of motifs: how often each occurs, beside the paper's list, and how the best networks are built."""
+"""Tables of motifs: how often each occurs, beside the published counts, and how the best networks are built."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from analysis.anatomy import Anatomy
 from analysis.loading import TOP, Run
-from analysis.motifs import count_motifs
-from analysis.tables import Percent, Table, percent
-from tacevo.plurals import listed
+from analysis.motifs import Count, count_motifs
+from analysis.tables import PValue, Table
+from tacevo.plurals import counted, listed
 
-#: What the paper names as recurring in its best networks (section IV; docs/paper.md, section 4), by task. Its "4 to 5
-#: layers in the head" are taken as a head that is deeper than the baseline's.
-PUBLISHED: Mapping[str, tuple[str, ...]] = {
-    "force": (
-        "spatial attention",
-        "strided convolution for max pooling",
-        "2 to 4 convolutional blocks",
-        "1x1 convolution",
-        "LeakyReLU",
-        "narrower hidden layer",
-    ),
-    "grating": (
-        "wider convolutions",
-        "deeper head",
-        "GELU",
-        "residual connection",
-        "no dropout",
-        "BatchNorm in the head",
-        "LayerNorm in the head",
-    ),
+#: The variants of each task, by number, that have a change by the authors' supplement (docs/references.bib,
+#: abusadeh_supplement, appendices A and B). A change with the name of one of our motifs is that motif; a head of 4 or 5
+#: layers is a deeper one. Others have no counterpart, because the supplement counts blocks, which may hold several
+#: convolutions, and we count convolutions. By either count all force variants have 2 to 4.
+SUPPLEMENT: Mapping[str, Mapping[str, tuple[int, ...]]] = {
+    "force": {
+        "spatial attention": (1, 2, 3, 4),
+        "strided convolution for max pooling": (1, 2, 3, 4),
+        "2 to 4 convolutional blocks": (1, 2, 3, 4),
+        "1x1 convolution": (3,),
+        "narrower hidden layer": (1, 2),
+        "LeakyReLU": (1,),
+        "another convolution in every block": (1, 2),
+        "two blocks for three": (1, 2),
+        "a fourth block": (4,),
+    },
+    "grating": {
+        "wider convolutions": (1, 2, 3, 4),
+        "deeper head": (1, 2, 3, 4),
+        "GELU": (1, 3),
+        "residual connection": (3, 4),
+        "no dropout": (1, 2, 3, 4),
+        "BatchNorm in the head": (1, 2, 3, 4),
+        "LayerNorm in the head": (1, 2, 3, 4),
+    },
 }
+
+#: Variants of each task in the supplement.
+VARIANTS = 4
 
 
 def motifs_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
-    """Show how often each motif occurs, with those that the paper names for the task."""
+    """Show how often each motif occurs, with its p, beside the counts that the authors published for the task."""
     counts = count_motifs(run, anatomies, top=top)
-    named = PUBLISHED.get(run.task, ())
-    rows = tuple(
-        (
-            entry.motif,
+    published = SUPPLEMENT.get(run.task, {})
+    best = f"top {counts.top}"
+    ours = {
+        entry.motif: (
             "yes" if entry.baseline else None,
-            f"{entry.top} of {counts.top}",
-            _share(entry.archive, counts.archive),
-            _share(entry.trained, counts.trained),
-            "yes" if entry.motif in named else None,
+            *_cells(entry.top, counts.top),
+            *_cells(entry.archive, counts.archive),
+            f"{entry.evaluated} of {counts.evaluated}",
         )
         for entry in counts.found
-        if entry.baseline or entry.archive or entry.trained or entry.motif in named
-    )
+        if entry.baseline or entry.evaluated or entry.motif in published
+    }
     return Table(
         name=f"motifs_{run.task}",
         caption=f"Motifs of the networks of {run.name}.",
-        columns=("motif", "baseline", f"top {counts.top}", "archive", "trained", "in the paper"),
-        rows=rows,
+        columns=(
+            *("motif", "baseline", best, f"p, {best}", f"p, Holm, {best}"),
+            *("archive", "p, archive", "p, Holm, archive", "evaluated", "published variants"),
+        ),
+        rows=(
+            *((name, *cells, _variants(published.get(name))) for name, cells in ours.items()),
+            *((name, *(None,) * 8, _variants(numbers)) for name, numbers in published.items() if name not in ours),
+        ),
         notes=(
-            f"Top {counts.top}: the elites of the lowest validation loss, each source once, without the baseline.",
-            f"Archive: of {counts.archive} elites. Trained: of {counts.trained} candidates from generation 1 on.",
-            "A motif that is no more frequent among the best than among all that were trained explains nothing.",
-            "In the paper: named there for the best networks of this task; its counts were not published.",
+            f"Evaluated: the {counts.evaluated} different networks that were trained, in whatever generation. Archive: "
+            f"the {counts.archive} of them that are elites. Top {counts.top}: the elites of the lowest validation "
+            "loss. The baseline is not counted.",
+            "p: the chance of at least as many networks with the motif if the top, or the archive, were drawn at "
+            "random from the evaluated networks (hypergeometric, one-sided); corrected after Holm over all "
+            f"{counted(counts.tested, 'count')} that have a p. Where all or none of the evaluated networks have a "
+            "motif, there is nothing to test.",
+            "A motif may be frequent in the archive because of the niches that it leads to. Networks descend from each "
+            "other, so their motifs are not independent, as the test supposes.",
+            f"Published variants: how many of {VARIANTS} have the change, and which, by the authors' supplement "
+            "(repository LannWei/TacEvo, page index.html). It counts blocks of several convolutions, where we count "
+            "convolutions, so its changes of blocks have rows of their own.",
         ),
     )
+
+
+def _cells(count: Count, total: int) -> tuple[str, PValue | None, PValue | None]:
+    if count.p is None or count.p_holm is None:
+        return f"{count.number} of {total}", None, None
+    return f"{count.number} of {total}", PValue(count.p), PValue(count.p_holm)
+
+
+def _variants(numbers: Sequence[int] | None) -> str | None:
+    return None if numbers is None else f"{len(numbers)} of {VARIANTS}: {listed(map(str, numbers))}"
 
 
 def anatomies_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
@@ -98,7 +129,3 @@ def _row(name: str, anatomy: Anatomy) -> tuple[str | int, ...]:
         anatomy.residuals,
         listed(sorted(anatomy.output), nothing="free"),
     )
-
-
-def _share(count: int, total: int) -> Percent | None:
-    return percent(count / total if total else None)

@@ -1,11 +1,12 @@
 """Motifs: what networks have that the baseline lacks or has otherwise, found in how they are built (docs/motifs.md)."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from analysis.anatomy import Anatomy, read_anatomy
 from analysis.attention import AttentionKind
 from analysis.loading import TOP, Run
+from analysis.statistics import holm, hypergeometric_p
 from tacevo.errors import RunError
 from tacevo.records import Profile
 
@@ -22,24 +23,40 @@ class Motif:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Count:
+    """How many networks of a group of the evaluated ones have a motif."""
+
+    number: int
+    #: Chance of at least as many if the group were drawn at random from all evaluated networks, in (0, 1]; None where
+    #: all or none of these have the motif, so that there is nothing to test.
+    p: float | None
+    #: The same after Holm's correction over all counts of the run that have a p.
+    p_holm: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
     """How often a motif occurs in a run."""
 
     motif: str
     baseline: bool
-    #: Of the best networks (`Run.best`), of all elites, and of all trained candidates of generation 1 on.
-    top: int
-    archive: int
-    trained: int
+    #: Of the best networks (`Run.best`), and of all elites.
+    top: Count
+    archive: Count
+    #: Of all evaluated networks.
+    evaluated: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotifCounts:
-    """The motifs of a run, with how many networks were looked at."""
+    """The motifs of a run, with how many networks were looked at; each source counts once, the baseline's nowhere."""
 
     top: int
     archive: int
-    trained: int
+    #: Networks that were trained, in whatever generation.
+    evaluated: int
+    #: How many counts have a p: the family of Holm's correction.
+    tested: int
     found: tuple[Found, ...]
 
 
@@ -160,7 +177,7 @@ def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anato
 
 
 def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
-    """Count the motifs of the best networks against those of the whole archive and of all that was trained.
+    """Count the motifs of the best networks and of the archive, and test each count against all that was evaluated.
 
     Args:
         run: the run.
@@ -168,25 +185,47 @@ def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) 
         top: how many of the best networks to count apart; see `Run.best`.
     """
     baseline = anatomies[run.baseline.id]
-    motifs = {name: motifs_of(anatomy, baseline) for name, anatomy in anatomies.items()}
-    elites, best = [elite.id for elite in run.elites], [candidate.id for candidate in run.best(top)]
-    later = [it.id for it in run.candidates if it.trained is not None and it.generation > 0]
-
-    def counted(names: Sequence[str], motif: Motif) -> int:
-        return sum(motif.name in motifs[name] for name in names)
-
+    sources = {candidate.id: candidate.source for candidate in run.candidates}
+    motifs = {sources[name]: motifs_of(anatomy, baseline) for name, anatomy in anatomies.items()}
+    evaluated = motifs.keys() - {run.baseline.source}
+    archive = {sources[elite.id] for elite in run.elites} & evaluated
+    best = {candidate.source for candidate in run.best(top)}
+    having = {motif.name: {source for source in evaluated if motif.name in motifs[source]} for motif in MOTIFS}
+    counts = _counted([(group, of) for of in having.values() for group in (best, archive)], len(evaluated))
     return MotifCounts(
         top=len(best),
-        archive=len(elites),
-        trained=len(later),
+        archive=len(archive),
+        evaluated=len(evaluated),
+        tested=sum(count.p is not None for count in counts),
         found=tuple(
             Found(
-                motif=motif.name,
-                baseline=motif.name in motifs[run.baseline.id],
-                top=counted(best, motif),
-                archive=counted(elites, motif),
-                trained=counted(later, motif),
+                motif=name,
+                baseline=name in motifs[run.baseline.source],
+                top=in_top,
+                archive=in_archive,
+                evaluated=len(of),
             )
-            for motif in MOTIFS
+            for (name, of), in_top, in_archive in zip(having.items(), counts[::2], counts[1::2], strict=True)
         ),
     )
+
+
+def _counted(pairs: Sequence[tuple[Set[str | None], Set[str | None]]], population: int) -> list[Count]:
+    """Count the networks of each group that have a motif, and correct all p-values as one family.
+
+    Args:
+        pairs: of a group, and of all evaluated networks with a motif; sources each.
+        population: how many networks were evaluated.
+    """
+    p_values = [
+        hypergeometric_p(len(group & of), drawn=len(group), marked=len(of), population=population)
+        if 0 < len(of) < population
+        else None
+        for group, of in pairs
+    ]
+    tested = [p for p in p_values if p is not None]
+    corrected = iter(holm(tested) if tested else ())
+    return [
+        Count(number=len(group & of), p=p, p_holm=None if p is None else next(corrected))
+        for (group, of), p in zip(pairs, p_values, strict=True)
+    ]

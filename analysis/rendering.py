@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from analysis.rounding import finite, shown
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.store import write_durably
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -149,7 +149,7 @@ def _exact(cell: Cell, places: int) -> list[str | int | float]:
             values: list[str | int | float] = [""]
         case Between(estimate, low, high) | PercentBetween(estimate, low, high):
             values = [estimate, low, high]
-        case PValue(value) | Percent(value):
+        case PValue(value) | Halves(value) | Percent(value):
             values = [value]
         case _:
             values = [cell]

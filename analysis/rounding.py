@@ -5,6 +5,7 @@
     number                three significant digits, all digits before the point: 0.00612, 12.3, 1,235;
                           below 0.0001 as 1.23e-05
     p-value               two significant digits, `<0.001` below that
+    U                     counts in halves, so one decimal: 304.5
     percentage            one decimal: 96.0 %
     estimate [low, high]  all three with the decimals that give the largest of them three significant digits;
                           where that is below 0.0001, each by itself as a number
@@ -17,7 +18,7 @@ Halves go the way of the binary number, as Python's `format` rounds. What is no 
 import math
 import re
 
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue
 
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 _SMALLEST = 1e-4
@@ -38,6 +39,8 @@ def shown(cell: Cell) -> str:
             text = f"{cell:,}"
         case PValue(value):
             text = "<0.001" if finite(value) < 0.001 else _significant(value, 2)
+        case Halves(value):
+            text = f"{finite(value):,.1f}"
         case Percent(value):
             text = f"{finite(value) * 100:.1f} %"
         case Between(estimate, low, high):

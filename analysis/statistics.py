@@ -1,4 +1,4 @@
-"""Is there a difference: the two-sample test of Mann and Whitney (1947) and the correction of Holm (1979).
+"""Is there a difference: the tests of Mann and Whitney (1947) and of a hypergeometric count, Holm's (1979) correction.
 
 Pure functions; docs/statistics.md says why these. The distribution of U is exact wherever it can be counted, with
 ties too; the result says how its p came about.
@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import mannwhitneyu, rankdata
+from scipy.stats import hypergeom, mannwhitneyu, rankdata
 from statsmodels.stats.multitest import multipletests
 
 from analysis.samples import Sample, checked
@@ -87,6 +87,30 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     if not p_values or not all(0 <= p <= 1 for p in p_values):
         raise ValueError(f"Holm's correction needs one or more p-values in [0, 1]; got {list(p_values)}")
     return tuple(rounded(p) for p in multipletests(p_values, method="holm")[1])
+
+
+def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) -> float:
+    """Return the chance that a draw without replacement holds at least as many marked ones as were found.
+
+    This is Fisher's exact test, one-sided.
+
+    Args:
+        found: marked ones in the draw, in [0, min(drawn, marked)].
+        drawn: size of the draw, in [0, population].
+        marked: marked ones in the population, in [0, population].
+        population: its size.
+
+    Returns:
+        In (0, 1].
+
+    Raises:
+        ValueError: there is no such draw.
+    """
+    if not max(0, drawn + marked - population) <= found <= min(drawn, marked) <= max(drawn, marked) <= population:
+        raise ValueError(
+            f"expected the counts of a draw; got {found} marked of {drawn} drawn, {marked} of {population} in all"
+        )
+    return rounded(float(hypergeom.sf(found - 1, population, marked, drawn)))
 
 
 def smallest_p(n: int, m: int) -> float:

@@ -11,6 +11,13 @@ class PValue:
 
 
 @dataclass(frozen=True, slots=True)
+class Halves:
+    """A statistic that counts in halves, as U does; shown with one decimal."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class Percent:
     """A fraction in [0, 1] that is shown as a percentage."""
 
@@ -36,7 +43,7 @@ class PercentBetween:
 
 
 #: None is a place that has no value.
-Cell = str | int | float | PValue | Percent | Between | PercentBetween | None
+Cell = str | int | float | PValue | Halves | Percent | Between | PercentBetween | None
 
 
 def percent(share: float | None) -> Percent | None:

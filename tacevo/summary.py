@@ -73,16 +73,24 @@ def _found(candidates: Mapping[str, Mapping[str, Json]], elites: Sequence[str]) 
 
 
 def _stages(lines: Collection[Mapping[str, Json]]) -> str:
-    """Count where first answers were turned away, corrected or not; what is left at the end is the paper's rate."""
-    left = len(lines)
-    reasons = Counter((first["stage"], first["reason"]) for first in map(_first, lines) if "stage" in first)
+    """Count where first answers were rejected, corrected or not; what is left at the end is the paper's rate.
+
+    The baseline is not an answer, so it is not counted, as in `analysis.dynamics.gate_stages`.
+    """
+    answers = [_first(line) for line in lines if line["operator"] != "baseline"]
+    left = len(answers)
+    reasons = Counter((first["stage"], first["reason"]) for first in answers if "stage" in first)
     rows = []
     for stage in Stage:
         lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where == stage.value}
         left -= sum(lost.values())
         detail = ", ".join(f"{reason} {count}" for reason, count in lost.items()) or "-"
-        rows.append([stage.value, str(sum(lost.values())), str(left), f"{left / len(lines):.1%}", detail])
-    return "## Gate\n\n" + table(["stage", "rejected", "left", "of all", "reasons"], rows)
+        rows.append(
+            [stage.value, str(sum(lost.values())), str(left), f"{left / len(answers):.1%}" if answers else "-", detail]
+        )
+    return "## Gate\n\nOf first answers; the baseline is not an answer.\n\n" + table(
+        ["stage", "rejected", "left", "of all", "reasons"], rows
+    )
 
 
 def _first(line: Mapping[str, Json]) -> Mapping[str, Json]:
@@ -149,7 +157,10 @@ def _progress(generations: Sequence[Mapping[str, Json]], archive: Mapping[str, J
         for line in generations
     ]  # fmt: skip
     header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
-    words = "`networks` and `prompts` are the coverage of the two archives."
+    words = (
+        "`trained` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
+        "coverage of the two archives."
+    )
     if archive.get("kind") == ArchiveKind.best:
         words += f" That of networks has no niches, but places for the best {archive['kept']}."
     return f"## Generations\n\n{words}\n\n{table(header, rows)}"

@@ -1,6 +1,8 @@
 """Small studies, made by hand for the tests of the analysis."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from statistics import fmean
 
 from analysis.results import Network, Score, Study
 from analysis.tables import Table
@@ -54,6 +56,22 @@ def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regress
             score(name, seed, {metric: value}) for name, sample in values.items() for seed, value in enumerate(sample)
         ),
     )
+
+
+def study_of_outputs(values: Mapping[str, Mapping[str, Sequence[float]]]) -> Study:
+    """Make a regression of several outputs from each one's error, by output and network; the whole's is their mean."""
+    names = tuple(values)
+    networks = list(values[names[0]])
+    means = {
+        name: [fmean(each) for each in zip(*(values[output][name] for output in names), strict=True)]
+        for name in networks
+    }
+    study = study_of(means)
+    apart = [
+        replace(one, metrics={**one.metrics, **{f"mse_{name}": values[name][one.network][one.seed] for name in names}})
+        for one in study.scores
+    ]
+    return replace(study, names=names, units=("N",) * len(names), scores=tuple(apart))
 
 
 def network(name: str) -> Network:

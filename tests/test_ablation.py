@@ -1,11 +1,12 @@
 """Promise: arms are compared by the project's statistics and seed by seed, and never where that is void."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pytest
 from hand_runs import closed, run, trained, turned_away
 from hand_sweeps import finished, run_to
+from scipy.stats import mannwhitneyu
 
 from analysis.ablation import Ablation, Comparability, Contrast, Metric, Outcome, compare_arms, outcome
 from analysis.cautions import Caution
@@ -19,8 +20,14 @@ BETTER = [0.40, 0.42, 0.44, 0.46, 0.48]
 MIXED = [0.49, 0.53, 0.51, 0.57, 0.55]
 
 
-def outcomes(arms: Mapping[str, Sequence[float] | Mapping[int, float]]) -> list[Outcome]:
-    """Make runs of a best fitness each, by the arm's seeds; all other metrics are unknown."""
+def outcomes(
+    arms: Mapping[str, Sequence[float] | Mapping[int, float]], alike: Mapping[str, Collection[int]] | None = None
+) -> list[Outcome]:
+    """Make runs of a best fitness each, by the arm's seeds; all other metrics are unknown.
+
+    Runs of equal values are different networks, but for the seeds of an arm that are in `alike`: these are one network.
+    """
+    alike = alike or {}
     unknown = dict.fromkeys(Metric)
     return [
         Outcome(
@@ -30,6 +37,7 @@ def outcomes(arms: Mapping[str, Sequence[float] | Mapping[int, float]]) -> list[
             values={**unknown, Metric.best_fitness: value},
             best=(value,),
             filled=(Filled(coverage=0.5, qd_score=1.0),),
+            slots=(trained(0, 0, value, source="one" if seed in alike.get(arm, ()) else arm),),
         )
         for arm, values in arms.items()
         for seed, value in (values.items() if isinstance(values, Mapping) else enumerate(values))
@@ -93,6 +101,58 @@ def test_identical_values_are_not_tested() -> None:
     assert (same.comparability, same.test, same.p_holm, same.effects) == (Comparability.identical, None, None, None)
     assert same.paired.equal == 5
     assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
+
+
+#: The runs of three seeds are those of `none`.
+HALF = {0: 0.50, 1: 0.42, 2: 0.54, 3: 0.47, 4: 0.58}
+ALIKE = {"none": (0, 2, 4), "half": (0, 2, 4)}
+
+
+def test_run_that_is_the_references_is_not_compared() -> None:
+    """Two seeds of five differ, so n is two: U 0 of 4 pairs, p 2 / 6, and the median of two differences."""
+    found = compare_arms(outcomes({"none": NONE, "half": HALF}, ALIKE))
+    half = contrast(found, "half")
+    assert half.differing == 2
+    assert half.test is not None
+    assert half.test.u == 0
+    assert half.test.p == pytest.approx(1 / 3)
+    assert half.test.p == pytest.approx(mannwhitneyu([0.42, 0.47], [0.52, 0.56], method="exact").pvalue)
+    assert (half.paired.better, half.paired.equal, half.paired.worse) == (2, 0, 0)
+    assert half.paired.difference is not None
+    assert half.paired.difference.estimate == pytest.approx(-0.095)
+    assert Caution.few_seeds in half.cautions
+    assert [len(arm.metrics[Metric.best_fitness].values) for arm in found.arms] == [5, 5]
+
+
+def test_equal_value_of_another_run_is_compared() -> None:
+    """A tie of two searches is a finding; only one search twice is none."""
+    assert contrast(compare_arms(outcomes({"none": NONE, "half": HALF})), "half").differing == 5
+
+
+def test_one_run_that_differs_is_not_tested() -> None:
+    """The arm counts in Holm's family as one with p = 1, so the family does not depend on what the runs found."""
+    alike = {"none": (0, 1, 2, 3), "once": (0, 1, 2, 3)}
+    once = [*NONE[:4], 0.1]
+    found = compare_arms(outcomes({"none": NONE, "once": once, "better": BETTER}, alike))
+    assert contrast(found, "once").comparability is Comparability.too_few_differ
+    assert contrast(found, "once").test is None
+    assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
+
+
+def test_arm_without_a_run_of_its_own_is_identical() -> None:
+    """Nothing differs on any seed."""
+    alike = {"none": range(5), "same": range(5)}
+    same = contrast(compare_arms(outcomes({"none": NONE, "same": NONE}, alike)), "same")
+    assert (same.comparability, same.differing, same.paired.equal) == (Comparability.identical, 0, 0)
+
+
+def test_costs_do_not_set_runs_apart() -> None:
+    """Timings that are lost or were taken twice make no other search of a run."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
+    runs = [run([trained(0, 0), trained(1, 0, spent=some)], [closed(0), closed(1)]) for some in (spent, None)]
+    common = common_archive(runs, finished("none", 0, runs[0]).run, np.array([[0.25, 0.5], [0.75, 0.5]]))
+    first, second = (outcome(finished("none", 0, one), common).slots for one in runs)
+    assert first == second
 
 
 def test_equal_samples_in_another_order_are_tested() -> None:

@@ -11,7 +11,7 @@ from analysis.ablation import Ablation, Metric, compare_arms, outcome
 from analysis.ablation_tables import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
 from analysis.common_archive import Extent, common_archive
 from analysis.sweeps import Finished, Missing, Sweep
-from analysis.tables import Between, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.costs import Spending
 from tacevo.sweepdir import Job
 
@@ -65,7 +65,7 @@ def test_arms_have_a_median_and_its_interval() -> None:
 def test_tested_arm_has_every_column() -> None:
     """Five seeds above five: U 25, p 2 / 252, A12 1; p is Holm's over two arms."""
     row = dict(zip(best().columns, best().rows[2], strict=True))
-    assert (row["arm"], row["U"], row["p"], row["method"]) == ("worse", 25, PValue(0.00793650794), "exact")
+    assert (row["arm"], row["U"], row["p"], row["method"]) == ("worse", Halves(25.0), PValue(0.00793650794), "exact")
     assert row["p, Holm"] == PValue(0.0158730159)
     assert row["A12"] == Between(1, 1, 1)
     assert row["median difference by seed"] == Between(0.1, 0.1, 0.1)
@@ -76,8 +76,30 @@ def test_identical_arm_shows_the_word() -> None:
     """Not p = 1, as if it had been tested; a note says why."""
     row = dict(zip(best().columns, best().rows[1], strict=True))
     assert (row["U"], row["p"], row["p, Holm"], row["A12"]) == (None, "identical", None, None)
-    assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 5, 0)
-    assert any(note.startswith("Identical: same. All seeds of such an arm are those of none") for note in best().notes)
+    assert [row[f"seeds {word}"] for word in ("better", "equal", "worse")] == [0, 0, 0]
+    assert any(
+        note.startswith("Identical: same. No run of such an arm differs from that of none") for note in best().notes
+    )
+
+
+def test_runs_that_differ_are_counted() -> None:
+    """Three of five runs are those of `none`: the row counts two, and the notes say how little two can show."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("half", (0.40, 0.31, 0.42, 0.33, 0.44)))
+    table = best(sweep, found)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["seeds"], row["runs that differ"], row["U"]) == (5, 2, Halves(0.0))
+    assert [row[f"seeds {word}"] for word in ("better", "equal", "worse")] == [2, 0, 0]
+    assert any(note.startswith("Runs that differ: those that are not the run of none") for note in table.notes)
+    assert any("with less: 93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in table.notes)
+    assert "half: no result of so few seeds is significant after Holm's correction." in table.notes
+
+
+def test_single_run_that_differs_is_not_tested() -> None:
+    """The word stands where p would."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("once", (*NONE[:4], 0.3)))
+    table = best(sweep, found)
+    assert table.rows[1][3:6] == (1, None, "too few runs differ")
+    assert any(note.startswith("Too few runs differ: once. A test needs two in either arm.") for note in table.notes)
 
 
 def test_direction_is_told() -> None:
@@ -104,8 +126,8 @@ def test_single_seed_is_a_value_alone() -> None:
     """Without interval, and with the reason below; the test is void by that word."""
     sweep, found = compared(*jobs_of("none", NONE), *jobs_of("one", WORSE[:1]))
     row = best(sweep, found).rows[1]
-    assert row[:5] == ("one", 1, 0.5, None, "too few seeds")
-    assert row[9:] == (None, None, 0, 0, 1)
+    assert row[:6] == ("one", 1, 0.5, 1, None, "too few seeds")
+    assert row[10:] == (None, None, 0, 0, 1)
     assert any("A single value has neither interval nor test" in note for note in best(sweep, found).notes)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 from statsmodels.stats.multitest import multipletests
-from studies import FOUR, around, study_of
+from studies import FOUR, around, study_of, study_of_outputs
 
 from analysis.cautions import Caution
 from analysis.comparison import Comparisons, Verdict, compare
@@ -49,6 +49,80 @@ def test_p_is_scipys_and_its_correction_statsmodels() -> None:
     assert [variant.p_holm for variant in found.variants] == pytest.approx(corrected)
     equal = multipletests([variant.equivalence.p for variant in found.variants], method="holm")[1]
     assert [variant.equivalence_p_holm for variant in found.variants] == pytest.approx(equal)
+
+
+#: Far worse on Fx, better on Fz; the second variant is as good as equal on both.
+OUTPUTS = {
+    "Fx": {
+        "baseline": around(0.02, step=0.0001),
+        "variant 1": around(0.03, step=0.0001),
+        "variant 2": around(0.020003, step=0.0001),
+    },
+    "Fz": {
+        "baseline": around(0.004, step=0.00004),
+        "variant 1": around(0.0035, step=0.00004),
+        "variant 2": around(0.004001, step=0.00004),
+    },
+}
+
+
+def test_each_output_has_verdicts_of_its_own() -> None:
+    """A variant that is worse in the mean is called better on the output where it is."""
+    found = compare(study_of_outputs(OUTPUTS))
+    assert verdicts(found) == [Verdict.worse, Verdict.equivalent]
+    assert {name: [one.verdict for one in variants] for name, variants in found.outputs.items()} == {
+        "Fx": [Verdict.worse, Verdict.equivalent],
+        "Fz": [Verdict.better, Verdict.equivalent],
+    }
+
+
+def test_outputs_are_one_family() -> None:
+    """All pairs of variant and output, because a reader may pick any; the mean's correction does not count them."""
+    near = {**OUTPUTS["Fz"], "variant 1": around(0.00387, step=0.00004)}
+    found = compare(study_of_outputs({**OUTPUTS, "Fz": near}))
+    pairs = [one for variants in found.outputs.values() for one in variants]
+    p_values = [
+        mannwhitneyu(values[name], values["baseline"], method="exact").pvalue
+        for values in (OUTPUTS["Fx"], near)
+        for name in ("variant 1", "variant 2")
+    ]
+    assert [one.test.p for one in pairs] == pytest.approx(p_values)
+    assert [one.p_holm for one in pairs] == pytest.approx(multipletests(p_values, method="holm")[1])
+    equal = [one.equivalence.p for one in pairs]
+    assert [one.equivalence_p_holm for one in pairs] == pytest.approx(multipletests(equal, method="holm")[1])
+    assert found.variants[0].p_holm == pytest.approx(2 * found.variants[0].test.p)
+
+
+def test_relative_margin_is_of_the_output() -> None:
+    """A tenth of the baseline's median there, and not of its mean."""
+    found = compare(study_of_outputs(OUTPUTS))
+    margins = [found.outputs[name][0].equivalence.margin for name in OUTPUTS]
+    assert margins == pytest.approx([0.002, 0.0004])
+
+
+def test_single_output_is_the_whole() -> None:
+    """A second verdict on the same numbers would say nothing."""
+    assert compare(study_of_outputs({"Fx": OUTPUTS["Fx"]})).outputs == {}
+
+
+def test_output_without_an_error_is_left_out() -> None:
+    """It has no relative margin, which does not keep the others from a verdict."""
+    still = {name: [0.0] * 20 for name in OUTPUTS["Fx"]}
+    assert list(compare(study_of_outputs({**OUTPUTS, "Fy": still})).outputs) == ["Fx", "Fz"]
+
+
+def test_late_trainings_are_shared_out_by_network() -> None:
+    """Of 50 epochs the last tenth begins with the 46th; half of the variant's seeds chose one of these."""
+    study = study_of({"baseline": around(0.01, step=0.0001), "variant 1": around(0.007, step=0.0001)})
+    late = [replace(one, epoch=46 if one.network == "variant 1" and one.seed % 2 else 45) for one in study.scores]
+    assert compare(replace(study, scores=tuple(late))).late == {"baseline": 0, "variant 1": 0.5}
+
+
+def test_test_image_is_the_step_of_an_accuracy() -> None:
+    """Of 9 images one is a ninth; an error has no such step."""
+    accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
+    assert compare(accuracies).image == pytest.approx(1 / 9)
+    assert compare(study_of(FOUR)).image is None
 
 
 def test_absence_of_evidence_is_undecided() -> None:

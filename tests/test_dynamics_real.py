@@ -6,8 +6,10 @@ import pytest
 from smallest import SMALLEST, UNTRACKED
 
 from analysis.dynamics import by_prompt, gate_stages, progress
+from analysis.dynamics_tables import gate_table
 from analysis.loading import Run, load_run
 from tacevo.app import main
+from tacevo.records import Stage
 from tacevo.rundir import RunDirectory
 
 
@@ -29,6 +31,14 @@ def test_first_answers_are_counted_as_the_search_did(repaired: Run) -> None:
     assert left == sum(line.trained for line in repaired.generations) - 1 < len(repaired.candidates) - 1
     for entry in progress(repaired):
         assert entry.line.trained == entry.line.candidates - sum(entry.rejected.values())
+
+
+def test_summary_and_gate_table_count_alike(repaired: Run) -> None:
+    """Rejected and left, stage by stage, as summary.md and the table of the gate have them."""
+    page = (repaired.path / "summary.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.split("|")[1:4]] for line in page.splitlines()]
+    stages = [row for row in rows if row[:1] and row[0] in set(Stage)]
+    assert stages == [[str(cell) for cell in row[:3]] for row in gate_table(repaired).rows]
 
 
 def test_answers_that_were_sent_back_are_known(repaired: Run) -> None:

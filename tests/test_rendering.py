@@ -8,7 +8,7 @@ import pytest
 
 from analysis.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, write_table
 from analysis.rounding import shown
-from analysis.tables import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.errors import StoreError
 
 MINUS = "\N{MINUS SIGN}"
@@ -53,6 +53,9 @@ def of_width(characters: int) -> Table:
         (PValue(0.001), "0.0010"),
         (PValue(0.00099), "<0.001"),
         (PValue(0.0), "<0.001"),
+        (Halves(304.5), "304.5"),
+        (Halves(291.5), "291.5"),
+        (Halves(1282.0), "1,282.0"),
         (Percent(0.96), "96.0 %"),
         (Percent(-0.0123), f"{MINUS}1.2 %"),
         (Between(0.8125, 0.65, 0.9375), "0.812 [0.650, 0.938]"),
@@ -72,6 +75,7 @@ def test_cell_is_rounded_by_the_rule(cell: Cell, text: str) -> None:
     [
         float("nan"),
         PValue(float("inf")),
+        Halves(float("nan")),
         Percent(float("nan")),
         Between(0, 0, float("inf")),
         PercentBetween(0, 0, float("nan")),

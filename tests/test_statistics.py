@@ -1,16 +1,17 @@
 """Promise: tests and corrections agree with SciPy, statsmodels and counting by hand, and say how they came about."""
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import PermutationMethod, mannwhitneyu
+from scipy.stats import PermutationMethod, fisher_exact, mannwhitneyu
 from statsmodels.stats.multitest import multipletests
 
-from analysis.statistics import Alternative, Method, holm, mann_whitney, smallest_p
+from analysis.statistics import Alternative, Method, holm, hypergeometric_p, mann_whitney, smallest_p
 
 SIDES: tuple[Alternative, ...] = ("two-sided", "greater", "less")
 #: Few different values, so that most samples have ties.
@@ -139,6 +140,30 @@ def test_holm_refuses_what_is_no_probability(bad: list[float]) -> None:
     """Nothing, NaN, and what lies outside [0, 1]."""
     with pytest.raises(ValueError, match=r"needs one or more p-values in \[0, 1\]; got"):
         holm(bad)
+
+
+@pytest.mark.parametrize(
+    ("found", "drawn", "marked", "population"), [(8, 18, 18, 164), (13, 20, 63, 205), (0, 4, 16, 164), (4, 4, 123, 164)]
+)
+def test_hypergeometric_p_is_counted(found: int, drawn: int, marked: int, population: int) -> None:
+    """The share of all draws that hold so many marked ones or more; it is also Fisher's exact test, one-sided."""
+    draws = sum(
+        math.comb(marked, some) * math.comb(population - marked, drawn - some)
+        for some in range(found, min(drawn, marked) + 1)
+    )
+    p = hypergeometric_p(found, drawn=drawn, marked=marked, population=population)
+    assert p == pytest.approx(draws / math.comb(population, drawn), rel=1e-8)
+    rows = np.array([[found, drawn - found], [marked - found, population - marked - drawn + found]])
+    assert p == pytest.approx(fisher_exact(rows, alternative="greater").pvalue, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("found", "drawn", "marked", "population"), [(3, 2, 5, 9), (3, 5, 2, 9), (-1, 2, 5, 9), (0, 5, 6, 9), (1, 1, 10, 9)]
+)
+def test_impossible_draw_is_refused(found: int, drawn: int, marked: int, population: int) -> None:
+    """More found than drawn or marked, fewer than none, fewer than must be there, or more marked than there are."""
+    with pytest.raises(ValueError, match="expected the counts of a draw; got"):
+        hypergeometric_p(found, drawn=drawn, marked=marked, population=population)
 
 
 def test_smallest_p_is_that_of_full_separation() -> None:

@@ -94,15 +94,21 @@ def test_candidates_without_a_promise_are_named() -> None:
 
 
 def test_stage_counts_add_up() -> None:
-    """What a stage leaves is what came to it less what it rejected; the last line is the trainable rate."""
+    """What a stage leaves is what came to it less what it rejected; the baseline is not an answer, and not counted."""
     lines = summarise(RUN, LINES, ["g01s00"], {}).splitlines()
     stages = {
         line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:5]] for line in lines if "|" in line
     }
-    assert stages["extract"] == ["3", "5", "62.5%"]
-    assert stages["policy"] == ["0", "5", "62.5%"]
-    assert stages["probe"] == ["1", "4", "50.0%"]
-    assert stages["train"] == ["1", "3", "37.5%"]
+    assert stages["extract"] == ["3", "4", "57.1%"]
+    assert stages["policy"] == ["0", "4", "57.1%"]
+    assert stages["probe"] == ["1", "3", "42.9%"]
+    assert stages["train"] == ["1", "2", "28.6%"]
+
+
+def test_gate_of_a_search_that_asked_nobody_has_no_rates() -> None:
+    """A generation 0 of the baseline alone has no first answers."""
+    page = summarise(RUN, [LINES[1], ended(0, trained=1, candidates=1, best=0.5, median=0.5)], ["g00s00"], {})
+    assert "| train   | 0        | 0    | -      | -       |" in page
 
 
 def test_run_without_a_generation_has_a_headline_only() -> None:
@@ -159,7 +165,7 @@ def repaired(line: dict[str, Json], *reasons: str) -> dict[str, Json]:
 
 
 def test_repaired_candidates_stay_out_of_the_papers_rate() -> None:
-    """The gate's table counts first answers: of 4 candidates 2 are left, although 3 trained."""
+    """The gate's table counts first answers: of 3 answers 1 is left, although 2 candidates trained."""
     lines = [
         trained("g00s00", "baseline", 0.5),
         trained("g00s01", "mutation", 0.4),
@@ -173,8 +179,8 @@ def test_repaired_candidates_stay_out_of_the_papers_rate() -> None:
         for row in page.splitlines()
         if "|" in row
     }
-    assert rows["probe"] == ["2", "2", "50.0%", "bad_output 2"]
-    assert rows["train"] == ["0", "2", "50.0%", "-"]
+    assert rows["probe"] == ["2", "1", "33.3%", "bad_output 2"]
+    assert rows["train"] == ["0", "1", "33.3%", "-"]
     assert "2 answers were sent back, 3 times in all; 1 then passed the gate, and 1 of these trained" in page
     assert rows["0"][0] == "2/4 + 1 repaired"
 
