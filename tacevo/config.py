@@ -181,6 +181,17 @@ class PromptsConfig:
     """How instructions are chosen."""
 
     policy: PromptPolicy
+    #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
+    pool: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges; `check_library` checks the rest, once the task is read."""
+        require(self.pool is None or self.pool >= 1, "prompts.pool", "a value >= 1, or null", self.pool)
+
+    def check_library(self, instructions: int) -> None:
+        """Refuse a pool that is larger than the task's library of so many instructions."""
+        fits = self.pool is None or self.pool <= instructions
+        require(fits, "prompts.pool", f"a value from 1 to the task's {instructions} instructions, or null", self.pool)
 
 
 @dataclass(kw_only=True)
@@ -362,6 +373,8 @@ def identity(config: RunConfig) -> dict[str, Json]:
         del chosen["training"]["device"]
     if not config.proposals.repair_attempts:
         del chosen["proposals"]["repair_attempts"]
+    if config.prompts.pool is None:
+        del chosen["prompts"]["pool"]
     if config.proposals.operator_for is OperatorScope.generation:
         del chosen["proposals"]["operator_for"]
     if config.archive.kind is ArchiveKind.cvt:

@@ -63,7 +63,7 @@ GROUPS = {
 PAPER: dict[str, Json] = {
     "search": {"generations": 20, "candidates": 50, "initial": 10},
     "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
-    "prompts": {"policy": "uniform"},
+    "prompts": {"policy": "uniform", "pool": None},
     "proposals": {
         "mutation_probability": 0.85,
         "parents": "uniform",
@@ -317,6 +317,17 @@ def test_data_of_another_shape_are_refused() -> None:
         ConfigError, match=r"task.outputs is 3, but the data set has 2 \(left, right\); set task.outputs=2"
     ):
         load_task(config, facts)
+
+
+def test_pool_larger_than_the_library_is_refused() -> None:
+    """The size of the prompt pool goes up to the number of the task's instructions, which the message names."""
+    config = composed("task=grating", "prompts.pool=17")
+    assert load_task(config, facts_of(config)).instructions
+    larger = compose(["task=grating", "prompts.pool=18"])
+    with pytest.raises(
+        ConfigError, match=r"^prompts\.pool needs a value from 1 to the task's 17 instructions, or null; got 18$"
+    ):
+        load_task(larger, facts_of(larger))
 
 
 def with_file(path: Path, key: str, content: bytes) -> RunConfig:
