@@ -184,7 +184,7 @@ def test_message_says_what_was_expected_and_what_came() -> None:
         ),
         (["llm.mode=live", "llm.budget_usd=0"], r"^llm\.budget_usd needs null with llm\.mode=live, .*; got 0.0$"),
         (
-            ["archive.bounds=fixed", "archive.eff_ratio_scale=log"],
+            ["archive.bounds=fixed", "archive.eff_ratio_bounds=[0,9]"],
             r"^archive\.eff_ratio_bounds needs low > 0 with eff_ratio_scale=log; got 0.0",
         ),
     ],
@@ -225,7 +225,7 @@ DECIDES: dict[str, Json] = {
     "archive.bounds": BoundsRule.fixed,
     "archive.arch_div_bounds": [0.0, 2.0],
     "archive.eff_ratio_bounds": [0.0, 5.0],
-    "archive.eff_ratio_scale": Scale.log,
+    "archive.eff_ratio_scale": Scale.linear,
     "temperature.rule": TemperatureRule.stall,
     "temperature.start": 0.5,
     "temperature.step": 0.1,

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.composition import compose
 from tacevo.errors import DivergenceError, RunError
 from tacevo.job_checks import check_jobs
+from tacevo.opening import opened
 from tacevo.records import Json
 from tacevo.replaying import read_run
 from tacevo.rundir import RunDirectory
@@ -42,6 +44,15 @@ def refused(sweep: Path, words: str) -> None:
 def test_sound_sweep_passes(sweep: Path) -> None:
     """As it was written."""
     check_jobs(SweepDirectory(sweep))
+
+
+def test_published_sweep_passes_although_defaults_have_changed() -> None:
+    """The bundle of an earlier version is not what its overrides give today, where they name no setting of the two."""
+    with opened(Path(__file__).parents[1] / "cache" / "published" / "ablation-force-grammar.zip") as source:
+        sweep = SweepDirectory(source.folder)
+        config, _, _ = read_run(sweep.run(sweep.read()[1][0]))
+        assert config.archive.eff_ratio_scale is not compose(["experiment=demo"]).archive.eff_ratio_scale
+        assert check_jobs(sweep) == ()
 
 
 @pytest.mark.parametrize(
