@@ -8,8 +8,8 @@ from analysis.motifs import count_motifs
 from analysis.tables import Percent, Table, percent
 from tacevo.plurals import listed
 
-#: What the paper names as recurring in its best networks (section IV; docs/paper.md, section 4), by task. Its "4 to 5
-#: layers in the head" are taken as a head that is deeper than the baseline's.
+#: What the paper names as recurring in its best networks, by task. Its "4 to 5 layers in the head" are taken as a
+#: head that is deeper than the baseline's.
 PUBLISHED: Mapping[str, tuple[str, ...]] = {
     "force": (
         "spatial attention",

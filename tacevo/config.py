@@ -46,7 +46,7 @@ def _is_address(value: str) -> bool:
 
 @dataclass(kw_only=True)
 class SearchConfig:
-    """The size of a search (paper, section II)."""
+    """The size of a search (paper, Algorithm 1)."""
 
     generations: int
     #: B, the candidates of a generation.
@@ -75,7 +75,7 @@ class TaskConfig:
     #: Names of the regressed values or classes; empty where the data set names them.
     output_names: list[str]
     target_scaling: TargetScaling
-    #: Images that the simulated data set holds; the paper's size.
+    #: Images that the simulated data set holds: as many as were released, where the paper says how many.
     images: int
     #: Files below conf/: the baseline class, the instructions, the system prompt.
     baseline: str
