@@ -21,7 +21,7 @@ LEVEL = 0.95
 #: The part of the whole improvement that counts as most of it.
 MOST = 0.9
 
-#: By when the paper had most of its improvement (its section IV: within the first 7 to 10 generations).
+#: By when the paper had most of its improvement (within the first 7 to 10 generations).
 PUBLISHED_GENERATIONS = (7, 10)
 
 #: Bands of equal width over the temperatures [0, 1]; one is as wide as the noise of a request's temperature is on

@@ -17,7 +17,7 @@ from tacevo.records import DataFacts, Json, Operator, Reason, Stage
 from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
 
-#: How many of the best networks tables and figures look at, as the paper does (its section IV).
+#: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
 
 

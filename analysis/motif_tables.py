@@ -9,7 +9,7 @@ from analysis.tables import PValue, Table
 from tacevo.plurals import counted, listed
 
 #: The variants of each task, by number, that have a change by the authors' supplement (docs/references.bib,
-#: abusadeh_supplement, appendices A and B). A change with the name of one of our motifs is that motif; a head of 4 or 5
+#: tacevo_supplement, appendices A and B). A change with the name of one of our motifs is that motif; a head of 4 or 5
 #: layers is a deeper one. Others have no counterpart, because the supplement counts blocks, which may hold several
 #: convolutions, and we count convolutions. By either count all force variants have 2 to 4.
 SUPPLEMENT: Mapping[str, Mapping[str, tuple[int, ...]]] = {

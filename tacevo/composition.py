@@ -208,7 +208,8 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
     """Read a task's baseline and texts, and fit its contract to the data set.
 
     Raises:
-        ConfigError: a file is missing or malformed, or the data set has another number of outputs than the task.
+        ConfigError: a file is missing or malformed, the data set has another number of outputs than the task, or the
+            library has fewer instructions than `prompts.pool`.
     """
     task = config.task
     require_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
@@ -222,6 +223,7 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         output_argument=task.output_argument,
     )
     library = _read_library(task.instructions)
+    config.prompts.check_library(len(library["mutations"]))
     template = _read("task.system", task.system)
     try:
         system = system_prompt(template, contract, facts.names)

@@ -46,7 +46,7 @@ def _is_address(value: str) -> bool:
 
 @dataclass(kw_only=True)
 class SearchConfig:
-    """The size of a search (paper, section II)."""
+    """The size of a search (paper, Algorithm 1)."""
 
     generations: int
     #: B, the candidates of a generation.
@@ -75,7 +75,7 @@ class TaskConfig:
     #: Names of the regressed values or classes; empty where the data set names them.
     output_names: list[str]
     target_scaling: TargetScaling
-    #: Images that the simulated data set holds; the paper's size.
+    #: Images that the simulated data set holds: as many as were released, where the paper says how many.
     images: int
     #: Files below conf/: the baseline class, the instructions, the system prompt.
     baseline: str
@@ -181,6 +181,17 @@ class PromptsConfig:
     """How instructions are chosen."""
 
     policy: PromptPolicy
+    #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
+    pool: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges; `check_library` checks the rest, once the task is read."""
+        require(self.pool is None or self.pool >= 1, "prompts.pool", "a value >= 1, or null", self.pool)
+
+    def check_library(self, instructions: int) -> None:
+        """Refuse a pool that is larger than the task's library of so many instructions."""
+        fits = self.pool is None or self.pool <= instructions
+        require(fits, "prompts.pool", f"a value from 1 to the task's {instructions} instructions, or null", self.pool)
 
 
 @dataclass(kw_only=True)
@@ -362,6 +373,8 @@ def identity(config: RunConfig) -> dict[str, Json]:
         del chosen["training"]["device"]
     if not config.proposals.repair_attempts:
         del chosen["proposals"]["repair_attempts"]
+    if config.prompts.pool is None:
+        del chosen["prompts"]["pool"]
     if config.proposals.operator_for is OperatorScope.generation:
         del chosen["proposals"]["operator_for"]
     if config.archive.kind is ArchiveKind.cvt:

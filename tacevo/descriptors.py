@@ -1,4 +1,4 @@
-"""The two behaviour descriptors of a network, computed from its traced graph (paper, section III).
+"""The two behaviour descriptors of a network, computed from its traced graph by the paper's formulas.
 
 Pure numbers: only `+ - * / sqrt` and `math.fsum`, which are correctly rounded everywhere, and `math.log2`, whose
 last bit is not. Each result is therefore rounded to 12 significant digits, so that it may enter a ledger that is

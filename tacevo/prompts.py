@@ -1,7 +1,7 @@
 """The prompt archive A_P: which instruction at which temperature was productive (paper, Algorithm 1, line 8)."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,21 +74,44 @@ def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:
     return prompt / max(prompts - 1, 1), temperature
 
 
-def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, prompts: int, rng: np.random.Generator) -> int:
-    """Draw the instruction of one request.
+def draw_pool(prompts: int, size: int | None, rng: np.random.Generator) -> tuple[int, ...]:
+    """Draw the prompt pool P_g of one generation (paper, Algorithm 1, line 4): different instructions, uniformly.
 
-    `uniform` and `none`: from all instructions alike (the paper's method section). `curiosity`: from the trials
-    in the archive, in proportion to their curiosity (its abstract); an instruction without a trial there weighs as
-    much as an unproductive one, so that each stays within reach. While the archive is empty the draw is the
-    uniform one, so that arms of an ablation begin alike.
+    Args:
+        prompts: how many instructions the task has.
+        size: how many of them are drawn, from 1 to `prompts`; None for all, which takes no random number.
+        rng: the generator of this draw alone.
 
     Returns:
-        An index in [0, prompts).
+        Indices in [0, prompts), ascending.
     """
-    if policy is not PromptPolicy.curiosity or not archive.trials:
-        return int(rng.integers(prompts))
-    trials = [archive.trials[niche] for niche in sorted(archive.trials)]
-    untried = sorted(set(range(prompts)) - {trial.prompt for trial in trials})
+    left = list(range(prompts))
+    if size is None:
+        return tuple(left)
+    return tuple(sorted(left.pop(int(rng.integers(len(left)))) for _ in range(size)))
+
+
+def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[int], rng: np.random.Generator) -> int:
+    """Draw the instruction of one request from the pool of its generation.
+
+    `uniform` and `none`: from all of the pool alike (the paper's method section). `curiosity`: from the archive's
+    trials of instructions in the pool, in proportion to their curiosity (its abstract); an instruction without a trial
+    there weighs as much as an unproductive one, so that each stays within reach. While there is no such trial the
+    draw is the uniform one, so that arms of an ablation begin alike.
+
+    Args:
+        policy: the rule.
+        archive: the prompt archive.
+        pool: indices of the instructions to draw from, ascending, at least one.
+        rng: the generator of this draw alone.
+
+    Returns:
+        One of `pool`.
+    """
+    trials = [archive.trials[niche] for niche in sorted(archive.trials) if archive.trials[niche].prompt in pool]
+    if policy is not PromptPolicy.curiosity or not trials:
+        return pool[int(rng.integers(len(pool)))]
+    untried = sorted(set(pool) - {trial.prompt for trial in trials})
     choices = [(trial.prompt, trial.curiosity) for trial in trials]
     choices += [(prompt, curiosity(None, inserted=False)) for prompt in untried]
     return choices[draw_weighted([weight for _, weight in choices], rng)][0]

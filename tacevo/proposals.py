@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy
-from tacevo.prompts import PromptArchive, draw_prompt, draw_weighted
+from tacevo.prompts import PromptArchive, draw_pool, draw_prompt, draw_weighted
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting
 from tacevo.temperature import clip
@@ -73,6 +73,8 @@ class Settings:
     llm: tuple[tuple[str, Setting], ...] = ()
     #: What one draw of the operator holds for.
     operator_for: OperatorScope = OperatorScope.generation
+    #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
+    pool: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,9 +100,16 @@ class Proposal:
 
 
 def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature: float) -> tuple[Proposal, ...]:
-    """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive)."""
+    """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive).
+
+    It comes before Algorithm 1's loop, whose line 4 draws the pools, so it draws from the whole library.
+    """
     baseline = _baseline(task)
-    slots = [_Slot(generation=0, number=number, temperature=temperature) for number in range(1, mutations + 1)]
+    library = tuple(range(len(task.instructions)))
+    slots = [
+        _Slot(generation=0, number=number, temperature=temperature, prompts=library)
+        for number in range(1, mutations + 1)
+    ]
     return (baseline, *(_mutation(task, settings, slot, [_founder(task)], PromptArchive()) for slot in slots))
 
 
@@ -117,7 +126,7 @@ def plan_generation(
 
     One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
     can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
-    to cross with, and the generation mutates. The prompt pool P_g is one draw from the library for each slot.
+    to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it.
 
     Args:
         task: the task.
@@ -130,13 +139,14 @@ def plan_generation(
     Returns:
         One proposal a slot, in slot order.
     """
-    pool = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
+    parents = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
+    pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
-    slots = [_Slot(generation=generation, number=number, temperature=temperature) for number in numbers]
+    slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
     return tuple(
-        _mutation(task, settings, slot, pool, prompts)
-        if len(pool) < 2 or _mutates(settings, slot)
-        else _crossover(task, settings, slot, pool)
+        _mutation(task, settings, slot, parents, prompts)
+        if len(parents) < 2 or _mutates(settings, slot)
+        else _crossover(task, settings, slot, parents)
         for slot in slots
     )
 
@@ -242,6 +252,8 @@ class _Slot:
     number: int
     #: T_g, before the request's noise.
     temperature: float
+    #: Indices of the instructions that it may draw: P_g.
+    prompts: tuple[int, ...]
 
 
 def _baseline(task: Task) -> Proposal:
@@ -267,7 +279,7 @@ def _mutation(
 ) -> Proposal:
     (parent,) = _parents_of(settings, slot, elites, 1)
     rng = stream(settings.seed, "prompt", slot.generation, slot.number)
-    prompt = draw_prompt(settings.prompts, prompts, prompts=len(task.instructions), rng=rng)
+    prompt = draw_prompt(settings.prompts, prompts, pool=slot.prompts, rng=rng)
     text = mutation_text(parent.source, task.instructions[prompt].text)
     return Proposal(
         generation=slot.generation,

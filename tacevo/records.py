@@ -376,7 +376,7 @@ class Training:
 
     @property
     def fitness(self) -> float:
-        """The final validation loss (paper, section II): lower is better."""
+        """The final validation loss (paper, Algorithm 1): lower is better."""
         return self.validation_losses[-1]
 
     @classmethod

@@ -137,6 +137,7 @@ def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConf
         config, facts = from_plain(run["config"]), DataFacts.from_json(run["data"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{directory.path}/run.json is damaged: {type(error).__name__}: {error}") from error
+    config.prompts.check_library(len(rebuilt.instructions))
     images = sum(facts.counts)
     if config.data.source is DataSource.simulated and config.data.images != images:
         raise RunError(

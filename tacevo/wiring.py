@@ -166,6 +166,7 @@ def build_settings(config: RunConfig) -> Settings:
         max_tokens=config.llm.max_tokens,
         llm=provider_settings(config.llm),
         operator_for=config.proposals.operator_for,
+        pool=config.prompts.pool,
     )
 
 

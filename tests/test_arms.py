@@ -13,10 +13,11 @@ import pytest
 
 from tacevo.archive import AddStatus
 from tacevo.arms import parse_arm, read_arm, require_change, split_arm
-from tacevo.choices import ArchiveKind, Axis, ParentPolicy, PromptPolicy, Provider, TemperatureRule
+from tacevo.choices import ArchiveKind, Axis, ParentPolicy, PromptPolicy, Provider, Scale, TemperatureRule
 from tacevo.composition import compose
 from tacevo.confdir import groups
 from tacevo.config import RunConfig, identity
+from tacevo.descriptors import scaled
 from tacevo.errors import ConfigError
 from tacevo.ledger import Ledger, unsealed
 from tacevo.proposals import Proposal, plan_initial
@@ -276,19 +277,20 @@ def test_single_descriptor_places_by_it_alone(name: str, axis: int, folder: Path
     lines, recorder = searched(name, folder)
     networks = recorder.states[-1].networks
     assert networks.bounds is not None
-    field = ("arch_div", "eff_ratio")[axis]
-    measured = {line["id"]: line[field] for line in lines if "fitness" in line}
+    placed = {
+        line["id"]: (line["arch_div"], scaled(line["eff_ratio"], Scale.log))[axis] for line in lines if "niche" in line
+    }
     for niche, elite in networks.archive.elites.items():
-        point = networks.bounds.normalise((measured[elite.name],))
+        point = networks.bounds.normalise((placed[elite.name],))
         assert plan.networks.niche_of(point) == niche  # type: ignore[union-attr]
 
 
 def test_fixed_bounds_are_those_of_the_axes(folder: Path) -> None:
     """One axis has one pair of bounds, its own; an archive without niches has none."""
-    bounds = ["archive.bounds=fixed", "archive.arch_div_bounds=[0.1,0.2]", "archive.eff_ratio_bounds=[3,4]"]
+    bounds = ["archive.bounds=fixed", "archive.arch_div_bounds=[0.1,0.2]", "archive.eff_ratio_bounds=[10,100]"]
     plans = [planned(arm(name, *bounds), folder) for name in ("none", "arch_div_only", "eff_ratio_only", "no_qd")]
     told = [plan.archive.bounds and (plan.archive.bounds.low, plan.archive.bounds.high) for plan in plans]
-    assert told == [((0.1, 3.0), (0.2, 4.0)), ((0.1,), (0.2,)), ((3.0,), (4.0,)), None]
+    assert told == [((0.1, 1.0), (0.2, 2.0)), ((0.1,), (0.2,)), ((1.0,), (2.0,)), None]
 
 
 def test_every_arm_is_documented() -> None:
@@ -328,6 +330,7 @@ def test_arms_have_the_settings_that_they_are_named_after() -> None:
     assert arm("no_qd").archive.kind is ArchiveKind.best
     assert arm("arch_div_only").archive.axes == [Axis.arch_div]
     assert arm("eff_ratio_only").archive.axes == [Axis.eff_ratio]
+    assert arm("linear_eff_ratio").archive.eff_ratio_scale is Scale.linear
     assert arm("random_parents_only_baseline").proposals.parents is ParentPolicy.baseline
     assert arm("no_prompt_archive").prompts.policy is PromptPolicy.none
     assert arm("llm_vs_grammar").llm.provider is Provider.grammar

@@ -39,6 +39,7 @@ ARMS = {
     "crossover_per_candidate": {"proposals.operator_for"},
     "arch_div_only": {"archive.axes"},
     "eff_ratio_only": {"archive.axes"},
+    "linear_eff_ratio": {"archive.eff_ratio_scale"},
     "llm_vs_grammar": {"llm.provider", "llm.model", "llm.slip_rate"},
 }
 
@@ -63,7 +64,7 @@ GROUPS = {
 PAPER: dict[str, Json] = {
     "search": {"generations": 20, "candidates": 50, "initial": 10},
     "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
-    "prompts": {"policy": "uniform"},
+    "prompts": {"policy": "uniform", "pool": None},
     "proposals": {
         "mutation_probability": 0.85,
         "parents": "uniform",
@@ -152,11 +153,18 @@ def test_every_arm_is_there() -> None:
 @pytest.mark.parametrize("experiment", groups()["experiment"])
 def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: str) -> None:
     """An ablation on top of an experiment changes what the ablation is about, and nothing else."""
-    plain, ablated = (
-        flat(to_plain(composed("llm=anthropic", f"experiment={experiment}", f"ablation={choice}")))
-        for choice in ("none", ablation)
-    )
+    chosen = ["llm=anthropic", f"experiment={experiment}"]
+    if ablation == "linear_eff_ratio":  # the paper's experiments have the linear axis without it
+        chosen.append("archive.eff_ratio_scale=log")
+    plain, ablated = (flat(to_plain(composed(*chosen, f"ablation={choice}"))) for choice in ("none", ablation))
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
+
+
+@pytest.mark.parametrize("experiment", [None, "demo", "published_force", "published_grating"])
+def test_efficiency_ratio_is_logarithmic_unless_an_experiment_is_the_papers(experiment: str | None) -> None:
+    """What docs/descriptors.md decides by measurement holds for every other search, with bounds that adapt."""
+    archive = composed(*([] if experiment is None else [f"experiment={experiment}"])).archive
+    assert (archive.eff_ratio_scale.value, archive.bounds.value) == ("log", "adaptive")
 
 
 @pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])
@@ -317,6 +325,17 @@ def test_data_of_another_shape_are_refused() -> None:
         ConfigError, match=r"task.outputs is 3, but the data set has 2 \(left, right\); set task.outputs=2"
     ):
         load_task(config, facts)
+
+
+def test_pool_larger_than_the_library_is_refused() -> None:
+    """The size of the prompt pool goes up to the number of the task's instructions, which the message names."""
+    config = composed("task=grating", "prompts.pool=17")
+    assert load_task(config, facts_of(config)).instructions
+    larger = compose(["task=grating", "prompts.pool=18"])
+    with pytest.raises(
+        ConfigError, match=r"^prompts\.pool needs a value from 1 to the task's 17 instructions, or null; got 18$"
+    ):
+        load_task(larger, facts_of(larger))
 
 
 def with_file(path: Path, key: str, content: bytes) -> RunConfig:

@@ -62,6 +62,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "archive.arch_div_bounds": [[], [0.0], [0.0, 1.0, 2.0], [1.0, 1.0], [1.0, 0.0], [NAN, 1.0], [0.0, INF]],
     "archive.eff_ratio_bounds": [[1.0, 0.0], [-INF, 0.0]],
     "temperature.start": [-0.1, 1.1, NAN],
+    "prompts.pool": [-1, 0],
     "temperature.step": [-0.1, 1.1, NAN],
     "temperature.jitter": [-0.1, 1.1, NAN],
     "proposals.mutation_probability": [-0.1, 1.1, NAN],
@@ -107,6 +108,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "llm.budget_usd": [0.0],
     "archive.niches": [1, 20_000],
     "temperature.start": [0.0, 1.0],
+    "prompts.pool": [None, 1],
     "proposals.mutation_probability": [0.0, 1.0],
     "training.epochs": [1],
     "executor.workers": [1],
@@ -182,7 +184,7 @@ def test_message_says_what_was_expected_and_what_came() -> None:
         ),
         (["llm.mode=live", "llm.budget_usd=0"], r"^llm\.budget_usd needs null with llm\.mode=live, .*; got 0.0$"),
         (
-            ["archive.bounds=fixed", "archive.eff_ratio_scale=log"],
+            ["archive.bounds=fixed", "archive.eff_ratio_bounds=[0,9]"],
             r"^archive\.eff_ratio_bounds needs low > 0 with eff_ratio_scale=log; got 0.0",
         ),
     ],
@@ -223,12 +225,13 @@ DECIDES: dict[str, Json] = {
     "archive.bounds": BoundsRule.fixed,
     "archive.arch_div_bounds": [0.0, 2.0],
     "archive.eff_ratio_bounds": [0.0, 5.0],
-    "archive.eff_ratio_scale": Scale.log,
+    "archive.eff_ratio_scale": Scale.linear,
     "temperature.rule": TemperatureRule.stall,
     "temperature.start": 0.5,
     "temperature.step": 0.1,
     "temperature.jitter": 0.2,
     "prompts.policy": PromptPolicy.curiosity,
+    "prompts.pool": 5,
     "proposals.mutation_probability": 0.5,
     "proposals.parents": ParentPolicy.best,
     "proposals.best": 5,
@@ -307,6 +310,7 @@ def test_setting_of_a_hosted_model_enters_the_identity_once_set(key: str) -> Non
 def test_identity_without_later_settings_is_golden() -> None:
     """What came after the first version of a ledger leaves no trace in a run that does not use it."""
     assert set(identity(HOSTED)["llm"]) == {"provider", "model", "max_tokens", "slip_rate"}
+    assert set(identity(CONFIG)["prompts"]) == {"policy"}
     assert set(identity(CONFIG)["proposals"]) == {"mutation_probability", "parents", "best"}
     assert not set(identity(CONFIG)["archive"]) & {"kind", "kept", "axes"}
 

@@ -273,7 +273,7 @@ def test_baseline_learns_small_forces(tmp_path: Path) -> None:
 
 
 def validation_error(dataset: Dataset, epochs: int) -> float:
-    """Train a CNN as the paper's baseline (Adam 1e-3, batch 32); return its validation MSE."""
+    """Train a CNN as candidates are trained (Adam 1e-3, batch 32); return its validation MSE."""
     mean, deviation = (torch.tensor(values)[:, None, None] for values in (dataset.mean, dataset.deviation))
     inputs = (torch.from_numpy(np.load(dataset.images)).float() - mean) / deviation
     targets = torch.from_numpy(dataset.targets)
@@ -294,7 +294,7 @@ def validation_error(dataset: Dataset, epochs: int) -> float:
 
 
 def baseline(outputs: int) -> nn.Sequential:
-    """Build the paper's baseline: three convolutional blocks, adaptive pooling, one hidden layer of 512."""
+    """Build the force baseline: three convolutional blocks, adaptive pooling, one hidden layer of 512."""
     blocks = [
         layer
         for channels, width in ((3, 32), (32, 64), (64, 128))

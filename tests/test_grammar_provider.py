@@ -53,8 +53,12 @@ def _source(answer: Completion) -> str:
     return answer.text.removeprefix("```python\n").removesuffix("```\n")
 
 
+#: The baseline with the docstring that it had when this model's answers were pinned: it is part of a request.
+PINNED = '"""The paper\'s baseline for the force task: three convolutional blocks and one hidden layer."""\n'
+PINNED += BASELINE.partition("\n")[2]
+
 #: A second parent: the baseline's relative with wider kernels and another pooling.
-RELATIVE = BASELINE.replace("kernel_size=3, padding=1", "kernel_size=5, padding=2").replace("Max", "Avg")
+RELATIVE = PINNED.replace("kernel_size=3, padding=1", "kernel_size=5, padding=2").replace("Max", "Avg")
 GELU = _mutation(BASELINE, "Exchange each ReLU for a GELU.")
 
 
@@ -67,11 +71,11 @@ def test_equal_requests_get_equal_answers() -> None:
 def test_answers_are_those_of_this_model_name() -> None:
     """Stored completions stay true: whoever changes these answers on purpose gives MODEL another name."""
     requests = [
-        _request(_mutation(BASELINE, instruction), temperature=1.0, draw=draw)
+        _request(_mutation(PINNED, instruction), temperature=1.0, draw=draw)
         for instruction in ("Refine it.", "Make it faster.", "Use GELU.")
         for draw in range(20)
     ]
-    requests += [_request(_crossover(BASELINE, RELATIVE, "Combine both."), draw=draw) for draw in range(20)]
+    requests += [_request(_crossover(PINNED, RELATIVE, "Combine both."), draw=draw) for draw in range(20)]
     texts = [answer.text for answer in _answers(requests, slip_rate=0.3)]
     assert (MODEL, content_hash(texts)) == (
         "grammar-1",

@@ -125,14 +125,14 @@ def test_uniform_draws_do_not_look_at_the_archive(policy: PromptPolicy) -> None:
     """`uniform` and `none` draw from the whole library alike, with the same numbers."""
     full, _ = recorded(trial(1, inserted=True, score=2.0))
     for archive in (full, PromptArchive()):
-        drawn = [draw_prompt(policy, archive, prompts=4, rng=stream(0, "x", i)) for i in range(DRAWS)]
+        drawn = [draw_prompt(policy, archive, pool=range(4), rng=stream(0, "x", i)) for i in range(DRAWS)]
         assert drawn == [int(stream(0, "x", i).integers(4)) for i in range(DRAWS)]
 
 
 def test_curiosity_draws_uniformly_while_the_archive_is_empty() -> None:
     """Before anything is known, every instruction is as likely."""
     rng = stream(0, "empty")
-    drawn = Counter(draw_prompt(PromptPolicy.curiosity, PromptArchive(), prompts=4, rng=rng) for _ in range(DRAWS))
+    drawn = Counter(draw_prompt(PromptPolicy.curiosity, PromptArchive(), pool=range(4), rng=rng) for _ in range(DRAWS))
     assert all(agrees(drawn[prompt], 1 / 4) for prompt in range(4))
 
 
@@ -140,7 +140,7 @@ def test_curiosity_draws_in_proportion() -> None:
     """A prompt with three times the curiosity comes three times as often; the eight untried weigh 0.5 each."""
     archive, _ = recorded(trial(2, inserted=False, score=0.5), trial(8, inserted=True, score=1.5))
     rng = stream(0, "proportion")
-    drawn = Counter(draw_prompt(PromptPolicy.curiosity, archive, prompts=10, rng=rng) for _ in range(DRAWS))
+    drawn = Counter(draw_prompt(PromptPolicy.curiosity, archive, pool=range(10), rng=rng) for _ in range(DRAWS))
     assert set(drawn) == set(range(10))
     assert agrees(drawn[8], 1.5 / 6)
     assert agrees(drawn[2], 0.5 / 6)

@@ -326,6 +326,47 @@ def test_dropped_draw_leaves_the_others_alone(seed: int, generation: int) -> Non
         )
 
 
+def drawn(settings: Settings, generation: int = 1, prompts: PromptArchive | None = None) -> set[int | None]:
+    """Give the instructions that one generation asks for."""
+    return {proposal.prompt for proposal in planned(settings, generation=generation, prompts=prompts)}
+
+
+@pytest.mark.parametrize("policy", PromptPolicy)
+def test_generation_draws_its_instructions_from_one_pool(policy: PromptPolicy) -> None:
+    """All slots of a generation, whatever their number and the policy, draw from `pool` different instructions."""
+    many = replace(ALWAYS, candidates=60, prompts=policy, pool=2)
+    pools = [drawn(many, generation, productive_archive()) for generation in range(1, 21)]
+    assert {len(pool) for pool in pools} == {2}
+    assert set().union(*pools) == set(range(5))
+
+
+def test_curious_draw_prefers_what_is_productive_in_its_pool() -> None:
+    """A pool without a productive instruction is drawn from alike; one with it yields that one more often."""
+    many = replace(ALWAYS, candidates=GENERATIONS, prompts=PromptPolicy.curiosity, pool=2)
+    shares = []
+    for generation in range(1, 9):
+        proposals = planned(many, generation=generation, prompts=productive_archive())
+        counts = Counter(proposal.prompt for proposal in proposals)
+        shares.append(0.75 if 4 in counts else 0.5)
+        assert agrees(max(counts.values()) if 4 not in counts else counts[4], shares[-1])
+    assert set(shares) == {0.5, 0.75}
+
+
+def test_pool_of_the_whole_library_changes_no_draw() -> None:
+    """The default, and a pool as large as the library, give the plans that there were before pools."""
+    assert planned(replace(ALWAYS, pool=len(TASK.instructions))) == planned(ALWAYS)
+
+
+def test_pool_leaves_generation_0_and_all_other_draws_alone() -> None:
+    """Pools belong to the generations of Algorithm 1's loop; parents, temperatures and draw numbers stay."""
+    small = replace(ALWAYS, pool=1)
+    begun = [plan_initial(TASK, settings, mutations=9, temperature=0.6) for settings in (ALWAYS, small)]
+    assert begun[0] == begun[1]
+    assert [proposal.parents for proposal in planned(small)] == [proposal.parents for proposal in planned(ALWAYS)]
+    pairs = zip(requests_of(planned(small)), requests_of(planned(ALWAYS)), strict=True)
+    assert all((one.temperature, one.draw) == (other.temperature, other.draw) for one, other in pairs)
+
+
 def test_fewer_slots_are_the_first_of_more() -> None:
     """A larger B adds slots and changes none."""
     assert planned(replace(SETTINGS, candidates=9))[:4] == planned(SETTINGS)

@@ -8,7 +8,7 @@ import pytest
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.app import main
-from tacevo.errors import RunError
+from tacevo.errors import ConfigError, RunError
 from tacevo.replaying import read_run
 from tacevo.rundir import RunDirectory
 
@@ -42,6 +42,12 @@ def test_images_are_those_of_the_recorded_data_set(images: int, run: Path, tmp_p
     """Nobody simulates a billion images to find that they are not those of the run."""
     with pytest.raises(RunError, match=f"data.images={images}, and a data set of 40"):
         read_run(with_setting(run, tmp_path, "data", "images", images))
+
+
+def test_pool_fits_the_recorded_library(run: Path, tmp_path: Path) -> None:
+    """A made-up run cannot ask for more instructions than it has."""
+    with pytest.raises(ConfigError, match=r"prompts\.pool needs a value from 1 to the task's 20 instructions"):
+        read_run(with_setting(run, tmp_path, "prompts", "pool", 21))
 
 
 def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ from tacevo.records import Json, Kind
 #: Changes whenever an image or a label would change; part of the cache key.
 SIMULATOR_VERSION = 4
 
-#: Six specimens, Shore A, evenly spaced over the range of the paper's supplement.
+#: Six specimens, Shore A, evenly spaced over the range of the paper's supplement (docs/references.bib).
 SHORE_LEVELS = (17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
 FRICTION = 0.66
 #: Of force: the longest sideways stroke of the ball in mm, of which the contact takes a part and the dome the rest.

@@ -1,4 +1,4 @@
-"""The paper's baseline for the hardness task: three convolutional blocks and one hidden layer."""
+"""The baseline for the hardness task: the paper's parts, with widths, pooled size and dropout of our choice."""
 
 from torch import nn
 
