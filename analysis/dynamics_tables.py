@@ -7,6 +7,7 @@ from analysis.loading import Run
 from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
+from tacevo.summary import misreported
 
 
 def generations_table(run: Run) -> Table:
@@ -65,7 +66,8 @@ def costs_table(run: Run) -> Table:
 
 
 def gate_table(run: Run) -> Table:
-    """Show where first answers were turned away."""
+    """Show where first answers were turned away, and how many for misreporting themselves."""
+    stages = gate_stages(run)
     rows = tuple(
         (
             found.stage.value,
@@ -74,13 +76,14 @@ def gate_table(run: Run) -> Table:
             percent(found.left_share),
             ", ".join(f"{reason} {count}" for reason, count in found.reasons) or None,
         )
-        for found in gate_stages(run)
+        for found in stages
     )
     return Table(
         name=f"gate_{run.task}",
         caption=f"Where the gate turned first answers of {run.name} away; the baseline is none.",
         columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
+        notes=tuple(misreported(entry for stage in stages for entry in stage.reasons)),
     )
 
 
