@@ -21,6 +21,17 @@ HONEST = {
         candidate(RETURN, "self.apply(start)"),
     ),
     "apply with a lambda": candidate(RETURN, "self.apply(lambda m: hasattr(m, 'bias') and m.bias.data.zero_())"),
+    "apply with a lambda that has a name": candidate(
+        RETURN, "start = lambda m: hasattr(m, 'bias') and nn.init.zeros_(m.bias)\nself.apply(start)"
+    ),
+    "function that makes a layer": before(
+        "def made(i, o):\n    layer = nn.Linear(i, o)\n    nn.init.zeros_(layer.weight)\n    return layer",
+        candidate(f"return self.last({GOOD}) + {GOOD}", "self.last = made(3, 3)"),
+    ),
+    "moving average beside the weights": candidate(
+        f"y = {GOOD}\nif self.training:\n    with torch.no_grad():\n        self.weight_seen += y.mean()\nreturn y",
+        "self.register_buffer('weight_seen', torch.zeros(1))",
+    ),
     "reading the mode": candidate(f"return F.dropout({GOOD}, 0.2, self.training)"),
     "running statistics": candidate(
         "y = self.norm(self.conv(x))\nreturn self.head(y.mean((2, 3)))", "self.norm = nn.BatchNorm2d(4)"

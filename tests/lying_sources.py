@@ -7,14 +7,9 @@ from dataclasses import dataclass
 
 from gate_cases import VALID, candidate
 
-from tacevo.records import Reason
+from tacevo.records import MISREPORTING, Reason
 
-NAMES, WEIGHTS, MODE, HIDDEN = (
-    Reason.redefines_module,
-    Reason.changes_its_weights,
-    Reason.changes_its_mode,
-    Reason.hidden_parameters,
-)
+NAMES, WEIGHTS, MODE, HIDDEN = MISREPORTING
 
 GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
 RETURN = f"return {GOOD}"
@@ -153,6 +148,21 @@ NAMES_TAKEN = {
         NAMES,
         NAMES,
     ),
+    "slot": Lie(method("__slots__ = ('training',)"), Reason.forbidden_construct, NAMES),
+    "metaclass that hides its class's names": Lie(
+        before(
+            "class Meta(type):\n    @property\n    def __dict__(cls):\n        return {}",
+            method("def eval(self):\n    return self").replace("(nn.Module)", "(nn.Module, metaclass=Meta)"),
+        ),
+        Reason.forbidden_construct,
+        NAMES,
+    ),
+    "class that is changed in forward": Lie(
+        candidate("self.__class__ = Quiet\n" + RETURN)
+        + "\n\nclass Quiet(ImageRegressionCNN):\n    def eval(self):\n        return self\n",
+        NAMES,
+        NAMES,
+    ),
     "name made at run time": Lie(candidate(RETURN, "setattr(self, 'tr' + 'ain', lambda mode=True: self)"), None, NAMES),
     "name made at run time, on the class": Lie(
         candidate(RETURN, "setattr(self.__class__, 'para' + 'meters', lambda self: iter([]))"), None, NAMES
@@ -211,6 +221,19 @@ WEIGHTS_CHANGED = {
     "by a lambda": Lie(
         candidate("self.step()\n" + RETURN, "self.step = lambda: self.conv.weight.data.zero_()"), WEIGHTS, WEIGHTS
     ),
+    "by another name": Lie(
+        method(
+            "def _step(self):\n    self.conv.weight.data.neg_()",
+            candidate("self.go()\n" + RETURN, "self.go = self._step"),
+        ),
+        WEIGHTS,
+        WEIGHTS,
+    ),
+    "by a lambda in a list": Lie(
+        candidate("self.steps[0]()\n" + RETURN, "self.steps = [lambda: self.conv.weight.data.neg_()]"),
+        WEIGHTS,
+        WEIGHTS,
+    ),
     "by apply": Lie(
         candidate("self.apply(lambda m: hasattr(m, 'weight') and m.weight.data.neg_())\n" + RETURN), WEIGHTS, WEIGHTS
     ),
@@ -263,6 +286,17 @@ WEIGHTS_CHANGED = {
         WEIGHTS,
         WEIGHTS,
     ),
+    "detached": Lie(
+        candidate("with torch.no_grad():\n    self.conv.bias.detach().neg_()\n" + RETURN), WEIGHTS, WEIGHTS
+    ),
+    "as statistics of a batch": Lie(
+        candidate("F.batch_norm(self.conv(x), *self.kept(), training=True)\n" + RETURN).replace(
+            "    def forward",
+            "    def kept(self):\n        return self.conv.bias.detach(), torch.ones(4)\n\n    def forward",
+        ),
+        None,
+        WEIGHTS,
+    ),
     "new parameters in each pass": Lie(
         candidate("self.conv.weight = nn.Parameter(self.conv.weight * 0.99)\n" + RETURN), None, WEIGHTS
     ),
@@ -295,6 +329,9 @@ MODE_CHANGED = {
     "layer trains for ever": Lie(candidate("self.conv.train()\n" + RETURN), MODE, MODE),
     "through the class": Lie(candidate("nn.Module.train(self, True)\n" + RETURN), MODE, MODE),
     "statistics stay": Lie(candidate("self.conv.eval()\n" + RETURN), MODE, MODE),
+    "by a hook": Lie(
+        candidate(RETURN, "self.conv.register_forward_pre_hook(lambda m, i: (m.train(), None)[1])"), MODE, MODE
+    ),
     "name made at run time": Lie(candidate("getattr(self, 'tr' + 'ain')()\n" + RETURN), None, MODE),
 }
 
@@ -308,11 +345,6 @@ PARAMETERS_HIDDEN = {
         None,
         HIDDEN,
     ),
-    "layer in a dictionary": Lie(
-        candidate(f"return {GOOD} + self.extra['a'](x.mean((2, 3)))", "self.extra = {'a': nn.Linear(3, 3)}"),
-        None,
-        HIDDEN,
-    ),
     "layer in a closure": Lie(
         candidate(
             "return self.last(x) + " + GOOD, "wide = nn.Linear(3, 3)\nself.last = lambda x: wide(x.mean((2, 3)))"
@@ -322,6 +354,12 @@ PARAMETERS_HIDDEN = {
     ),
     "global layer": Lie(
         before("WIDE = nn.Linear(3, 3)", candidate(f"return {GOOD} + WIDE(x.mean((2, 3)))")), None, HIDDEN
+    ),
+    "copy of the network": Lie(
+        "from copy import deepcopy\n"
+        + candidate(f"return {GOOD} + self.twin[0](self.conv(x).mean((2, 3)))", "self.twin = [deepcopy(self.head)]"),
+        None,
+        HIDDEN,
     ),
     "tensor that learns": Lie(
         candidate(f"return {GOOD} + self.free", "self.free = torch.zeros(3, requires_grad=True)"), None, HIDDEN

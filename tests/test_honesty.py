@@ -4,9 +4,11 @@ What looks alike and is honest is admitted.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 import torch
+from forms import sources_of_grammar
 from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
@@ -69,6 +71,12 @@ def test_honest_candidate_is_admitted(source: str) -> None:
     """Initialisation, buffers, activations in place and reading the mode are what networks do."""
     assert check(source, contract()) is None
     assert "profile" in probed(source), probed(source)
+
+
+def test_grammar_is_honest() -> None:
+    """Whatever the grammar provider can write passes the policy."""
+    task = replace(contract(), class_name="Net")
+    assert [check(source, task) for source in sources_of_grammar()] == [None] * len([*sources_of_grammar()])
 
 
 def test_list_of_names_is_that_of_torch() -> None:

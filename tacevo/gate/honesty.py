@@ -18,6 +18,8 @@ from tacevo.records import Reason
 from tacevo.sandbox.candidate import NAME, CandidateError
 from tacevo.sandbox.network import attributes, modules, parameters, switch
 
+_CLASS_ATTRIBUTES = vars(type)["__dict__"]  # a metaclass may define its own `__dict__`
+
 
 def check_names(network: nn.Module) -> None:
     """Check that no module of a network has its own meaning for a name of `nn.Module`.
@@ -27,9 +29,10 @@ def check_names(network: nn.Module) -> None:
     """
     stored = vars(nn.Module()).keys()
     for module in modules(network):
-        kinds = (vars(kind) for kind in type.mro(type(module)) if kind.__module__ == NAME)
+        kinds = map(_CLASS_ATTRIBUTES.__get__, type.mro(type(module)))
+        written = (kind for kind in kinds if kind.get("__module__") == NAME)
         own = (name for name in attributes(module) if name not in stored)
-        found = sorted(MODULE_NAMES.intersection(chain(own, *kinds)))
+        found = sorted(MODULE_NAMES.intersection(chain(own, *written)))
         if found:
             detail = f"expected nn.Module's own {found[0]}; got another one in {type(module).__name__}"
             raise CandidateError(Reason.redefines_module, detail)

@@ -8,6 +8,7 @@ import ast
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from tacevo.gate.parsing import Problem, is_special
 from tacevo.records import Reason
@@ -19,7 +20,7 @@ _ATTRIBUTES: Mapping[str, Reason] = {
 }
 
 #: Names of the parameters of torch's own layers.
-_LAYER_PARAMETER = re.compile(r"(in_proj_)?(weight|bias)(_\w+)?")
+_LAYER_PARAMETER = re.compile(r"(in_proj_)?(weight|bias)(_(ih|hh)\w*)?")
 
 _PARAMETER_CLASSES = ("Parameter", "ParameterList", "ParameterDict")
 
@@ -63,13 +64,13 @@ class _Names:
         return isinstance(node, ast.Name) and node.id in self.imported
 
     def hold(self, node: ast.AST | None) -> bool:
-        """Say whether an expression is a parameter or a part of one."""
+        """Say whether an expression is a parameter, or shares the memory of one."""
         match node:
             case ast.Name(id=name):
                 return name in self.variables
             case ast.Attribute(attr=name):
                 return name in self.attributes or _LAYER_PARAMETER.fullmatch(name) is not None
-            case ast.Subscript(value=value):
+            case ast.Subscript(value=value) | ast.Call(func=ast.Attribute(value=value, attr="detach")):
                 return self.hold(value)
         return False
 
@@ -144,22 +145,32 @@ def _aliases(node: ast.AST, names: _Names) -> Iterator[str]:
 
 def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
     """Give the functions that run after construction."""
+    named: dict[str, list[ast.AST]] = {}
+    for name, function in chain.from_iterable(map(_named, nodes)):
+        named.setdefault(name, []).append(function)
+    known = {id(function) for function in chain(*named.values(), *map(_applied, nodes))}
+    named[""] = [node for node in nodes if isinstance(node, ast.Lambda) and id(node) not in known]
     hooks = {name for node in nodes if _is_hook(node) for name in _mentions(ast.walk(node))}
-    named: dict[str, list[_Function]] = {}
-    waiting: list[_Function] = []
-    for node in nodes:
-        if isinstance(node, ast.FunctionDef) and node.name not in _CONSTRUCTORS:
-            named.setdefault(node.name, []).append(node)
-            waiting += [node] if node.name == "forward" or node.name in hooks or is_special(node.name) else []
-    initialising = {id(function) for node in nodes for function in _applied(node)}
-    waiting += [node for node in nodes if isinstance(node, ast.Lambda) and id(node) not in initialising]
-    seen: set[int] = set()
-    while waiting:
-        function = waiting.pop()
-        if id(function) not in seen:
-            seen.add(id(function))
-            yield function
-            waiting += [other for name in _mentions(_own(function)) for other in named.get(name, ())]
+    reached = ["", "forward", *hooks, *filter(is_special, named)]
+    seen = {*reached}
+    for name in reached:  # grows while it is walked
+        for function in named.get(name, ()):
+            if isinstance(function, _Function):
+                yield function
+            new = _mentions(_own(function) if isinstance(function, _Function) else [function]) - seen
+            seen |= new
+            reached += sorted(new)
+
+
+def _named(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    """Give the functions that a node names, or the names to which it gives another one."""
+    match node:
+        case ast.FunctionDef(name=name) if name not in _CONSTRUCTORS:
+            yield name, node
+        case ast.Assign(targets=targets, value=ast.Lambda() | ast.Name() | ast.Attribute() as value):
+            for target in targets:
+                if isinstance(target, ast.Name | ast.Attribute):
+                    yield (target.id if isinstance(target, ast.Name) else target.attr), value
 
 
 def _applied(node: ast.AST) -> list[ast.Lambda]:
