@@ -21,6 +21,7 @@ from analysis.loading import Run
 from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
+from tacevo.summary import misreported
 
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
@@ -90,7 +91,8 @@ def costs_table(run: Run) -> Table:
 
 
 def gate_table(run: Run) -> Table:
-    """Show where first answers were turned away."""
+    """Show where first answers were turned away, and how many for misreporting themselves."""
+    stages = gate_stages(run)
     rows = tuple(
         (
             found.stage.value,
@@ -99,13 +101,14 @@ def gate_table(run: Run) -> Table:
             percent(found.left_share),
             ", ".join(f"{reason} {count}" for reason, count in found.reasons) or None,
         )
-        for found in gate_stages(run)
+        for found in stages
     )
     return Table(
         name=f"gate_{run.task}",
         caption=f"Where the gate rejected first answers of {run.name}; the baseline is not an answer.",
         columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
+        notes=tuple(misreported(entry for stage in stages for entry in stage.reasons)),
     )
 
 

@@ -82,6 +82,11 @@ class Reason(StrEnum):
     forbidden_name = "forbidden_name"
     forbidden_construct = "forbidden_construct"
     too_complex = "too_complex"
+    # policy and probe: what makes a candidate misreport itself
+    redefines_module = "redefines_module"
+    changes_its_weights = "changes_its_weights"
+    changes_its_mode = "changes_its_mode"
+    hidden_parameters = "hidden_parameters"
     # probe and train: what happens when it runs
     construction_failed = "construction_failed"
     forward_failed = "forward_failed"
@@ -97,6 +102,10 @@ class Reason(StrEnum):
     out_of_memory = "out_of_memory"
     too_much_output = "too_much_output"
     crashed = "crashed"
+
+
+#: Reasons of candidates that are not what they say: their size, their mode or their optimiser is another.
+MISREPORTING = (Reason.redefines_module, Reason.changes_its_weights, Reason.changes_its_mode, Reason.hidden_parameters)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

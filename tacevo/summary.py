@@ -1,11 +1,11 @@
 """What a run found, in words and tables, from its ledger alone."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from tacevo.choices import ArchiveKind
 from tacevo.costs import Spending, in_words, total, usd
-from tacevo.records import Json, Stage
+from tacevo.records import MISREPORTING, Json, Stage
 
 #: How many elites the summary lists.
 TOP = 5
@@ -88,9 +88,24 @@ def _stages(lines: Collection[Mapping[str, Json]]) -> str:
         rows.append(
             [stage.value, str(sum(lost.values())), str(left), f"{left / len(answers):.1%}" if answers else "-", detail]
         )
-    return "## Gate\n\nOf first answers; the baseline is not an answer.\n\n" + table(
+    page = "## Gate\n\nOf first answers; the baseline is not an answer.\n\n" + table(
         ["stage", "rejected", "left", "of all", "reasons"], rows
     )
+    return "\n\n".join([page, *misreported((reason, count) for (_, reason), count in reasons.items())])
+
+
+def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
+    """Say how many first answers were rejected for misreporting themselves; nothing where there is none.
+
+    Args:
+        rejected: reasons and how many first answers each rejected; a reason may come once for each stage.
+    """
+    counts = {reason.value: 0 for reason in MISREPORTING}
+    for reason, count in rejected:
+        if reason in counts:
+            counts[reason] += count
+    found = ", ".join(f"{reason} {count}" for reason, count in counts.items() if count)
+    return [f"Rejected for misreporting themselves (docs/gate.md): {sum(counts.values())} ({found})."] if found else []
 
 
 def _first(line: Mapping[str, Json]) -> Mapping[str, Json]:

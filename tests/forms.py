@@ -70,7 +70,12 @@ def forms_of_answers() -> frozenset[str]:
 
 def forms_of_grammar() -> frozenset[str]:
     """Name every form that the grammar can write, by writing each choice of each of its records once."""
-    return frozenset().union(*(forms(render(network)) for network in _networks()))
+    return frozenset().union(*map(forms, sources_of_grammar()))
+
+
+def sources_of_grammar() -> Iterator[str]:
+    """Write each choice of each of the grammar's records once; each source defines a class `Net`."""
+    return map(render, _networks())
 
 
 def _networks() -> Iterator[Network]:

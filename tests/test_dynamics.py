@@ -120,6 +120,19 @@ def test_gate_counts_what_each_stage_leaves() -> None:
     assert gate_table(run(slots, [])).rows[2] == ("probe", 3, 1, Percent(0.2), "forward_failed 2, bad_output 1")
 
 
+def test_gate_table_counts_misreporting_candidates() -> None:
+    """The words are those of the summary; a run without any has no note."""
+    slots = [
+        trained(0, 0),
+        turned_away(1, 0, Stage.policy, Reason.changes_its_weights),
+        turned_away(1, 1, Stage.probe, Reason.changes_its_weights),
+        turned_away(1, 2, Stage.probe, Reason.crashed),
+    ]
+    (note,) = gate_table(run(slots, [])).notes
+    assert note == "Rejected for misreporting themselves (docs/gate.md): 2 (changes_its_weights 2)."
+    assert gate_table(two_generations()).notes == ()
+
+
 def test_gate_of_a_run_that_asked_nobody_has_no_shares() -> None:
     """There is nothing that could be left."""
     assert [(found.left, found.left_share) for found in gate_stages(run([trained(0, 0)], []))] == [(0, None)] * 4

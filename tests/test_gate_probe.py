@@ -137,8 +137,22 @@ GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
         pytest.param(Reason.no_gradient, candidate(f"return {GOOD}", "self.requires_grad_(False)"), id="frozen"),
         pytest.param(
             Reason.no_gradient,
-            candidate("return x.mean((2, 3)) + self.free", "self.free = torch.zeros(3, requires_grad=True)"),
-            id="gradient of no parameter",
+            candidate(
+                f"return {GOOD}",
+                "for p in self.parameters():\n"
+                "    p.register_post_accumulate_grad_hook(lambda p: setattr(p, 'grad', None))",
+            ),
+            id="gradients thrown away",
+        ),
+        pytest.param(
+            Reason.construction_failed,
+            candidate(f"return {GOOD}", "self.conv.weight = type('Few', (nn.Parameter,), {})(torch.zeros(4, 3, 3, 3))"),
+            id="parameter of its own class",
+        ),
+        pytest.param(
+            Reason.construction_failed,
+            VALID.replace("    def __init__", "    def __new__(cls, **_):\n        return 3\n\n    def __init__"),
+            id="number instead of a network",
         ),
         pytest.param(
             Reason.no_gradient,

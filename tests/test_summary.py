@@ -111,6 +111,22 @@ def test_gate_of_a_search_that_asked_nobody_has_no_rates() -> None:
     assert "| train   | 0        | 0    | -      | -       |" in page
 
 
+def test_misreporting_candidates_are_counted() -> None:
+    """All stages together, by reason, and first answers only; a run without any has no word of it."""
+    lines = [
+        trained("g00s00", "baseline", 0.5),
+        ended(0, trained=1, candidates=1, best=0.5, median=0.5),
+        rejected("g01s00", "policy", "redefines_module"),
+        rejected("g01s01", "probe", "hidden_parameters"),
+        rejected("g01s02", "probe", "redefines_module"),
+        rejected("g01s03", "probe", "bad_output"),
+        ended(1, trained=0, candidates=4, best=0.5, median=None),
+    ]
+    words = "Rejected for misreporting themselves (docs/gate.md): 3 (redefines_module 2, hidden_parameters 1)."
+    assert words in summarise(RUN, lines, ["g00s00"], {})
+    assert "misreporting" not in summarise(RUN, LINES, ["g01s00"], {})
+
+
 def test_run_without_a_generation_has_a_headline_only() -> None:
     """Before generation 0 is complete nothing was found, and the page says no more than what runs."""
     page = summarise(RUN, LINES[:2], [], {})

@@ -166,6 +166,49 @@ def test_failure_is_named(source: str, reason: Reason, detail: str) -> None:
     assert payload == b""
 
 
+SILENT = """
+    def parameters(self, recurse=True):
+        return iter([torch.nn.Parameter(torch.zeros(1))])
+
+    def named_parameters(self, *args, **kwargs):
+        return iter([])
+
+    def modules(self):
+        return iter([])
+
+    def train(self, mode=True):
+        return self
+
+    def eval(self):
+        return self
+
+    def to(self, *args, **kwargs):
+        return self
+
+    def state_dict(self, *args, **kwargs):
+        return {}
+"""
+
+
+def test_candidate_is_not_asked_what_it_is() -> None:
+    """What a class says of its parameters, mode and state changes no bit, down to the digest of its weights."""
+    source = net(construct="self.drop = nn.Dropout()", forward="return self.head(self.drop(x.flatten(1)))")
+    assert sent_by(source + SILENT) == sent_by(source)
+
+
+def test_forward_finds_no_gradient() -> None:
+    """A step's gradients are gone before the next forward pass, so that no candidate can step by them itself."""
+    assert sent_by(net(forward="assert self.head.weight.grad is None; return self.head(x.flatten(1))")) == sent_by(
+        net()
+    )
+
+
+def test_gradient_that_a_forward_leaves_is_dropped() -> None:
+    """Only the loss of the task is learnt by."""
+    forward = "y = self.head(x.flatten(1)); y.requires_grad and y.sum().backward(retain_graph=True); return y"
+    assert sent_by(net(forward=forward)) == sent_by(net())
+
+
 def test_patched_loss_changes_no_prediction() -> None:
     """A candidate that replaces the library's losses trains on the true one all the same."""
     patched = "for F.mse_loss in [lambda a, b: (a * 0).sum()]:\n    pass\n" + SOURCE

@@ -120,7 +120,25 @@ _ATTRIBUTES = """
     f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
 """
 
-_SPECIAL_METHODS = "__init__ __call__ __len__ __getitem__ __iter__ __next__ __repr__ __str__ __post_init__"
+_MODULE_NAMES = """
+    T_destination add_module apply bfloat16 buffers call_super_init children compile cpu cuda double dump_patches eval
+    float get_buffer get_extra_state get_parameter get_submodule half ipu load_state_dict modules mtia named_buffers
+    named_children named_modules named_parameters parameters register_backward_hook register_buffer
+    register_forward_hook register_forward_pre_hook register_full_backward_hook register_full_backward_pre_hook
+    register_load_state_dict_post_hook register_load_state_dict_pre_hook register_module register_parameter
+    register_state_dict_post_hook register_state_dict_pre_hook requires_grad_ set_extra_state set_submodule
+    share_memory state_dict to to_empty train training type xpu zero_grad
+    _apply _call_impl _compiled_call_impl _get_backward_hooks _get_backward_pre_hooks _get_name _load_from_state_dict
+    _maybe_warn_non_full_backward_hook _named_members _register_load_state_dict_pre_hook _register_state_dict_hook
+    _replicate_for_data_parallel _save_to_state_dict _slow_forward _version _wrapped_call_impl
+    _backward_hooks _backward_pre_hooks _buffers _forward_hooks _forward_hooks_always_called
+    _forward_hooks_with_kwargs _forward_pre_hooks _forward_pre_hooks_with_kwargs _is_full_backward_hook
+    _load_state_dict_post_hooks _load_state_dict_pre_hooks _modules _non_persistent_buffers_set _parameters
+    _state_dict_hooks _state_dict_pre_hooks
+    __call__ __class__ __delattr__ __dir__ __getattr__ __getstate__ __setattr__ __setstate__
+"""
+
+_SPECIAL_METHODS = "__init__ __len__ __getitem__ __iter__ __next__ __repr__ __str__ __post_init__"
 
 #: Built-in functions that run text, reach files or show the interpreter's insides.
 BUILTINS = frozenset(_BUILTINS.split())
@@ -137,8 +155,14 @@ ATTRIBUTES = frozenset(_ATTRIBUTES.split())
 #: Special methods that a candidate may define.
 SPECIAL_METHODS = frozenset(_SPECIAL_METHODS.split())
 
+#: What `nn.Module` and its objects define and a candidate may not; free are `__init__`, `forward` and what makes texts.
+MODULE_NAMES = frozenset(_MODULE_NAMES.split())
+
+#: Special names that it may bind in a class: TorchScript's list of constants does nothing here.
+SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
+
 #: Special names that it may read.
-SPECIAL_NAMES = SPECIAL_METHODS | {"__class__", "__name__"}
+SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
 
 
 def is_module(path: str) -> bool:

@@ -4,6 +4,7 @@ import ast
 import threading
 import warnings
 from dataclasses import dataclass
+from typing import Self
 
 from tacevo.records import Reason
 
@@ -19,6 +20,17 @@ class Problem:
     detail: str
     #: Line on which the parser gave up, from 1; 0 where there is none.
     line: int = 0
+
+    @classmethod
+    def at(cls, reason: Reason, node: ast.AST | int, detail: str) -> Self:
+        """Make a problem of a node or of a line number, which the detail then names."""
+        line = node if isinstance(node, int) else getattr(node, "lineno", 0)
+        return cls(reason, f"line {line}: {detail}", line)
+
+
+def is_special(name: str) -> bool:
+    """Say whether Python gives a name a meaning, e.g. `__init__`."""
+    return name.startswith("__") and name.endswith("__")
 
 
 def parse(text: str) -> ast.Module | Problem:

@@ -13,7 +13,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from tacevo.gate import allowed
-from tacevo.gate.parsing import Problem, parse
+from tacevo.gate.overrides import overrides
+from tacevo.gate.parsing import Problem, is_special, parse
+from tacevo.gate.weight_changes import weight_changes
 from tacevo.records import Contract, Reason, Rejection, Stage
 
 #: Deepest nesting of the syntax tree; honest networks stay below 30, and the compiler's own stack ends near 1000.
@@ -62,7 +64,12 @@ def _first_problem(source: str, tree: ast.Module, contract: Contract) -> Problem
         return Problem(Reason.too_complex, f"expected expressions nested at most {DEEPEST} deep; got more")
     nodes = [node for node, _ in found]
     scope = _scope(nodes)
-    problems = [*_problems_of_text(source), *(problem for node in nodes for problem in _problems_of(node, scope))]
+    problems = [
+        *_problems_of_text(source),
+        *(problem for node in nodes for problem in overrides(node)),
+        *(problem for node in nodes for problem in _problems_of(node, scope)),
+        *weight_changes(nodes, scope.imported),
+    ]
     classes = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
     if not problems and contract.class_name not in classes:
         return Problem(Reason.no_class, f"expected a class {contract.class_name} at the top level; got none")
@@ -84,12 +91,12 @@ def _problems_of_text(source: str) -> Iterator[Problem]:
     for number, line in enumerate(source.split("\n")[:2], start=1):
         cookie = _COOKIE.match(line)
         if cookie and cookie[1].lower().replace("_", "-") not in ("utf-8", "utf8", "ascii", "us-ascii"):
-            yield _problem(Reason.forbidden_construct, number, f"expected UTF-8 text; got the encoding {cookie[1]}")
+            yield Problem.at(Reason.forbidden_construct, number, f"expected UTF-8 text; got the encoding {cookie[1]}")
     try:
         for token in tokenize.generate_tokens(io.StringIO(source).readline):
             if token.type in (tokenize.NAME, tokenize.ERRORTOKEN) and not token.string.isascii():
                 detail = f"identifier {token.string!r} is not plain ASCII"
-                yield _problem(Reason.forbidden_construct, token.start[0], detail)
+                yield Problem.at(Reason.forbidden_construct, token.start[0], detail)
     except (tokenize.TokenError, SyntaxError) as error:
         yield Problem(Reason.syntax, f"the text parses, but cannot be cut into tokens: {error.args[0]}")
 
@@ -154,20 +161,20 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
         case ast.Call():
             yield from _problems_of_call(node, scope)
         case ast.Constant(value=str(text)) if _TEMPLATE.search(text):
-            yield _problem(Reason.forbidden_name, node, "a format template may not read special attributes")
+            yield Problem.at(Reason.forbidden_name, node, "a format template may not read special attributes")
         case ast.FunctionDef(name=name):
-            if _is_special(name) and name not in allowed.SPECIAL_METHODS:
+            if is_special(name) and name not in allowed.SPECIAL_METHODS:
                 methods = ", ".join(sorted(allowed.SPECIAL_METHODS))
-                yield _problem(Reason.forbidden_construct, node, f"method {name} may not be defined; only {methods}")
+                yield Problem.at(Reason.forbidden_construct, node, f"method {name} may not be defined; only {methods}")
             yield from _problems_of_binding(node, name, scope)
         case ast.ClassDef(name=name):
             if node.keywords:
-                yield _problem(Reason.forbidden_construct, node, f"class {name} may have bases only, no keywords")
+                yield Problem.at(Reason.forbidden_construct, node, f"class {name} may have bases only, no keywords")
             yield from _problems_of_binding(node, name, scope)
         case ast.arg(arg=name) | ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
             yield from _problems_of_binding(node, name, scope)
         case _ if type(node) in _REFUSED:
-            yield _problem(Reason.forbidden_construct, node, _REFUSED[type(node)])
+            yield Problem.at(Reason.forbidden_construct, node, _REFUSED[type(node)])
 
 
 def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Iterator[Problem]:
@@ -178,9 +185,9 @@ def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Ite
         is_member = isinstance(node, ast.ImportFrom) and allowed.is_module(module) and allowed.is_allowed(module, last)
         if not (is_member or allowed.is_module(wanted)):
             detail = f"{wanted} may not be imported; allowed is what a network needs of {allowed.IMPORTABLE}"
-            yield _problem(Reason.forbidden_import, node, detail)
+            yield Problem.at(Reason.forbidden_import, node, detail)
         elif scope.modules.get(name, path) != path:
-            yield _problem(Reason.forbidden_construct, node, f"{name} means {scope.modules[name]}, not {path}")
+            yield Problem.at(Reason.forbidden_construct, node, f"{name} means {scope.modules[name]}, not {path}")
 
 
 def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
@@ -188,53 +195,53 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
     name = node.id
     if not isinstance(node.ctx, ast.Load):
         yield from _problems_of_binding(node, name, scope)
-    elif name in allowed.BUILTINS or (_is_special(name) and name not in allowed.SPECIAL_NAMES):
-        yield _problem(Reason.forbidden_name, node, f"{name} may not be used in a network")
+    elif name in allowed.BUILTINS or (is_special(name) and name not in allowed.SPECIAL_NAMES):
+        yield Problem.at(Reason.forbidden_name, node, f"{name} may not be used in a network")
     elif name in allowed.UNSTABLE and name not in scope.defined:
         detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
-        yield _problem(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
+        yield Problem.at(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
     elif name in allowed.CALLED_ONLY and id(node) not in scope.called:
-        yield _problem(Reason.forbidden_name, node, f"{name} may be called, but not passed around")
+        yield Problem.at(Reason.forbidden_name, node, f"{name} may be called, but not passed around")
     elif name in scope.modules and id(node) not in scope.bases:
-        yield _problem(Reason.forbidden_name, node, f"module {name} may only be used as {name}.something")
+        yield Problem.at(Reason.forbidden_name, node, f"module {name} may only be used as {name}.something")
 
 
 def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Problem]:
     """Find names of modules that come to mean something else."""
     if name in scope.modules:
         detail = f"{name} is the module {scope.modules[name]}; choose another name"
-        yield _problem(Reason.forbidden_construct, node, detail)
+        yield Problem.at(Reason.forbidden_construct, node, detail)
 
 
 def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Problem]:
     """Find attributes that lead out of the network, and changes to what was imported."""
     yield from _problems_of_attribute_name(node, node.attr)
     if not isinstance(node.ctx, ast.Load) and _root(node) in scope.imported:
-        yield _problem(Reason.forbidden_construct, node, f"{ast.unparse(node)} is not the network's to change")
+        yield Problem.at(Reason.forbidden_construct, node, f"{ast.unparse(node)} is not the network's to change")
     module = _module_of(node.value, scope)
     if module is None:
         return
     path = f"{module}.{node.attr}"
     if allowed.is_module(path):
         if id(node) not in scope.bases:
-            yield _problem(Reason.forbidden_name, node, f"module {path} may only be used as {path}.something")
+            yield Problem.at(Reason.forbidden_name, node, f"module {path} may only be used as {path}.something")
     elif not allowed.is_allowed(module, node.attr):
-        yield _problem(Reason.forbidden_name, node, f"{path} is not among the names allowed in {module}")
+        yield Problem.at(Reason.forbidden_name, node, f"{path} is not among the names allowed in {module}")
 
 
 def _problems_of_attribute_name(node: ast.AST, name: str) -> Iterator[Problem]:
     """Find attribute names that are forbidden whatever they are taken of."""
-    if name in allowed.ATTRIBUTES or (_is_special(name) and name not in allowed.SPECIAL_NAMES):
-        yield _problem(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
+    if name in allowed.ATTRIBUTES or (is_special(name) and name not in allowed.SPECIAL_NAMES):
+        yield Problem.at(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
 
 
 def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
     """Find calls of `input`, which is a fine name for an argument, and attributes that are named by a string."""
     function = node.func.id if isinstance(node.func, ast.Name) else ""
     if function == "input":
-        yield _problem(Reason.forbidden_name, node, "input may not be called in a network")
+        yield Problem.at(Reason.forbidden_name, node, "input may not be called in a network")
     if function in ("setattr", "delattr") and node.args and _root(node.args[0]) in scope.imported:
-        yield _problem(Reason.forbidden_construct, node, f"{function} may not change what was imported")
+        yield Problem.at(Reason.forbidden_construct, node, f"{function} may not change what was imported")
     match node.args:
         case [_, ast.Constant(value=str(name)), *_] if function in allowed.CALLED_ONLY:
             yield from _problems_of_attribute_name(node, name)
@@ -256,13 +263,3 @@ def _root(node: ast.AST) -> str | None:
     while isinstance(node, ast.Attribute | ast.Subscript):
         node = node.value
     return node.id if isinstance(node, ast.Name) else None
-
-
-def _is_special(name: str) -> bool:
-    return name.startswith("__") and name.endswith("__")
-
-
-def _problem(reason: Reason, node: ast.AST | int, detail: str) -> Problem:
-    """Make a problem of a node or of a line number."""
-    line = node if isinstance(node, int) else getattr(node, "lineno", 0)
-    return Problem(reason, f"line {line}: {detail}", line)

@@ -15,12 +15,14 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import cross_entropy, mse_loss
 from torch.utils.flop_counter import FlopCounterMode
 
+from tacevo.gate.honesty import check_leaves, check_names, unchanged
 from tacevo.gate.portability import watching_portability
 from tacevo.gate.trace import Trace, trace
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.network import modules, parameters
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
 BATCHES = (2, 5)
@@ -57,7 +59,7 @@ def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[
     images, targets = _examples(contract)
     few, many = BATCHES
     model = _built(source, contract, built)
-    modules, parameters = _sizes(model, limits)
+    count, weights = _sizes(model, limits)
     first = _training_step(model, images[:few], targets[:few], contract)
     flops, traced = _measured(model, images[:1], contract, limits)
     _training_step(model, images[:many], targets[:many], contract)
@@ -65,9 +67,9 @@ def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[
     if _training_step(again, images[:few], targets[:few], contract) != first:
         raise CandidateError(Reason.nondeterministic, "two constructions and steps with one seed gave different bits")
     return Profile(
-        parameters=parameters,
+        parameters=weights,
         flops=flops,
-        modules=modules,
+        modules=count,
         graph=traced.graph,
         steps=traced.steps,
         output=traced.ends,
@@ -95,24 +97,30 @@ def _built(source: str, contract: Contract, built: list[nn.Module]) -> nn.Module
 def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
     """Count modules and parameters, stopping at the limits; walking a million modules takes minutes."""
     with blaming(Reason.construction_failed):
-        modules = sum(1 for _ in islice(model.modules(), limits["modules"] + 1))
-        if modules > limits["modules"]:
+        count = sum(1 for _ in islice(modules(model), limits["modules"] + 1))
+        if count > limits["modules"]:
             raise CandidateError(Reason.too_many_modules, f"expected at most {limits['modules']} modules; got more")
-        parameters = sum(parameter.numel() for parameter in model.parameters())
-        if parameters > limits["parameters"]:
+        check_names(model)
+        weights = sum(Tensor.numel(parameter) for parameter in parameters(model))
+        if weights > limits["parameters"]:
             raise CandidateError(
-                Reason.too_many_parameters, f"expected at most {limits['parameters']} parameters; got {parameters}"
+                Reason.too_many_parameters, f"expected at most {limits['parameters']} parameters; got {weights}"
             )
-        if parameters == 0:
+        if weights == 0:
             raise CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
-    return modules, parameters
+    return count, weights
 
 
 def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict[str, int]) -> tuple[int, Trace]:
     """Count the FLOPs of one image in eval mode and trace it, in one pass."""
     counter = FlopCounterMode(display=False)
     # The counter knows matrix products but not the fused attention kernel of the CPU, which it takes for free.
-    with blaming(Reason.forward_failed), sdpa_kernel(SDPBackend.MATH), counter:
+    with (
+        unchanged(model, training=False),
+        blaming(Reason.forward_failed),
+        sdpa_kernel(SDPBackend.MATH),
+        counter,
+    ):
         traced = trace(model, images)
     _check_output(traced.output, len(images), contract)
     flops = counter.get_total_flops()
@@ -127,21 +135,22 @@ def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict
 def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:
     """Take one optimiser step and check it; return the bits of the output and a hash of the weights it left."""
     torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, whatever ran between
-    model.train()
-    with blaming(Reason.forward_failed):
+    with unchanged(model, training=True) as listed, blaming(Reason.forward_failed):
         output = model(images)
     _check_output(output, len(images), contract)
     if not output.requires_grad:
         raise CandidateError(Reason.no_gradient, "the output depends on no trainable parameter")
+    check_leaves(output, listed)
     with blaming(Reason.backward_failed):
-        loss = mse_loss(output, targets) if contract.loss is Loss.mse else cross_entropy(output, targets)
-        optimiser = torch.optim.Adam(model.parameters(), lr=_LEARNING_RATE, fused=True)
-        torch.autograd.backward(loss)
-        if all(parameter.grad is None for parameter in model.parameters()):
+        with unchanged(model, training=True):
+            loss = mse_loss(output, targets) if contract.loss is Loss.mse else cross_entropy(output, targets)
+            optimiser = torch.optim.Adam(listed, lr=_LEARNING_RATE, fused=True)
+            torch.autograd.backward(loss)
+        if all(parameter.grad is None for parameter in listed):
             raise CandidateError(Reason.no_gradient, "after backward no parameter has a gradient")
         optimiser.step()
         optimiser.zero_grad()
-        if not all(torch.isfinite(parameter).all() for parameter in model.parameters()):
+        if not all(torch.isfinite(parameter).all() for parameter in listed):
             raise CandidateError(Reason.not_finite, "weights are not finite after one training step")
         return output.detach().numpy().tobytes(), digest(model)
 

@@ -21,6 +21,7 @@ from torch.overrides import TorchFunctionMode
 from tacevo.gate.operations import CONVOLUTIONS, WEIGHTED, is_factory, is_transparent, operation
 from tacevo.gate.steps import Settings, StepRecorder, of_call, of_layer
 from tacevo.records import Graph, Node, Step
+from tacevo.sandbox.network import parameters, switch
 
 #: Modules of torch.nn that only call others; every other class of torch.nn is one layer.
 _CONTAINERS = (
@@ -56,7 +57,7 @@ def trace(model: nn.Module, images: Tensor) -> Trace:
     Raises:
         Exception: whatever the network raises.
     """
-    model.eval()
+    switch(model, training=False)
     recorder = _Recorder(model, images)
     with torch.no_grad(), recorder.watching_layers(), recorder:
         output = model(images)
@@ -76,7 +77,7 @@ class _Recorder(TorchFunctionMode):
         # Keyed by id: a tensor defines == element by element. `_alive` keeps the ids from being used again.
         self._alive: list[Tensor] = [images]
         self._producers: dict[int, frozenset[int]] = {id(images): frozenset()}
-        self._parameters = {id(parameter): id(parameter) for parameter in model.parameters()}
+        self._parameters = {id(parameter): id(parameter) for parameter in parameters(model)}
         self._convolutions: dict[int, tuple[int, float]] = {}
         self._linears: dict[int, int] = {}
         self._last_linear: int | None = None

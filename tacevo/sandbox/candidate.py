@@ -18,11 +18,13 @@ import torch._dynamo  # the first optimiser would import it: a second for each c
 from torch import nn
 
 from tacevo.records import Contract, Reason
+from tacevo.sandbox.network import state
 from tacevo.sandbox.text import describe
 
 torch.zeros(1).half()  # torch reads what the CPU can do from a file, when first needed; no candidate could
 
-_NAME = "candidate"
+#: Name of the module that a candidate's text makes, which its classes bear.
+NAME = "candidate"
 
 
 class CandidateError(Exception):
@@ -45,21 +47,24 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
         seed: for `torch.manual_seed`.
 
     Raises:
-        TypeError: the source does not define such a class, or it is no `nn.Module`.
+        TypeError: the source does not define such a class, or it or what it makes is not an `nn.Module`.
         Exception: whatever the source raises.
     """
-    module = ModuleType(_NAME)
-    sys.modules[_NAME] = module  # where dataclasses and type hints look their names up
+    module = ModuleType(NAME)
+    sys.modules[NAME] = module  # where dataclasses and type hints look their names up
     module.__dict__.update(torch=torch, nn=nn, F=nn.functional, math=math)
     torch.set_deterministic_debug_mode("error")  # as use_deterministic_algorithms(True), without importing a compiler
     torch.manual_seed(seed)
-    exec(compile(source, f"<{_NAME}>", "exec"), module.__dict__)
+    exec(compile(source, f"<{NAME}>", "exec"), module.__dict__)
     made = module.__dict__.get(contract.class_name)
     if not (isinstance(made, type) and issubclass(made, nn.Module)):
         raise TypeError(f"expected a class {contract.class_name} that extends nn.Module; got {type(made).__name__}")
     offered = {"in_channels": contract.in_channels, contract.output_argument: contract.outputs}
     parameters = inspect.signature(made).parameters
-    return made(**{name: value for name, value in offered.items() if name in parameters})
+    network: nn.Module = made(**{name: value for name, value in offered.items() if name in parameters})
+    if not issubclass(type(network), nn.Module):
+        raise TypeError(f"expected {contract.class_name}() to be an nn.Module; got {type(network).__name__}")
+    return network
 
 
 def standardise(images: np.ndarray[Any, Any], mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:
@@ -106,11 +111,11 @@ def blaming(reason: Reason) -> Iterator[None]:
 
 
 def digest(model: nn.Module) -> str:
-    """Hash every weight and buffer with its name, type and shape: 64 hex digits of SHA-256."""
+    """Hash every weight and persistent buffer with its name, type and shape: 64 hex digits of SHA-256."""
     total = hashlib.sha256()
-    for name, value in sorted(model.state_dict().items()):
+    for name, value in sorted(state(model).items()):
         total.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
-        total.update(value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
+        total.update(torch.Tensor.detach(value).cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
     return total.hexdigest()
 
 

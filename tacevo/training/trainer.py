@@ -1,7 +1,8 @@
 """The training of one candidate, inside its sandbox: the entry `run`.
 
 It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
-validation labels never come here, so a candidate cannot know how well it does. In the full training of a study the
+validation labels never come here, so a candidate cannot know how well it does. Weights are listed, switched and
+saved without asking the candidate (`tacevo.sandbox.network`). In the full training of a study the
 test images are a second group of images to predict, as unlabelled as those. Nothing that leaves here is trusted: the
 candidate shares this process.
 """
@@ -19,6 +20,7 @@ from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.network import parameters, switch
 from tacevo.training.determinism import noting_nondeterminism
 
 
@@ -91,9 +93,9 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
 def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; give the trained network."""
     with blaming(Reason.construction_failed):
-        model = build(job.source, job.contract, job.seed).to(job.device)
+        model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
         # Fused always: the other form takes its square root from a library whose last bit depends on the CPU.
-        optimiser = torch.optim.Adam(model.parameters(), job.recipe.learning_rate, fused=True)
+        optimiser = torch.optim.Adam(parameters(model), job.recipe.learning_rate, fused=True)
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
             train_loss = _epoch(job, model, optimiser, epoch)
@@ -116,7 +118,7 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
 
 def _epoch(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, epoch: int) -> float:
     """Train on every batch of one epoch; give the mean of the batch losses."""
-    model.train()
+    switch(model, training=True)
     losses = [
         _step(job, model, optimiser, positions)
         for positions in batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
@@ -132,15 +134,16 @@ def _step(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, positions: N
         value = float(loss.detach())
         if not math.isfinite(value):
             raise CandidateError(Reason.not_finite, f"expected a finite training loss; got {value}")
-        optimiser.zero_grad()
+        optimiser.zero_grad()  # what a forward left there
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
+        optimiser.zero_grad()  # so that no forward finds a gradient that it could step by
     return value
 
 
 def _predict(job: _Job, model: nn.Module) -> bytes:
     """Predict the images of every group, in batches of the training's size; float32, row-major."""
-    model.eval()
+    switch(model, training=False)
     size = job.recipe.batch_size
     with torch.no_grad():
         parts = [_forward(job, model, rows[i : i + size]) for rows in job.predicted for i in range(0, len(rows), size)]

@@ -1,0 +1,85 @@
+"""A network's parts, listed, switched and saved without asking the network (child side).
+
+A candidate's class may give any meaning to `parameters`, `train` or `state_dict`. These functions read the dictionaries
+that `nn.Module` keeps for each module, call nothing of the candidate's, and answer as the methods of an honest network
+do, in the same order.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from torch import Tensor, nn
+
+_ATTRIBUTES = vars(nn.Module)["__dict__"]  # taken before any candidate runs; a class may define its own `__dict__`
+
+
+def attributes(module: nn.Module) -> dict[str, Any]:
+    """Return the attributes of one module as it stores them.
+
+    Raises:
+        TypeError: it is not a module.
+    """
+    own: dict[str, Any] = _ATTRIBUTES.__get__(module)
+    return own
+
+
+def modules(network: nn.Module) -> Iterator[nn.Module]:
+    """Walk the network and all modules below it, each once, parents first, as `nn.Module.modules` does.
+
+    Raises:
+        KeyError, TypeError: a module does not hold what `nn.Module` makes it hold.
+    """
+    seen: set[int] = set()
+    waiting = [network]
+    while waiting:
+        module = waiting.pop()
+        if id(module) not in seen:
+            seen.add(id(module))
+            yield module
+            waiting += [child for _, child in reversed(_held(module, "_modules"))]
+
+
+def parameters(network: nn.Module) -> list[nn.Parameter]:
+    """List the parameters, each once, as `nn.Module.parameters` does.
+
+    Raises:
+        KeyError, TypeError: as `modules`; a parameter of another class could misreport itself.
+    """
+    found: dict[int, nn.Parameter] = {}
+    for module in modules(network):
+        for name, parameter in _held(module, "_parameters"):
+            if type(parameter) is not nn.Parameter:
+                raise TypeError(f"expected {name} to be an nn.Parameter; got {type(parameter).__name__}")
+            found.setdefault(id(parameter), parameter)
+    return list(found.values())
+
+
+def state(network: nn.Module) -> dict[str, Tensor]:
+    """Return parameters and persistent buffers by their names, as `nn.Module.state_dict` does.
+
+    Raises:
+        KeyError, TypeError: as `modules`.
+        RecursionError: a module holds itself.
+    """
+    return dict(_state(network, ""))
+
+
+def switch(network: nn.Module, *, training: bool) -> None:
+    """Put every module into training or evaluation mode, as `nn.Module.train` does; raises as `modules` does."""
+    for module in modules(network):
+        attributes(module)["training"] = training
+
+
+def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:
+    transient = attributes(module)["_non_persistent_buffers_set"]
+    yield from ((prefix + name, value) for name, value in _held(module, "_parameters"))
+    buffers = _held(module, "_buffers")
+    yield from ((prefix + name, value) for name, value in buffers if not set.__contains__(transient, name))
+    for name, child in _held(module, "_modules"):
+        yield from _state(child, f"{prefix}{name}.")
+
+
+def _held(module: nn.Module, kind: str) -> list[tuple[str, Any]]:
+    """List what a module holds of a kind; what it was told to hold as None is left out."""
+    entries = dict.items(attributes(module)[kind])  # not `.items()`, which a subclass of dict could define
+    return [(name, value) for name, value in entries if value is not None]

@@ -1,0 +1,130 @@
+"""Promise: a candidate that misreports itself is rejected with its reason, by its text or, past that, by the probe.
+
+What looks alike and is honest is admitted.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+import torch
+from forms import sources_of_grammar
+from gate_cases import VALID, candidate, contract
+from honest_sources import HONEST
+from lying_sources import GOOD, LIES, RETURN, Lie
+
+from tacevo.gate import allowed
+from tacevo.gate.honesty import check_leaves, unchanged
+from tacevo.gate.policy import check
+from tacevo.gate.probe import run
+from tacevo.records import MISREPORTING, Json, Reason, to_json
+
+LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
+
+
+@pytest.fixture(autouse=True)
+def _torch_settings() -> Iterator[None]:
+    """Undo what the probe sets for the whole process, because here it does not end with it."""
+    deterministic = torch.are_deterministic_algorithms_enabled()
+    with torch.random.fork_rng(devices=[]):
+        yield
+    torch.use_deterministic_algorithms(deterministic)
+
+
+def probed(source: str) -> Json:
+    """Probe a source whatever the policy says of it; return what is sent."""
+    frames: list[Json] = []
+    header = {"source": source, "contract": to_json(contract()), "limits": LIMITS}
+    run(header, b"", {}, lambda frame, _: frames.append(frame))
+    (answer,) = frames
+    return answer
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
+def test_lie_that_stands_in_the_text_is_refused_by_the_policy(lie: Lie) -> None:
+    """Each form of definition, assignment and change has its reason and its line; only text that hides it passes."""
+    rejection = check(lie.source, contract())
+    if lie.policy is None:
+        assert rejection is None
+    else:
+        assert rejection is not None
+        assert rejection.reason is lie.policy, rejection
+        assert rejection.detail.startswith("line ")
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
+def test_lie_past_the_policy_is_seen_by_the_probe(lie: Lie) -> None:
+    """The probe asks the candidate nothing, so it needs no text to see what the candidate does."""
+    answer = probed(lie.source)
+    reason = Reason(answer["rejection"]["reason"]) if "rejection" in answer else None
+    assert reason is lie.probe, answer
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
+def test_no_lie_is_admitted(lie: Lie) -> None:
+    """Whatever one of the two does not see, the other does."""
+    assert lie.policy or lie.probe
+
+
+@pytest.mark.parametrize("source", HONEST.values(), ids=HONEST.keys())
+def test_honest_candidate_is_admitted(source: str) -> None:
+    """Initialisation, buffers, activations in place and reading the mode are what networks do."""
+    assert check(source, contract()) is None
+    assert "profile" in probed(source), probed(source)
+
+
+def test_grammar_is_honest() -> None:
+    """Whatever the grammar provider can write passes the policy."""
+    task = replace(contract(), class_name="Net")
+    assert [check(source, task) for source in sources_of_grammar()] == [None] * len([*sources_of_grammar()])
+
+
+def test_list_of_names_is_that_of_torch() -> None:
+    """The policy does not import torch, so its list is compared with the class: a new release may add names."""
+    names = {*dir(torch.nn.Module), *vars(torch.nn.Module())} - {"forward", "extra_repr"}
+    special = {
+        name for name in vars(torch.nn.Module) if name.startswith("__") and callable(vars(torch.nn.Module)[name])
+    }
+    plain = {name for name in names if not name.startswith("__")}
+    assert plain | special - {"__init__", "__repr__"} | {"__class__"} == allowed.MODULE_NAMES
+
+
+def test_network_that_waits_is_not_seen() -> None:
+    """What the text hides and the probe's passes do not show is admitted; docs/security.md says so."""
+    patient = candidate(
+        f"self.calls += 1\nif self.calls > 9:\n    getattr(self.conv.weight, 'da' + 'ta').neg_()\n{RETURN}",
+        "self.calls = 0",
+    )
+    assert check(patient, contract()) is None
+    assert "profile" in probed(patient)
+
+
+def test_frozen_weights_outside_are_not_counted() -> None:
+    """What does not learn is no parameter, wherever it is kept; docs/security.md says so."""
+    frozen = candidate(f"return {GOOD} @ self.mix", "self.mix = torch.randn(3, 3)")
+    assert check(frozen, contract()) is None
+    assert probed(frozen)["profile"]["parameters"] == probed(VALID)["profile"]["parameters"]
+
+
+def test_weights_that_are_not_finite_are_the_same_weights() -> None:
+    """Bits are compared, not values, and NaN is not equal to itself."""
+    network = torch.nn.Linear(2, 2)
+    torch.nn.init.constant_(network.weight, torch.nan)
+    with unchanged(network, training=True) as listed:
+        pass
+    assert [*map(id, listed)] == [id(network.weight), id(network.bias)]
+
+
+def test_leaves_are_found_in_a_deep_graph() -> None:
+    """The graph is walked without recursion, each node once, however often paths join."""
+    weight = torch.nn.Parameter(torch.ones(1))
+    value = weight * 1
+    for _ in range(3_000):
+        value = value + value
+    check_leaves(value, [weight])
+
+
+def test_reasons_are_those_that_a_report_counts() -> None:
+    """Every lie has a reason that summary and report count as misreporting, or one that the policy had before."""
+    found = {lie.policy for lie in LIES.values()} | {lie.probe for lie in LIES.values()}
+    assert set(MISREPORTING) == found - {None, Reason.forbidden_construct, Reason.construction_failed}
