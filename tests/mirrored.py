@@ -158,7 +158,7 @@ def said_by(client: "MlflowClient", run: "Run") -> Any:
     }
     shown = ("tacevo.", "mlflow.source.")
     tags = {key: value for key, value in run.data.tags.items() if key.startswith(shown) and key not in KEYS}
-    data = [given.to_dictionary() for given in run.inputs.dataset_inputs]
+    data = [given.to_dictionary() for given in (run.inputs.dataset_inputs if run.inputs else ())]
     files = [file.path for file in client.list_artifacts(run.info.run_id)]
     return run.info.run_name, run.info.status, run.data.params, tags, histories, [*files, *data]
 

@@ -27,10 +27,12 @@ def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
     mirror_once(tmp_path / "run", uri)
     mirror_once(tmp_path / "run", uri)
     client, search, _ = open_store(uri)
-    (given,) = client.get_run(search.info.run_id).inputs.dataset_inputs
-    assert [(tag.key, tag.value) for tag in given.tags] == [("mlflow.data.context", "training")]
-    assert (given.dataset.name, given.dataset.digest) == ("force (simulated)", DATA["fingerprint"][:36])
-    profile = json.loads(given.dataset.profile)
+    inputs = client.get_run(search.info.run_id).inputs
+    assert inputs is not None
+    (given,) = (each.to_dictionary() for each in inputs.dataset_inputs)
+    assert given["tags"] == {"mlflow.data.context": "training"}
+    assert (given["dataset"]["name"], given["dataset"]["digest"]) == ("force (simulated)", DATA["fingerprint"][:36])
+    profile = json.loads(given["dataset"]["profile"])
     assert (profile["num_rows"], profile["fingerprint"]) == (100, DATA["fingerprint"])
     digest = DATA["fingerprint"][:36]
     assert len(client.search_runs([search.info.experiment_id], f"dataset.digest = '{digest}'")) == 1
