@@ -14,6 +14,7 @@ from ribs.archives import CVTArchive
 from rich.console import Console
 
 from benchmarks import confinement
+from benchmarks.commits import commits
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.replay import synthetic_replays
 from benchmarks.timing import medians, report
@@ -185,6 +186,7 @@ def main() -> None:
     """Print one line a figure."""
     for measure in (
         archive_insertions,
+        commits,
         candidate_processes,
         confinement.walls,
         confinement.training,

@@ -6,7 +6,7 @@ ablation puts in its place: the best networks, wherever they lie.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tacevo.growing import Growing
 from tacevo.randomness import derived_seed, stream
 
 #: Coordinates of a point, shape (d,).
@@ -195,8 +196,8 @@ class NetworkArchive:
     bounds: Bounds | None = None
     #: Bounds given by the config never move.
     fixed: bool = False
-    #: Every candidate offered so far, in order.
-    history: tuple[Placed, ...] = ()
+    #: Every candidate offered so far by its name, in order.
+    history: Growing[Placed] = field(default_factory=Growing)
 
     def offer(self, niches: Tessellation | Places, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
         """Offer a candidate.
@@ -208,7 +209,7 @@ class NetworkArchive:
             return self._offer_to_niche(niches, newcomer)
         place = niches.place_of(self.archive, newcomer.elite)
         archive, status = insert(self.archive, place, newcomer.elite)
-        return replace(self, archive=archive, history=(*self.history, newcomer)), place, status
+        return replace(self, archive=archive, history=self._with(newcomer)), place, status
 
     def _offer_to_niche(self, tessellation: Tessellation, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
         bounds = self.bounds or Bounds(low=newcomer.point, high=newcomer.point)
@@ -216,14 +217,16 @@ class NetworkArchive:
         if not self.fixed:
             bounds = bounds.covering(newcomer.point)
             if bounds != self.bounds:
-                archive = _rebuilt(tessellation, bounds, self.history)
+                archive = _rebuilt(tessellation, bounds, self.history.values())
         niche = tessellation.niche_of(bounds.normalise(newcomer.point))
         archive, status = insert(archive, niche, newcomer.elite)
-        grown = replace(self, archive=archive, bounds=bounds, history=(*self.history, newcomer))
-        return grown, niche, status
+        return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
+
+    def _with(self, newcomer: Placed) -> Growing[Placed]:
+        return self.history.adding(newcomer.elite.name, newcomer)
 
 
-def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: tuple[Placed, ...]) -> Archive:
+def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: Collection[Placed]) -> Archive:
     """Re-insert all candidates, in order, under other bounds."""
     archive = Archive()
     niches = tessellation.niches_of([bounds.normalise(placed.point) for placed in history])

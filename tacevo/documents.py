@@ -61,11 +61,11 @@ def _centroids(plan: Plan) -> list[list[float]]:
 
 
 def _elites(plan: Plan, state: SearchState) -> list[dict[str, Json]]:
-    points = {placed.elite.name: placed.point for placed in state.networks.history}
+    history = state.networks.history
     centroids = _centroids(plan)
 
     def written(niche: int, elite: Elite) -> dict[str, Json]:
         where: dict[str, Json] = {"niche": niche} | ({"centroid": centroids[niche]} if centroids else {})
-        return where | {"id": elite.name, "fitness": -elite.objective, "descriptors": list(points[elite.name])}
+        return where | {"id": elite.name, "fitness": -elite.objective, "descriptors": list(history[elite.name].point)}
 
     return [written(niche, elite) for niche, elite in sorted(state.networks.archive.elites.items())]

@@ -15,6 +15,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Protocol
 
 from tacevo.archive import (
@@ -33,6 +34,7 @@ from tacevo.choices import Axis, PromptPolicy, Scale, TemperatureRule
 from tacevo.descriptors import Descriptor, describe, scaled
 from tacevo.development import Attempt, Outcome, Tools, develop
 from tacevo.errors import ConfigError
+from tacevo.growing import Growing
 from tacevo.ledger import Ledger
 from tacevo.prompts import PromptArchive, Trial, curiosity
 from tacevo.proposals import Parent, Proposal, Settings, Task, plan_generation, plan_initial
@@ -72,8 +74,9 @@ class Candidate:
     id: str
     source: str
     fitness: float
-    #: Its own curiosity, and those of its mutation children.
-    curiosities: tuple[float, ...]
+    #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
+    curiosity: Fraction
+    curiosities: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +89,7 @@ class SearchState:
     networks: NetworkArchive
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
-    candidates: Mapping[str, Candidate] = field(default_factory=dict)
+    candidates: Growing[Candidate] = field(default_factory=Growing)
     #: f*_{g-1}: the archive's best fitness after the last closed generation.
     best: float = math.inf
 
@@ -330,21 +333,26 @@ def _point(descriptor: Descriptor, plan: Plan) -> Point:
     return tuple(values[axis] for axis in plan.axes)
 
 
-def _with_child(candidates: Mapping[str, Candidate], outcome: Outcome, score: float) -> dict[str, Candidate]:
+def _with_child(candidates: Growing[Candidate], outcome: Outcome, score: float) -> Growing[Candidate]:
     """Add a candidate, and tell its parents how curious it was."""
     proposal = outcome.proposal
     if outcome.admitted is None or isinstance(outcome.result, Rejection):
         raise ValueError(f"{proposal.id} was turned away and cannot be a parent")
+    exact = Fraction(score)
+    for name in proposal.parents if proposal.operator is Operator.mutation else ():
+        parent = candidates[name]
+        taught = replace(parent, curiosity=parent.curiosity + exact, curiosities=parent.curiosities + 1)
+        candidates = candidates.adding(name, taught)
     child = Candidate(
-        id=proposal.id, source=outcome.admitted.source, fitness=outcome.result.fitness, curiosities=(score,)
+        id=proposal.id,
+        source=outcome.admitted.source,
+        fitness=outcome.result.fitness,
+        curiosity=exact,
+        curiosities=1,
     )
-    parents = (
-        {} if proposal.operator is not Operator.mutation else {name: candidates[name] for name in proposal.parents}
-    )
-    taught = {name: replace(parent, curiosities=(*parent.curiosities, score)) for name, parent in parents.items()}
-    return {**candidates, **taught, child.id: child}
+    return candidates.adding(child.id, child)
 
 
 def _parent(candidate: Candidate) -> Parent:
-    mean = math.fsum(candidate.curiosities) / len(candidate.curiosities)
+    mean = float(candidate.curiosity) / candidate.curiosities  # the sum is rounded once, whatever the order
     return Parent(id=candidate.id, source=candidate.source, fitness=candidate.fitness, curiosity=mean)

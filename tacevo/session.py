@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.checkout import checked_out
 from tacevo.choices import Tracking
 from tacevo.composition import load_task, to_plain
 from tacevo.config import RunConfig
@@ -149,6 +150,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             **described,
             "versions": versions(),
             "machine": machine(),
+            "code": checked_out(),
             "confinement": [],  # nothing has been in force for anybody yet
             "digest": None,
             "pages": PAGES,

@@ -31,6 +31,7 @@ from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.rules import CURRENT, STUDY, Rules
 from tacevo.sandbox.client import Notice, Sandbox
 from tacevo.search import Plan
+from tacevo.standins import InPlace, refuse_to_run
 from tacevo.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
@@ -223,8 +224,8 @@ def open_tools(
         notice: told of what holds each candidate, before its answer is kept.
     """
     examples = None if data is None else _examples(data)
-    with _workers(config, data, notice) as (sandbox, executor):
-        fingerprint, run = facts.fingerprint, sandbox.run
+    with _workers(config, data, _mode_under(rules, mode), notice) as (run, executor):
+        fingerprint = facts.fingerprint
         yield build_tools(
             config, task, fingerprint, run, rules, executor=executor, examples=examples, mode=mode, seen=seen
         )
@@ -284,12 +285,10 @@ def open_trainer(config: RunConfig, task: Task, data: Dataset) -> Iterator[tuple
         task: the task.
         data: the data set.
     """
-    with _workers(config, data) as (sandbox, executor):
+    with _workers(config, data, Mode.live) as (run, executor):
         store = _store(config, "evaluations", Mode.live, seen=None)
         setting = _setting(config, task, data.facts.fingerprint)
-        evaluator = Evaluator(
-            run=sandbox.run, store=store, setting=setting, examples=_examples(data), rules=CURRENT.training
-        )
+        evaluator = Evaluator(run=run, store=store, setting=setting, examples=_examples(data), rules=CURRENT.training)
         seed = derived_seed(config.seed, "training")
         yield lambda source: evaluator.retrain(source, seed), executor
 
@@ -316,25 +315,30 @@ def open_studies(
         rules: number of the full trainings; with another than the current one, the store only replays.
         seen: told of every store entry that is read.
     """
-    with _workers(config, data) as (sandbox, executor):
+    if rules != STUDY:
+        mode = Mode.replay
+    with _workers(config, data, mode) as (run, executor):
         setting = _setting(config, task, facts.fingerprint)
-        store = _store(config, "studies", mode if rules == STUDY else Mode.replay, seen)
+        store = _store(config, "studies", mode, seen)
         examples = None if data is None else (_examples(data), _held_out(data))
-        yield FullEvaluator(run=sandbox.run, store=store, setting=setting, examples=examples, rules=rules), executor
+        yield FullEvaluator(run=run, store=store, setting=setting, examples=examples, rules=rules), executor
 
 
 @contextlib.contextmanager
 def open_gate(config: RunConfig, contract: Contract, mode: Mode) -> Iterator[tuple[Callable[[Rules], Gate], Executor]]:
     """Open the gate of a task alone, under any rules, with the threads of its run; a process starts with a probe."""
-    with _workers(config, None) as (sandbox, executor):
-        yield lambda rules: build_gate(config, contract, sandbox.run, mode, rules), executor
+    with _workers(config, None, mode) as (run, executor):
+        yield lambda rules: build_gate(config, contract, run, mode, rules), executor
 
 
 @contextlib.contextmanager
 def _workers(
-    config: RunConfig, data: Dataset | None, notice: Notice | None = None
-) -> Iterator[tuple[Sandbox, Executor]]:
-    """Open the sandbox, and the threads that wait for it."""
+    config: RunConfig, data: Dataset | None, mode: Mode, notice: Notice | None = None
+) -> Iterator[tuple[Run, Executor]]:
+    """Open the sandbox and the threads that wait for it; a replay has neither, so it works without a sandbox."""
+    if mode is Mode.replay:
+        yield refuse_to_run, InPlace()
+        return
     arrays = {} if data is None else {"images": data.images}
     with contextlib.ExitStack() as stack:
         executor = stack.enter_context(_executor(config.executor))
@@ -350,7 +354,7 @@ def _workers(
                 notice=notice,
             )
         )
-        yield sandbox, executor
+        yield sandbox.run, executor
 
 
 def _setting(config: RunConfig, task: Task, fingerprint: str) -> Setting:

@@ -80,6 +80,17 @@ GENERATION: dict[str, Json] = {
 }
 SECOND_GENERATION = {**GENERATION, "generation": 1, "candidates": 0, "trained": 0, "temperature": 0.65}
 SECOND_GENERATION |= {"generation_best": None, "generation_median": None}
+#: A data set of the sensor's forces, and a commit, as run.json has them.
+DATA: dict[str, Json] = {
+    "fingerprint": "0123456789abcdef" * 4,
+    "kind": "regression",
+    "counts": [60, 20, 20],
+    "in_channels": 3,
+    "image_size": 64,
+    "outputs": 3,
+    "names": ["Fx", "Fy", "Fz"],
+}
+CODE: dict[str, Json] = {"commit": "fedcba98" * 5, "dirty": False}
 ENTRIES = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
 
 
@@ -102,9 +113,10 @@ def write_facts(run_dir: Path, digest: str | None) -> None:
     config: dict[str, Json] = {
         "seed": 0,
         "llm": {"model": "m", "base_url": None},
+        "data": {"source": "simulated", "root": None},
         "tracking": {"kind": "none", "uri": "", "experiment": "tacevo"},
     }
-    facts = {"schema": 1, "name": run_dir.name, "config": config, "digest": digest}
+    facts = {"schema": 1, "name": run_dir.name, "config": config, "data": DATA, "code": CODE, "digest": digest}
     write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
 
 
@@ -144,9 +156,11 @@ def said_by(client: "MlflowClient", run: "Run") -> Any:
         key: [(point.step, point.value) for point in client.get_metric_history(run.info.run_id, key)]
         for key in run.data.metrics
     }
-    tags = {key: value for key, value in run.data.tags.items() if key.startswith("tacevo.") and key not in KEYS}
+    shown = ("tacevo.", "mlflow.source.")
+    tags = {key: value for key, value in run.data.tags.items() if key.startswith(shown) and key not in KEYS}
+    data = [given.to_dictionary() for given in (run.inputs.dataset_inputs if run.inputs else ())]
     files = [file.path for file in client.list_artifacts(run.info.run_id)]
-    return run.info.run_name, run.info.status, run.data.params, tags, histories, files
+    return run.info.run_name, run.info.status, run.data.params, tags, histories, [*files, *data]
 
 
 def everything(uri: str) -> dict[tuple[str, ...], Any]:

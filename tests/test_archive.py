@@ -221,3 +221,18 @@ def test_place_of_nan_is_refused() -> None:
     """A newcomer that can be compared with nothing is refused by places as by niches."""
     with pytest.raises(ValueError, match="the objective of 1 must be a number; got nan"):
         kept_after(1, math.nan)
+
+
+@given(st.lists(st.tuples(UNIT, UNIT, st.integers(-3, 3)), min_size=1, max_size=25))
+def test_old_network_archives_stay_what_they_were(offers: list[tuple[float, float, int]]) -> None:
+    """Each remembers the candidates offered to it, also when later ones moved the bounds."""
+    states = [NetworkArchive()]
+    for index, (x, y, objective) in enumerate(offers):
+        networks, _, _ = states[-1].offer(QUARTERS, placed(str(index), objective, (x, y)))
+        states.append(networks)
+    expected = [placed(str(index), objective, (x, y)) for index, (x, y, objective) in enumerate(offers)]
+    for count, state in enumerate(states):
+        assert list(state.history.values()) == expected[:count]
+    branch, _, _ = states[1].offer(QUARTERS, placed("other", 0, (0.5, 0.5)))
+    assert list(branch.history) == ["0", "other"]
+    assert list(states[-1].history) == [str(index) for index in range(len(offers))]

@@ -2,11 +2,13 @@
 
 import json
 import shutil
+import threading
 from pathlib import Path
 
 import pytest
 
 from tacevo.app import main
+from tacevo.sandbox.client import Sandbox
 
 
 @pytest.fixture
@@ -14,6 +16,17 @@ def run(published: Path, tmp_path: Path) -> Path:
     """Give the folder of a run of one's own, with a study."""
     shutil.copytree(published / "run", tmp_path / "run")
     return tmp_path / "run"
+
+
+@pytest.fixture
+def without_sandbox(published: Path, swept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no sandbox and no thread be made; what is replayed has been recorded before."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a replay made a sandbox or a thread")
+
+    monkeypatch.setattr(Sandbox, "__init__", refuse)
+    monkeypatch.setattr(threading.Thread, "start", refuse)
 
 
 def refused(run: Path, words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -54,3 +67,21 @@ def test_unfinished_study_in_a_folder_is_passed_over(run: Path, capsys: pytest.C
     (study / "scores.jsonl").unlink()
     assert main(["replay", str(run)]) == 0
     assert f"study {study.name} is not finished and is passed over" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("recorded", ["run", "run.zip"])
+def test_replay_needs_neither_sandbox_nor_threads(
+    recorded: str, published: Path, without_sandbox: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run with its study is replayed, as a folder and as a bundle, where no sandbox can be made."""
+    assert main(["replay", str(published / recorded)]) == 0
+    assert "every score is as recorded" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("recorded", ["sweep", "sweep.zip"])
+def test_replay_of_a_sweep_needs_neither_sandbox_nor_threads(
+    recorded: str, swept: Path, without_sandbox: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So is a sweep."""
+    assert main(["replay", str(swept / recorded)]) == 0
+    assert "job " in capsys.readouterr().out

@@ -2,8 +2,10 @@
 
 import itertools
 import json
+import math
 import random
 import time
+import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -173,6 +175,38 @@ def test_curiosity_follows_the_insertion() -> None:
         if "fitness" in line:
             inserted = line["status"] != "rejected"
             assert line["curiosity"] == (1 + 1 / (1 + line["fitness"]) if inserted else 0.5)
+
+
+def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
+    """However often a candidate was a parent, its mean curiosity is that of the list of scores, to the last bit."""
+    _, recorder = run(fakes.plan(generations=20))
+    scores: dict[str, list[float]] = {}
+    for line in candidates(recorder):
+        if "fitness" in line:
+            taught = line["parents"] if line["operator"] == "mutation" else []
+            for name in (*taught, line["id"]):
+                scores.setdefault(name, []).append(line["curiosity"])
+    kept = recorder.states[-1].candidates
+    assert {name: float(found.curiosity) for name, found in kept.items()} == {
+        name: math.fsum(values) for name, values in scores.items()
+    }
+    assert {name: found.curiosities for name, found in kept.items()} == {n: len(v) for n, v in scores.items()}
+
+
+def test_states_share_what_they_have_in_common() -> None:
+    """Every state of a long search can be kept: one takes no copy of the candidates before it, and none changes."""
+    tracemalloc.start()
+    try:
+        _, recorder = run(fakes.plan(generations=150))
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    trained = 0
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        trained += "fitness" in line
+        assert (len(state.candidates), len(state.networks.history)) == (trained, trained)
+    assert trained > 500
+    assert kept < 8e6  # bytes; 4.5 million are kept here, and 12.8 million where every state has copies of its own
 
 
 def test_best_never_gets_worse_and_the_papers_temperature_only_rises() -> None:

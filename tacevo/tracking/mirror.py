@@ -13,6 +13,7 @@ from tacevo.costs import Spending, total
 from tacevo.records import Json
 from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
+from tacevo.tracking.datasets import data_set, source_tags
 from tacevo.tracking.entries import (
     Measure,
     candidate_measures,
@@ -64,11 +65,13 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             place,
             key=_key(run_dir, header, member),
             name=facts["name"],
+            source=source_tags(facts),
             ledger=frozenset(line["hash"] for line in follow(ledger, _at_once)),
         )
         if member is not None:
             nest(client, place, member, writer.tag)
         writer.write_params(config_params(facts["config"]))
+        writer.write_data(data_set(facts))
         last = header["hash"]
         sums = _Sums(run_dir)
         for line in lines:

@@ -6,12 +6,13 @@ the same time; `mirror` sees to that.
 """
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mlflow import MlflowClient
-from mlflow.entities import Run
+from mlflow.entities import Dataset, DatasetInput, InputTag, Run
 
+from tacevo.tracking.datasets import DataSet
 from tacevo.tracking.entries import Measure
 from tacevo.tracking.runs import PARENT_TAG, all_runs, claim, log, nested, tagged, unlabel
 
@@ -43,13 +44,24 @@ class SearchWriter:
         experiment: the experiment's id.
         key: names the search; a string without quotes.
         name: what a new run is called.
+        source: tags of the search and of every candidate that name its code.
         ledger: the hashes of the ledger's lines so far. Where the store holds something of another ledger, that run
             is deleted and the search gets a new one, because MLflow lets no metric be taken back.
     """
 
-    def __init__(self, client: MlflowClient, experiment: str, *, key: str, name: str, ledger: Set[str]) -> None:
+    def __init__(
+        self,
+        client: MlflowClient,
+        experiment: str,
+        *,
+        key: str,
+        name: str,
+        source: Mapping[str, str],
+        ledger: Set[str],
+    ) -> None:
         self._client = client
         self._experiment = experiment
+        self._source = dict(source)
         search = claim(client, experiment, tag=RUN_TAG, key=key, name=name)
         candidates = nested(client, experiment, search.info.run_id)
         if not _lines(search, candidates) <= ledger:
@@ -61,6 +73,7 @@ class SearchWriter:
         self._params = frozenset(search.data.params)
         self._steps = {metric: self._steps_of(metric) for metric in search.data.metrics}
         self._candidates = frozenset(self._finished(candidates))
+        self.tag(self._source)
         client.update_run(self._search, status="RUNNING")
         if DIGEST_TAG in self._tags:
             unlabel(client, self._search, DIGEST_TAG)  # it was the digest of a shorter run, perhaps
@@ -75,6 +88,11 @@ class SearchWriter:
     def write_params(self, params: Mapping[str, str]) -> None:
         """Write the search's params; MLflow lets none change, so one that stands already stays as it is."""
         log(self._client, self._search, {key: params[key] for key in params.keys() - self._params}, ())
+
+    def write_data(self, data: DataSet) -> None:
+        """Write the data set that the search trains on as an input of its run; MLflow keeps an equal one once."""
+        context = InputTag(key="mlflow.data.context", value="training")
+        self._client.log_inputs(self._search, [DatasetInput(Dataset(**asdict(data)), [context])])
 
     def write_generation(self, line: str, measures: Sequence[Measure]) -> None:
         """Write a generation's metrics on the search's run.
@@ -101,7 +119,7 @@ class SearchWriter:
         """
         if entry.name in self._candidates:
             return
-        tags = {PARENT_TAG: self._search, CANDIDATE_TAG: entry.name, LINE_TAG: entry.line}
+        tags = {PARENT_TAG: self._search, CANDIDATE_TAG: entry.name, LINE_TAG: entry.line, **self._source}
         run: str = self._client.create_run(self._experiment, run_name=entry.name, tags=tags).info.run_id
         log(self._client, run, params, measures)
         if source.exists():

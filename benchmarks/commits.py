@@ -1,0 +1,80 @@
+"""How fast the search folds outcomes into its state, early and late: commits per second."""
+
+import hashlib
+import tempfile
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks.timing import medians, report
+from tacevo.composition import compose, facts_without_data, load_task
+from tacevo.development import Outcome
+from tacevo.gate.admission import Admitted
+from tacevo.proposals import Proposal
+from tacevo.randomness import stream
+from tacevo.records import Graph, Mode, Node, Operator, Profile, Training
+from tacevo.search import Plan, SearchState, commit
+from tacevo.wiring import build_plan
+
+#: Candidates of a search of the paper's size, and of one twenty times as long.
+CANDIDATES = (1_000, 20_000)
+
+
+def commits() -> str:
+    """Commit made-up outcomes, in the paper's settings; the rate should not depend on how many there are."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = compose(["experiment=paper_force", f"store.root={folder}"])
+        plan = build_plan(config, load_task(config, facts_without_data(config)), Mode.record)
+    few, many = (list(_outcomes(count)) for count in CANDIDATES)
+    rounds = len(many) // len(few)  # both commit equally many, so that one rate fits both
+    rivals = {
+        f"in a run of {len(many):,}": lambda: _fold(plan, many),
+        f"in runs of {len(few):,}": lambda: [_fold(plan, few) for _ in range(rounds)],
+    }
+    return report("candidates committed", medians(rivals, rounds=3), unit="commits", per_second=len(many))
+
+
+def _fold(plan: Plan, outcomes: list[Outcome]) -> SearchState:
+    """Commit outcomes one after another, as the search does."""
+    state = SearchState(generation=1, temperature=plan.temperature_start, networks=plan.archive)
+    for outcome in outcomes:
+        state, _ = commit(state, plan, outcome, lambda source: source)
+    return state
+
+
+def _outcomes(count: int) -> Iterator[Outcome]:
+    """Make outcomes of generations of 50: mutations, each of a candidate before it, of random size and fitness."""
+    rng = stream(0, "commits")
+    for index in range(count):
+        sizes, loss = rng.integers(8, 256, size=3), float(rng.random())
+        generation, slot = 1 + index // 50, index % 50
+        parent = int(rng.integers(index)) if index else 0
+        yield Outcome(
+            proposal=Proposal(
+                generation=generation,
+                slot=slot,
+                operator=Operator.mutation if index else Operator.baseline,
+                parents=(f"g{1 + parent // 50:02d}s{parent % 50:02d}",) if index else (),
+                prompt=int(rng.integers(10)) if index else None,
+                request=None,
+            ),
+            completion=None,
+            admitted=Admitted(source=hashlib.sha256(str(index).encode()).hexdigest(), profile=_profile(sizes)),
+            result=Training(
+                train_losses=(loss,), validation_losses=(loss,), predictions_sha256="0" * 64, weights_sha256="0" * 64
+            ),
+            seconds=0.0,
+        )
+
+
+def _profile(sizes: np.ndarray) -> Profile:
+    """Give the profile of a chain of layers with these widths."""
+    widths = tuple(int(size) for size in sizes)
+    graph = Graph(
+        nodes=tuple(Node(op="conv", weighted=True, width=width) for width in widths),
+        edges=tuple((index, index + 1) for index in range(len(widths) - 1)),
+        channels=widths,
+        kernels=(3.0,) * len(widths),
+        hidden=(),
+    )
+    return Profile(parameters=100 * sum(widths), flops=10_000 * sum(widths), modules=len(widths), graph=graph)

@@ -1,0 +1,112 @@
+"""MLflow shows of each search which data set it trained on and which code made it, by its own means."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from mirrored import CODE, DATA, ENTRIES, build_run, mirror_once, open_store
+
+from tacevo.checkout import checked_out
+from tacevo.records import Json
+from tacevo.tracking.datasets import data_set, source_tags
+
+# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
+pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
+
+
+def described(source: str = "simulated", root: str | None = None, **facts: Json) -> dict[str, Json]:
+    """Give what run.json says of a run's data and code."""
+    data = {**DATA, **facts}
+    return {"task": {"name": "force"}, "config": {"data": {"source": source, "root": root}}, "data": data, "code": CODE}
+
+
+def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
+    """MLflow's own store gives it back once, with name, digest, schema, profile and context, however often mirrored."""
+    build_run(tmp_path / "run", ENTRIES)
+    mirror_once(tmp_path / "run", uri)
+    mirror_once(tmp_path / "run", uri)
+    client, search, _ = open_store(uri)
+    inputs = client.get_run(search.info.run_id).inputs
+    assert inputs is not None
+    (given,) = (each.to_dictionary() for each in inputs.dataset_inputs)
+    assert given["tags"] == {"mlflow.data.context": "training"}
+    assert (given["dataset"]["name"], given["dataset"]["digest"]) == ("force (simulated)", DATA["fingerprint"][:36])
+    profile = json.loads(given["dataset"]["profile"])
+    assert (profile["num_rows"], profile["fingerprint"]) == (100, DATA["fingerprint"])
+    digest = DATA["fingerprint"][:36]
+    assert len(client.search_runs([search.info.experiment_id], f"dataset.digest = '{digest}'")) == 1
+
+
+def test_mlflow_reads_source_and_schema_of_a_data_set(tmp_path: Path, uri: str) -> None:
+    """Both are in the form of MLflow's own classes."""
+    from mlflow.data import get_source
+    from mlflow.entities import Dataset
+    from mlflow.types.schema import Schema
+
+    for run in (described(), described("folder", "images")):
+        written = data_set(run)
+        fields = {name: getattr(written, name) for name in ("name", "digest", "source_type", "source")}
+        assert get_source(Dataset(**fields)).to_json() == written.source
+        columns = json.loads(written.schema)["mlflow_colspec"]
+        assert Schema.from_json(json.dumps(columns)).input_names() == ["image", "Fx", "Fy", "Fz"]
+
+
+def test_classes_are_one_column() -> None:
+    """A classification has one label, whatever the number of classes."""
+    written = data_set(described(kind="classification", names=["a", "b"]))
+    columns = json.loads(written.schema)["mlflow_colspec"]
+    assert columns == [{"name": "image", "type": "binary"}, {"name": "class", "type": "long"}]
+
+
+def test_source_is_the_root_as_it_was_given_without_a_password() -> None:
+    """Nothing is shown of a data set's place that the param `data.root` does not show."""
+    assert json.loads(data_set(described("csv", "images")).source) == {"uri": "images"}
+    assert json.loads(data_set(described("csv", "s3://me:secret@host/images")).source) == {
+        "uri": "s3://***@host/images"
+    }
+    assert json.loads(data_set(described("csv", None)).source) == {"uri": ""}
+
+
+def test_search_and_candidates_name_their_code(tmp_path: Path, uri: str) -> None:
+    """Their source is the command, their version the commit that run.json has."""
+    build_run(tmp_path / "run", ENTRIES)
+    mirror_once(tmp_path / "run", uri)
+    _, search, candidates = open_store(uri)
+    for run in (search, *candidates.values()):
+        shown = {key: value for key, value in run.data.tags.items() if key.startswith("mlflow.source.")}
+        assert shown == {
+            "mlflow.source.name": "tacevo search",
+            "mlflow.source.type": "LOCAL",
+            "mlflow.source.git.commit": CODE["commit"],
+            "mlflow.source.git.dirty": "false",
+        }
+
+
+@pytest.mark.parametrize("run", [{}, {"code": None}])
+def test_run_without_a_commit_shows_none(run: dict[str, Json]) -> None:
+    """A run of an earlier version, or of an installed package, has the command only."""
+    assert source_tags(run) == {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
+
+
+def test_checkout_tells_its_commit_and_whether_it_was_changed(tmp_path: Path) -> None:
+    """Files that Git does not know change nothing."""
+
+    def git(*arguments: str) -> str:
+        identity = ["-c", "user.name=A. Nyone", "-c", "user.email=a@example.org"]
+        return subprocess.run(
+            ["git", *identity, *arguments], cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    assert checked_out(tmp_path) is None
+    git("init")
+    assert checked_out(tmp_path) is None  # nothing was committed
+    (tmp_path / "code.py").write_text("pass\n")
+    git("add", "code.py")
+    git("commit", "--message", "Begin")
+    (tmp_path / "notes.txt").write_text("of no consequence")
+    commit = git("rev-parse", "HEAD")
+    assert checked_out(tmp_path) == {"commit": commit, "dirty": False}
+    (tmp_path / "code.py").write_text("1\n")
+    assert checked_out(tmp_path) == {"commit": commit, "dirty": True}
+    assert checked_out(tmp_path / "below") is None
