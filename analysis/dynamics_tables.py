@@ -7,6 +7,7 @@ from analysis.loading import Run
 from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
+from tacevo.unsent import TEMPERATURE
 
 
 def generations_table(run: Run) -> Table:
@@ -33,6 +34,7 @@ def generations_table(run: Run) -> Table:
     )
     stages = tuple(f"rejected: {stage}" for stage in Stage)
     results = ("best", "median", "QD-score", "coverage", "elites", "growth", "new", "improved", "repeated", "unchanged")
+    unsent = [f"T is what was planned; {run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     return Table(
         name=f"generations_{run.task}",
         caption=f"The generations of {run.name}.",
@@ -41,6 +43,7 @@ def generations_table(run: Run) -> Table:
         notes=(
             f"Trained and rejected count first answers. {_statuses(run)}",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
+            *unsent,
         ),
     )
 
@@ -92,8 +95,10 @@ def prompts_table(run: Run) -> Table:
 
 
 def temperatures_table(run: Run) -> Table:
-    """Show what every band of temperatures brought."""
-    return _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    """Show what every band of the temperatures that were sent brought."""
+    table = _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    unsent = [f"{run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
+    return replace(table, notes=(*table.notes, *unsent))
 
 
 def improvement_table(run: Run) -> Table:

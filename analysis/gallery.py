@@ -21,6 +21,7 @@ from analysis.tables import PValue
 from analysis.tessellation import Niches
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
+from tacevo.unsent import TEMPERATURE
 
 #: The seed whose predictions the confusion matrices show.
 CONFUSED_SEED = 0
@@ -38,6 +39,7 @@ class Picture:
 
 def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+    unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
             "fitness_evolution",
@@ -50,15 +52,14 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
             "First answers that were trained, and what became of the others.",
         ),
         ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
-        ("temperature", partial(temperature, run), "Temperature of each generation, and of its requests."),
+        ("temperature", partial(temperature, run), f"Temperature of each generation, and of its requests{unsent}."),
     ]
     if _has_map(run):
         words = "The network archive; each cell is a niche."
         drawn.append(("network_map", partial(network_map, run, niches.networks), words))
     if run.config["prompts"]["policy"] != PromptPolicy.none:
-        drawn.append(
-            ("prompt_map", partial(prompt_map, run, niches.prompts), "The prompt archive; each cell is a niche.")
-        )
+        words = f"The prompt archive; each cell is a niche{unsent}."
+        drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts), words))
     if run.instructions:
         words = "Children of each instruction that entered the network archive."
         drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))

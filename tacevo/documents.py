@@ -1,5 +1,8 @@
 """What a run writes down: the first line of its ledger, and both archives as JSON."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
 from tacevo.archive import Elite, Places, coverage, qd_score, quality
 from tacevo.config import RunConfig, identity
 from tacevo.proposals import Task
@@ -19,6 +22,18 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan) -> d
         "data": to_json(facts),
         "centroids": content_hash([_centroids(plan), plan.prompts.centroids.tolist()]),
     }
+
+
+def as_recorded(plan: Plan, lines: Sequence[Mapping[str, Json]]) -> Plan:
+    """Return the plan that writes lines as a ledger has them which stands already; a new ledger takes today's.
+
+    Args:
+        plan: today's.
+        lines: of the ledger, none where it is new. Where answers stand in it and none names a setting that was not
+            sent, an earlier release may have begun it, which named none.
+    """
+    named = any("dropped" in line for line in lines) or not any(line.get("answer") for line in lines)
+    return replace(plan, names_dropped=named)
 
 
 def archive_files(plan: Plan, state: SearchState) -> dict[str, Json]:

@@ -72,6 +72,11 @@ class Ledger:
         return len(self._recorded)
 
     @property
+    def before(self) -> tuple[dict[str, Json], ...]:
+        """The lines that stood here before."""
+        return self._recorded
+
+    @property
     def committed(self) -> int:
         """The number of lines committed in this session."""
         return self._count

@@ -1,8 +1,10 @@
 """From a configuration to whoever answers requests: provider, budget and store, one before the other."""
 
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
+from tacevo.arms import GROUP, read_arm, split_arm
 from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.composition import load_prices
 from tacevo.config import LLMConfig, RunConfig
@@ -15,10 +17,11 @@ from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.outcomes import Models
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.llm.recording import RecordingLLM, ever_answered, ever_refused
 from tacevo.llm.unbatched import UnbatchedLLM
 from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.store import Seen, Store, content_hash
+from tacevo.unsent import TEMPERATURE
 
 
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
@@ -44,6 +47,26 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     account = Account(prices.price_of)
     budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
     return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of, stop=stop), account)
+
+
+def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
+    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers tell.
+
+    Args:
+        overrides: what tells a search apart from those that it is compared with, among them its arm.
+        config: of the search.
+
+    Raises:
+        ConfigError: they set a temperature, and the model refuses it.
+    """
+    choice, others = split_arm(overrides)
+    settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
+    settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
+    if settings and ever_refused(Store(Path(config.store.root), "completions"), config.llm.model, TEMPERATURE):
+        raise ConfigError(
+            f"{' '.join(settings)} is about temperatures, and {config.llm.model} refuses them, as its answers in "
+            f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
+        )
 
 
 def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:

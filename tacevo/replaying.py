@@ -12,7 +12,7 @@ from tacevo.composition import from_plain
 from tacevo.config import RunConfig, StoreConfig
 from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome
-from tacevo.documents import archive_files, run_header
+from tacevo.documents import archive_files, as_recorded, run_header
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
@@ -71,7 +71,7 @@ def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen |
     """Run the search again, and compare."""
     config, task, facts = read_run(directory, store)
     recorded = directory.read_finished()
-    plan = build_plan(config, task, Mode.replay, seen=seen)
+    plan = as_recorded(build_plan(config, task, Mode.replay, seen=seen), recorded)
     with Ledger(None, recorded) as ledger, open_tools(config, task, facts, None, Mode.replay, seen=seen) as tools:
         ledger.commit(run_header(config, task, facts, plan))
         verifier = _Verifier(directory, plan, view)

@@ -12,7 +12,7 @@ from tacevo.composition import load_task, to_plain
 from tacevo.config import RunConfig
 from tacevo.costs import Spending, spending_on, total
 from tacevo.development import Outcome, Tools
-from tacevo.documents import archive_files, run_header
+from tacevo.documents import archive_files, as_recorded, run_header
 from tacevo.errors import DivergenceError, RunError
 from tacevo.ledger import Ledger
 from tacevo.progress import View, Watcher
@@ -107,6 +107,7 @@ def record(
         _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view), tools(Walls(directory).note) as opened:
+            plan = as_recorded(plan, ledger.before)
             observer = _Recorder(directory, ledger, plan, view)
             state = run_search(plan, opened, ledger, observer)
             _refuse_longer(ledger, directory)

@@ -213,6 +213,34 @@ def test_optional_settings_reach_the_server(folder: Path) -> None:
     assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
 
 
+def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Ledger, summary, report and `show` say that it was not sent; a replay agrees; an arm over it is not begun."""
+    with serving(Script(answer=network, refused=("temperature",))) as server:
+        assert search(server, "run.dir=run") == 0
+        out = capsys.readouterr().out
+        assert "temperature was not sent: the model refuses it. T, and" in out
+        for arm in (
+            ["ablation=fixed_temperature"],
+            ["-m", "ablation=none,stall_temperature"],
+            ["-m", "temperature=paper,fixed"],
+        ):
+            assert search(server, *arm) == 2
+            said = capsys.readouterr().err
+            assert "is about temperatures, and claude-haiku-4-5-20251001 refuses them" in said
+        assert not (folder / "sweeps").exists()
+        assert search(server, "temperature=fixed", "search.generations=0") == 0
+    capsys.readouterr()
+    lines = [json.loads(line) for line in (folder / "run" / "ledger.jsonl").read_text().splitlines()]
+    answered = [line for line in lines if line.get("answer")]
+    assert all(line["dropped"] == ["temperature"] for line in answered)
+    assert main(["replay", "run"]) == 0
+    assert digest(capsys.readouterr().out) == digest(out)
+    assert main(["show", "run", answered[0]["id"]]) == 0
+    assert f"not sent: the model refuses it ({answered[0]['temperature']:.6g} was planned)" in capsys.readouterr().out
+    assert main(["report", "run"]) == 0
+    assert "<p>temperature was not sent: the model refuses it</p>" in (folder / "run" / "report.html").read_text()
+
+
 def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One digest for both deliveries, and a store of one serves the other."""
     with serving(Script(answer=network, polls=0)) as server:
