@@ -39,8 +39,8 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     if mode is Mode.replay or llm.mode is Mode.replay:
         return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
     stop = threading.Event()
-    provider = _provider(llm, root, stop)
     prices = load_prices(llm.prices)
+    provider = _provider(llm, root, prices, stop)
     store = Store(root, "completions", llm.mode, seen=seen)
     if llm.budget_usd is None:
         return RecordingLLM(provider, store, price=prices.price_of, stop=stop)
@@ -77,25 +77,25 @@ def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
 
 
-def _provider(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+def _provider(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
                 raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
-            return _anthropic(llm, root, stop)
+            return _anthropic(llm, root, prices, stop)
         case Provider.openai:
             return _openai(llm, root, stop)
 
 
-def _models(root: Path) -> Models:
-    """Know of the models what the recorded answers say."""
+def _models(root: Path, prices: PriceTable | None = None) -> Models:
+    """Know of the models what the recorded answers and a price table say."""
     store = Store(root, "completions")
-    return Models(lambda request: ever_answered(store, request))
+    return Models(lambda request: ever_answered(store, request), prices=prices)
 
 
-def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
     """Connect to Claude once, so that a missing key is told at once."""
     from tacevo.llm.anthropic import connect, connect_batches  # a second to import the SDK, for the runs that need it
     from tacevo.llm.batches import BatchLLM
@@ -109,14 +109,14 @@ def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
             store=store,
             folder=folder,
             name="llm=anthropic",
-            models=_models(root),
+            models=_models(root, prices),
             stop=stop,
         )
     hosted = HostedLLM(
         lambda: connect(llm.base_url, llm.concurrency),
         concurrency=llm.concurrency,
         name="llm=anthropic",
-        models=_models(root),
+        models=_models(root, prices),
         stop=stop,
     )
     return UnbatchedLLM(hosted, store=store, records=BatchRecords(folder, server))

@@ -79,7 +79,7 @@ def digest(out: str) -> str:
 def prices(folder: Path) -> str:
     """Write a table in which an answer of the server costs 7 dollars, and may cost 64 at 64 tokens."""
     entry = {"input_usd": 0, "output_usd": 1_000_000, "dated": "2026-11-21", "source": "this test"}
-    (folder / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-3-haiku": entry}}))
+    (folder / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-haiku-4-5": entry}}))
     return str(folder / "prices.yaml")
 
 
@@ -97,7 +97,7 @@ def test_search_of_5_generations_is_replayed_without_a_network(
     )
     assert (done.returncode, digest(done.stdout)) == (0, recorded), done.stderr
     assert asked == 2 + 5 * 3
-    cost = dollars(math.fsum([11.5e-6] * asked))  # of each: (11 * 0.25 + 7 * 1.25) / 1e6
+    cost = dollars(math.fsum([46e-6] * asked))  # of each: (11 * 1 + 7 * 5) / 1e6
     expected = f"recorded: {asked} answers, {asked * 11} + {asked * 7} tokens, {cost} USD"
     assert f"{expected}; this replay made no call and cost nothing" in done.stdout
 
