@@ -29,6 +29,9 @@ from tacevo.sweepstatus import config_hash, decisive
 #: Groups of which everything counts, beside the identity of the run.
 _PARTS = {"data", "task"}
 
+#: Who answered where nobody was chosen, in versions whose every experiment had a default.
+_MODEL = "llm=grammar"
+
 #: A key of a setting, and the name of a file of conf/.
 _KEY = re.compile(r"\w+(\.\w+)*")
 _CHOICE = re.compile(r"[\w-]+")
@@ -118,7 +121,7 @@ def _told(config: RunConfig) -> Json:
 
 def _composed(job: Job, overrides: Sequence[str]) -> RunConfig:
     try:
-        return compose(overrides)
+        return compose([_MODEL, *overrides])
     except ConfigError as error:
         raise DivergenceError(f"the overrides of job {job.name} give no configuration here: {error}") from error
 
@@ -159,7 +162,7 @@ def _set_by(group: str, choice: str) -> Iterator[str]:
     for default in settings.pop("defaults", []):
         if isinstance(default, dict):  # another group's file, e.g. `override /task: force`
             yield from (name.rpartition("/")[2] for name in default)
-        elif default in groups()[group]:
+        elif (conf_root() / group / f"{default}.yaml").is_file():  # also one that is no choice by itself
             yield from _set_by(group, default)
     yield from (name for name, _ in leaves(settings))
 
