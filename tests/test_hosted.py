@@ -20,9 +20,9 @@ from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.faults import Patience
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.outcomes import Models
-from tacevo.llm.prices import parse_prices
+from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import RecordingLLM, ever_answered
-from tacevo.records import Completion, Request
+from tacevo.records import Completion, Price, Request
 from tacevo.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
@@ -302,15 +302,15 @@ def test_models_are_sent_the_settings_that_they_take(takes: str, provider: str) 
         assert plain.dropped == (() if "temperature" in sent or takes.startswith("one") else ("temperature",))
 
 
-PRICES = parse_prices(
-    {
-        "batch_factor": 0.5,
-        "models": {
-            name: {"input_usd": 1, "output_usd": 5, "dated": "2026-11-21", "source": "this test", **more}
-            for name, more in {"model-x": {"retired": "2026-04-20"}, "model-y": {}, "ours": {"output_usd": 0}}.items()
-        },
+#: A table with a model that is retired, one that is not, and one that costs nothing.
+PRICES = PriceTable(
+    models={
+        "model-x": Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21"),
+        "model-y": Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21"),
+        "ours": Price(input_usd=0.0, output_usd=0.0, dated="2026-11-21"),
     },
-    "prices.yaml",
+    batch_factor=0.5,
+    retired={"model-x": "2026-04-20"},
 )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import fakes
+import numpy as np
 import pytest
 from hand_runs import closed, run, trained
 from hand_sweeps import finished, run_to, sweep_of
@@ -27,7 +28,7 @@ from tacevo.tracking.entries import candidate_params
 from tacevo.unsent import not_sent, sent_temperature
 
 WORDS = "temperature was not sent: the model refuses it"
-NICHES = find_centroids(niches=4, dimensions=2, samples=100, seed=0)
+NICHES = np.array(find_centroids(niches=4, dimensions=2, samples=100, seed=0))
 
 
 class Refusing(fakes.FakeLLM):
