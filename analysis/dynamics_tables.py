@@ -22,6 +22,7 @@ from analysis.tables import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
 from tacevo.summary import misreported
+from tacevo.unsent import TEMPERATURE
 
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
@@ -56,6 +57,7 @@ def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
     stages = tuple(f"rejected: {stage}" for stage in Stage)
     fitness = ("best", "archive median", "median of new")
     archive = ("QD-score", "coverage", "elites", "growth", "lost", "new", "improved")
+    unsent = [f"T is what was planned; {run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     return Table(
         name=f"generations_{run.task}",
         caption=f"The generations of {run.name}.",
@@ -67,6 +69,7 @@ def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
             "Lost: niches that emptied as bounds moved, less those that filled so.",
             "In generation 0 the baseline has one of the slots, and counts as a candidate here.",
             "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
+            *unsent,
         ),
     )
 
@@ -120,15 +123,15 @@ def prompts_table(run: Run) -> Table:
 
 
 def temperatures_table(run: Run) -> Table:
-    """Show what every band of temperatures brought."""
+    """Show what every band of the temperatures that were sent brought."""
     table = _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
-    if not temperature_follows_age(run):
-        return table
-    note = (
-        "T moved one way with the generations, so temperature and generation are one here: a difference between bands "
-        "may be one between early and late generations, whose archives are filled differently."
-    )
-    return replace(table, notes=(*table.notes, note))
+    notes = [f"{run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
+    if temperature_follows_age(run):
+        notes.append(
+            "T moved one way with the generations, so temperature and generation are one here: a difference between "
+            "bands may be one between early and late generations, whose archives are filled differently."
+        )
+    return replace(table, notes=(*table.notes, *notes))
 
 
 def improvement_table(run: Run) -> Table:

@@ -23,6 +23,7 @@ from analysis.tables import PValue
 from analysis.tessellation import Niches
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
+from tacevo.unsent import TEMPERATURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +38,7 @@ class Picture:
 
 def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+    unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
             "fitness_evolution",
@@ -50,7 +52,7 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
             "First answers that were trained, and what became of the others.",
         ),
         ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
-        ("temperature", partial(temperature, run), "Temperature of each generation, and of its requests."),
+        ("temperature", partial(temperature, run), f"Temperature of each generation, and of its requests{unsent}."),
     ]
     if _has_map(run):
         words = "The network archive; each cell is a niche."
@@ -58,8 +60,8 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     if run.config["prompts"]["policy"] != PromptPolicy.none:
         reached = reachable_prompt_niches(run, niches.prompts)
         words = (
-            "The prompt archive; each cell is a niche. Shaded ones could not be reached, whatever the search found: "
-            "the temperature rule leads to no temperature in them."
+            f"The prompt archive; each cell is a niche{unsent}. Shaded ones could not be reached, whatever the search "
+            "found: the temperature rule leads to no temperature in them."
         )
         drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
     if run.instructions:

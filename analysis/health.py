@@ -16,6 +16,7 @@ from analysis.occupation import AXES, Occupation, effective_niches, fullest_tent
 from tacevo.choices import Axis, BoundsRule, PromptPolicy, Scale, TemperatureRule
 from tacevo.descriptors import scaled
 from tacevo.plurals import counted
+from tacevo.unsent import TEMPERATURE
 
 #: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs
 #: filled 88 % and 92 %.
@@ -208,6 +209,15 @@ def _of_prompts(run: Run) -> Iterator[Alarm]:
 
 
 def _of_temperature(run: Run) -> Iterator[Alarm]:
+    if TEMPERATURE in run.not_sent:
+        missed = sum(TEMPERATURE in candidate.dropped for candidate in run.candidates)
+        yield Alarm(
+            name="temperature not sent",
+            sentence=f"{run.not_sent[TEMPERATURE]}. The temperatures of generations and of the prompt archive are what "
+            "was planned; they explain no answer.",
+            figures=(("requests", missed),),
+        )
+        return
     if run.config["temperature"]["rule"] == TemperatureRule.fixed:
         return
     for limit, count in Counter(line.temperature for line in run.generations if line.temperature in (0, 1)).items():

@@ -16,6 +16,7 @@ from tacevo.ranking import best_of_their_own
 from tacevo.records import DataFacts, Json, Operator, Reason, Stage
 from tacevo.rundir import RunDirectory
 from tacevo.store import content_hash
+from tacevo.unsent import dropped_settings, not_sent, sent_temperature
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
@@ -61,7 +62,7 @@ class Candidate:
     parents: tuple[str, ...]
     #: Index of the instruction; None for a crossover and the baseline.
     prompt: int | None
-    #: Of the request; None for the baseline.
+    #: That its request was sent with; None for the baseline, and where the model refuses it.
     temperature: float | None
     #: SHA-256 of the source; None where the gate found no class.
     source: str | None
@@ -78,6 +79,8 @@ class Candidate:
     spent: Spending | None
     #: Where and why answers before its last were turned away, in order; empty unless answers go back for repair.
     sent_back: tuple[tuple[Stage, Reason], ...] = ()
+    #: Sampling settings that its request was sent without, because the model refuses them.
+    dropped: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,6 +176,11 @@ class Run:
         """The network that the search began with."""
         return self.candidates[0]
 
+    @property
+    def not_sent(self) -> Mapping[str, str]:
+        """Words on the sampling settings that were not sent, by setting (see `tacevo.unsent.not_sent`)."""
+        return not_sent([one.dropped for one in self.candidates if one.operator is not Operator.baseline])
+
     def ranked(self) -> tuple[Elite, ...]:
         """Give the elites, best fitness first; the earlier candidate where two are equal."""
         return tuple(sorted(self.elites, key=lambda elite: (elite.fitness, elite.id)))
@@ -236,7 +244,7 @@ def _candidate(line: Mapping[str, Json], spent: Mapping[str, Spending]) -> Candi
         operator=Operator(line["operator"]),
         parents=tuple(line["parents"]),
         prompt=line["prompt"],
-        temperature=line["temperature"],
+        temperature=sent_temperature(line),
         source=line.get("source"),
         evaluation=line.get("evaluation"),
         stage=Stage(line["stage"]) if "stage" in line else None,
@@ -245,6 +253,7 @@ def _candidate(line: Mapping[str, Json], spent: Mapping[str, Spending]) -> Candi
         trained=_trained(line) if "fitness" in line else None,
         spent=spent.get(line["id"]),
         sent_back=tuple((Stage(sent["stage"]), Reason(sent["reason"])) for sent in line.get("repairs", ())),
+        dropped=dropped_settings(line),
     )
 
 

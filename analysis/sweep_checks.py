@@ -12,6 +12,7 @@ from analysis.sweeps import Finished, Sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json
 from tacevo.store import canonical, differences, shown, value_at
+from tacevo.unsent import TEMPERATURE
 
 #: Python and the packages that can change a request, a verdict of the gate, a niche or a fitness. The others compose
 #: settings, carry answers that are recorded, or mirror what was decided.
@@ -30,6 +31,7 @@ _REMEDIES = {
     "versions": "Delete the folders of the older jobs, and repeat the command that began the sweep with another "
     "store.root: what the old stores recall is not computed anew, and hides the mixture",
     "archive": "Archives of one kind must have the same niches; other niches are a sweep of their own",
+    TEMPERATURE: "Delete the folders of such arms to compare the others; these need a model that takes temperatures",
     "arm": "The runs of an arm may differ in their seed only; delete the folder that does not belong to it",
 }
 
@@ -39,16 +41,27 @@ def check_sweep(sweep: Sweep) -> None:
 
     Raises:
         IncomparableError: two jobs differ in their data, budget or versions, or in the niches of archives that are
-            otherwise alike, or two runs of an arm in more than their seed; the message names the jobs, the field and
-            both values.
+            otherwise alike, or two runs of an arm in more than their seed, or jobs in temperatures that the model
+            refuses; the message names the jobs, the field and both values.
     """
     first = sweep.finished[0]
     for other in sweep.finished[1:]:
+        _check_temperatures(sweep, first, other)
         for (kind, field, one), (_, _, two) in zip(_terms(first), _terms(other), strict=True):
             if one != two:
                 _refuse(sweep, kind, field, (first, one), (other, two))
     _compare_with_first(sweep, _kind_of_archive, _archive_fields, "archive")
     _compare_with_first(sweep, lambda one: one.job.arm, arm_settings, "arm")
+
+
+def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
+    """Refuse two jobs that differ in temperatures which a model was never sent."""
+    idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
+    if idle and one.run.config[TEMPERATURE] != two.run.config[TEMPERATURE]:
+        raise IncomparableError(
+            f"{sweep.path} compares temperatures that had no effect: {one.job.name} and {two.job.name} differ in them, "
+            f"and in {idle[0].job.name} {idle[0].run.not_sent[TEMPERATURE]}. {_REMEDIES[TEMPERATURE]}"
+        )
 
 
 def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:

@@ -44,7 +44,7 @@ def record_synthetic(folder: Path, generations: int, view: View) -> Result:
     """
     places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
     size = [f"search.generations={generations}", "search.candidates=50", "executor.workers=1", "tracking=none"]
-    config = compose(["experiment=paper_force", *size, *places])
+    config = compose(["experiment=paper_force", "llm=grammar", *size, *places])
     facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
     task = load_task(config, facts)
     # Nobody is held by anything in a sandbox that is made up, so there is nothing to tell.

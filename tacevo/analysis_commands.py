@@ -240,9 +240,9 @@ def _place(options: argparse.Namespace, name: str) -> Path:
 
 
 def _remarks(gathered: _Gathered) -> list[str]:
-    """Say which studies a run lacks, and how to have them."""
+    """Say what the model refused to be sent, and which studies a run lacks, and how to have them."""
     found = gathered.found
-    remarks = [f"left out: {reason}" for reason in found.refused]
+    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.refused)]
     if not found.studies and not found.refused:
         make = f"`tacevo study run={found.run.path}` makes one, with its tables and figures"
         remarks.append(f"no finished study yet: {'it was published without one' if gathered.is_bundle else make}")

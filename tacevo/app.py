@@ -163,11 +163,13 @@ def _search(options: argparse.Namespace) -> int:
 
     from tacevo.composition import compose
     from tacevo.progress import make_view
+    from tacevo.providers import require_temperature
     from tacevo.records import Mode
     from tacevo.session import search
     from tacevo.tracking.entries import viewing
 
     config = compose(options.overrides)
+    require_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
     total = 1 + config.search.initial + config.search.generations * config.search.candidates
     with make_view(Console(stderr=True), total=total, generations=config.search.generations) as view:
         result = search(config, view)

@@ -302,7 +302,7 @@ def _explained(error: Exception, given: Mapping[str, object], root: _Root = _RUN
     if lines[0].startswith("Ambiguous value"):
         several = lines[0].partition("'")[2].rstrip("'")
         return f"{several} stands for several values, and this takes one; `tacevo search -m` runs a search for each"
-    misfit = _misfit(error, given, root.type)
+    misfit = _unchosen(lines[0], given) or _misfit(error, given, root.type)
     if misfit is not None:
         return misfit
     if "Available options in" in str(error):
@@ -315,6 +315,17 @@ def _explained(error: Exception, given: Mapping[str, object], root: _Root = _RUN
             "as in 'KEY=\"VALUE\"', and write a home folder in full instead of ~"
         )
     return ": ".join([*lines[:1], *cause[:1]])
+
+
+def _unchosen(line: str, given: Mapping[str, object]) -> str | None:
+    """Say what to add where an experiment leaves the choice of the model to the user; else None."""
+    if not line.startswith("You must specify 'llm'"):
+        return None
+    return (
+        f"experiment={given.get('experiment')} leaves the choice of the model to you; add llm=anthropic (Claude), "
+        "llm=openai llm.model=NAME (a server of yours), or llm=grammar (a control without a language model, whose "
+        "results are not a reproduction of the paper's)"
+    )
 
 
 def _misfit(error: Exception, given: Mapping[str, object], schema: type) -> str | None:

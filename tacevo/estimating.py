@@ -148,8 +148,10 @@ def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:
 
 
 def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
-    """Say whose prices these are, and what llm.delivery and llm.budget_usd are."""
+    """Say whose prices these are, what llm.delivery and llm.budget_usd are, and when the model is retired."""
     price = prices.price(config.llm.model, Delivery.direct)
     known = f"prices of {price.dated}" if price is not None else f"{config.llm.prices} has no price of this model"
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
-    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}"]
+    retired = prices.retirement(config.llm.model)
+    gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
+    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]

@@ -28,6 +28,9 @@ from tacevo.retraining import load_same
 from tacevo.rundir import RunDirectory
 from tacevo.wiring import load_data, source_of
 
+#: Stands for the choice that some experiments leave to the user: a data set is looked at without a model.
+_NO_MODEL = "llm=grammar"
+
 
 def check(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
     """Load a data set as a search would, count it and write a contact sheet.
@@ -41,7 +44,7 @@ def check(overrides: Sequence[str], output: str | None, console: Console) -> Ins
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
     """
     sheet = None if output is None else _writable(output)
-    config = compose(overrides)
+    config = compose([_NO_MODEL, *overrides])
     catalogue = source_of(config).catalogue()
     dataset = _load(config, catalogue, console)
     units = units_of(catalogue)
@@ -65,7 +68,7 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
         TacevoError: as `check`.
     """
     path = _writable(output)
-    config = compose(overrides)
+    config = compose([_NO_MODEL, *overrides])
     catalogue = source_of(config).catalogue()
     dataset = _load(config, catalogue, console)
     units = units_of(catalogue)
@@ -106,7 +109,7 @@ def simulate(settings: Sequence[str], console: Console) -> str:
         TacevoError: a setting is missing or wrong, or the folder exists.
     """
     out, overrides = _taken_out(settings)
-    config = compose(overrides)
+    config = compose([_NO_MODEL, *overrides])
     source = source_of(config)
     if not isinstance(source, Simulated):
         raise ConfigError(

@@ -1,8 +1,10 @@
 """From a configuration to whoever answers requests: provider, budget and store, one before the other."""
 
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
+from tacevo.arms import GROUP, read_arm, split_arm
 from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.composition import load_prices
 from tacevo.config import LLMConfig, RunConfig
@@ -15,10 +17,11 @@ from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.outcomes import Models
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.llm.recording import RecordingLLM, ever_answered, ever_refused
 from tacevo.llm.unbatched import UnbatchedLLM
 from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.store import Seen, Store, content_hash
+from tacevo.unsent import TEMPERATURE
 
 
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
@@ -36,14 +39,34 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     if mode is Mode.replay or llm.mode is Mode.replay:
         return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
     stop = threading.Event()
-    provider = _provider(llm, root, stop)
     prices = load_prices(llm.prices)
+    provider = _provider(llm, root, prices, stop)
     store = Store(root, "completions", llm.mode, seen=seen)
     if llm.budget_usd is None:
         return RecordingLLM(provider, store, price=prices.price_of, stop=stop)
     account = Account(prices.price_of)
     budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
     return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of, stop=stop), account)
+
+
+def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
+    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers tell.
+
+    Args:
+        overrides: what tells a search apart from those that it is compared with, among them its arm.
+        config: of the search.
+
+    Raises:
+        ConfigError: they set a temperature, and the model refuses it.
+    """
+    choice, others = split_arm(overrides)
+    settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
+    settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
+    if settings and ever_refused(Store(Path(config.store.root), "completions"), config.llm.model, TEMPERATURE):
+        raise ConfigError(
+            f"{' '.join(settings)} is about temperatures, and {config.llm.model} refuses them, as its answers in "
+            f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
+        )
 
 
 def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
@@ -54,25 +77,25 @@ def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
 
 
-def _provider(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+def _provider(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
                 raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
-            return _anthropic(llm, root, stop)
+            return _anthropic(llm, root, prices, stop)
         case Provider.openai:
             return _openai(llm, root, stop)
 
 
-def _models(root: Path) -> Models:
-    """Know of the models what the recorded answers say."""
+def _models(root: Path, prices: PriceTable | None = None) -> Models:
+    """Know of the models what the recorded answers and a price table say."""
     store = Store(root, "completions")
-    return Models(lambda request: ever_answered(store, request))
+    return Models(lambda request: ever_answered(store, request), prices=prices)
 
 
-def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
     """Connect to Claude once, so that a missing key is told at once."""
     from tacevo.llm.anthropic import connect, connect_batches  # a second to import the SDK, for the runs that need it
     from tacevo.llm.batches import BatchLLM
@@ -86,14 +109,14 @@ def _anthropic(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
             store=store,
             folder=folder,
             name="llm=anthropic",
-            models=_models(root),
+            models=_models(root, prices),
             stop=stop,
         )
     hosted = HostedLLM(
         lambda: connect(llm.base_url, llm.concurrency),
         concurrency=llm.concurrency,
         name="llm=anthropic",
-        models=_models(root),
+        models=_models(root, prices),
         stop=stop,
     )
     return UnbatchedLLM(hosted, store=store, records=BatchRecords(folder, server))

@@ -38,7 +38,7 @@ from tacevo.growing import Growing
 from tacevo.ledger import Ledger
 from tacevo.prompts import PromptArchive, Trial, curiosity
 from tacevo.proposals import Parent, Proposal, Settings, Task, plan_generation, plan_initial
-from tacevo.records import Json, Operator, Profile, Rejection, to_json
+from tacevo.records import Completion, Json, Operator, Profile, Rejection, to_json
 from tacevo.rules import Era, Rules
 from tacevo.store import content_hash
 from tacevo.temperature import next_temperature
@@ -65,6 +65,8 @@ class Plan:
     repairs: int = 0
     #: The axes of the network archive.
     axes: tuple[Axis, ...] = tuple(Axis)
+    #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
+    names_dropped: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +146,8 @@ def run_eras(
         if state is not None:
             ledger.commit(era.line())
         with open_tools(era.rules) as tools:
-            state = run_search(replace(plan, generations=end), tools, ledger, observer, since=state)
+            part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
+            state = run_search(part, tools, ledger, observer, since=state)
     if state is None:
         raise ValueError("a search has one era at least; got none")
     return state
@@ -188,7 +191,7 @@ def commit(
 
     A candidate that was turned away is discarded: it changes no archive.
     """
-    entry = _entry(outcome)
+    entry = _entry(outcome, plan)
     if outcome.admitted is None:
         return state, entry
     descriptor = describe(outcome.admitted.profile)
@@ -269,7 +272,7 @@ def _insist_on_baseline(outcome: Outcome, task: Task) -> None:
         )
 
 
-def _entry(outcome: Outcome) -> dict[str, Json]:
+def _entry(outcome: Outcome, plan: Plan) -> dict[str, Json]:
     """Begin a candidate's ledger entry with what was asked and what came of it."""
     proposal = outcome.proposal
     entry: dict[str, Json] = {
@@ -282,10 +285,10 @@ def _entry(outcome: Outcome) -> dict[str, Json]:
         "prompt": proposal.prompt,
         "request": None if proposal.request is None else content_hash(to_json(proposal.request)),
         "temperature": None if proposal.request is None else proposal.request.temperature,
-        "answer": None if outcome.completion is None else content_hash(outcome.completion.content()),
+        **_answered(outcome.completion, plan),
     }
     if outcome.attempts:
-        entry["repairs"] = [_attempted(attempt) for attempt in outcome.attempts]
+        entry["repairs"] = [_attempted(attempt, plan) for attempt in outcome.attempts]
     if outcome.admitted is not None:
         entry["source"] = hashlib.sha256(outcome.admitted.source.encode()).hexdigest()
     if isinstance(outcome.result, Rejection):
@@ -293,10 +296,18 @@ def _entry(outcome: Outcome) -> dict[str, Json]:
     return entry
 
 
-def _attempted(attempt: Attempt) -> dict[str, Json]:
+def _answered(completion: Completion | None, plan: Plan) -> dict[str, Json]:
+    """Name an answer by its hash, with the settings that its request was sent without, where there are such."""
+    if completion is None:
+        return {"answer": None}
+    dropped = {"dropped": list(completion.dropped)} if completion.dropped and plan.names_dropped else {}
+    return {"answer": content_hash(completion.content()), **dropped}
+
+
+def _attempted(attempt: Attempt, plan: Plan) -> dict[str, Json]:
     """Write down an answer that was sent back."""
     return {
-        "answer": content_hash(attempt.completion.content()),
+        **_answered(attempt.completion, plan),
         "stage": attempt.rejection.stage.value,
         "reason": attempt.rejection.reason.value,
     }

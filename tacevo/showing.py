@@ -7,6 +7,7 @@ from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.rundir import RunDirectory
 from tacevo.summary import summarise, table
+from tacevo.unsent import TEMPERATURE, sent_temperature
 
 #: Ledger fields of a candidate that are shown elsewhere, or to nobody.
 _HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses", "repairs"}
@@ -61,6 +62,9 @@ def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:
 
 def _fields(line: Mapping[str, Json]) -> str:
     rows = [[key, _value(value)] for key, value in line.items() if key not in _HIDDEN and value is not None]
+    if line[TEMPERATURE] is not None and sent_temperature(line) is None:
+        planned = f"not sent: the model refuses it ({_value(line[TEMPERATURE])} was planned)"
+        rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
     return table(["field", "value"], sorted(rows))
 
 

@@ -5,7 +5,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from tacevo.choices import ArchiveKind
 from tacevo.costs import Spending, in_words, total, usd
-from tacevo.records import MISREPORTING, Json, Stage
+from tacevo.records import MISREPORTING, Json, Operator, Stage
+from tacevo.unsent import TEMPERATURE, dropped_settings, not_sent
 
 #: How many elites the summary lists.
 TOP = 5
@@ -31,7 +32,7 @@ def summarise(
     """
     candidates = {line["id"]: line for line in lines if line["kind"] == "candidate"}
     generations = [line for line in lines if line["kind"] == "generation"]
-    parts = [f"# {run['name']}", _headline(run, candidates, generations)]
+    parts = [f"# {run['name']}", _headline(run, candidates, generations), *_not_sent(candidates.values())]
     if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
@@ -51,6 +52,13 @@ def _headline(
         f"(the first is generation 0). Data {data['fingerprint'][:12]}: {train} training, {validation} validation and "
         f"{test} test images of {size} x {size} pixels; the test images play no part in a search."
     )
+
+
+def _not_sent(lines: Collection[Mapping[str, Json]]) -> list[str]:
+    """Say which sampling settings the model refuses, where it refuses any, and what that makes of T."""
+    said = not_sent([dropped_settings(line) for line in lines if line["operator"] != Operator.baseline])
+    planned = ["T, and the temperatures of the prompt archive, are what was planned."] if TEMPERATURE in said else []
+    return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
 
 
 def _found(candidates: Mapping[str, Mapping[str, Json]], elites: Sequence[str]) -> str:

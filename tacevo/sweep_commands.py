@@ -9,7 +9,7 @@ _EPILOG = """\
 examples:
   tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1
   tacevo search -m experiment=demo ablation=none,stall_temperature 'seed=range(0,5)' hydra.launcher.n_jobs=4
-  tacevo search -m experiment=paper_force ablation=none,no_prompt_archive seed=0,1,2 hydra/launcher=submitit_slurm
+  tacevo search -m experiment=paper_force llm=anthropic ablation=none,no_qd seed=0,1,2 hydra/launcher=submitit_slurm
   tacevo sweep status sweeps/NAME
 
 The command that began a sweep continues it: finished jobs are not repeated, stopped ones are taken up, failed ones are

@@ -20,6 +20,7 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.launching import Launcher, fitted, launch, require_launcher, split_launcher
 from tacevo.plurals import counted
 from tacevo.progress import SweepView
+from tacevo.providers import require_temperature
 from tacevo.replaying import read_run
 from tacevo.session import require_means
 from tacevo.sweepdir import Job, SweepDirectory, name_arm
@@ -72,6 +73,7 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Laun
     shared, varied = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
     planned = plan(shared, varied)
     for entry in planned:
+        require_temperature(entry.job.overrides, entry.config)
         require_means(entry.config)
     if len(planned) < len(varied):
         view.say(f"{len(varied) - len(planned)} of {len(varied)} jobs are the same searches as others, and run once")

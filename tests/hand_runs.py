@@ -34,6 +34,7 @@ def trained(
     descriptors: tuple[float, float] = (0.5, 0.5),
     spent: Spending | None = None,
     sent_back: tuple[tuple[Stage, Reason], ...] = (),
+    dropped: tuple[str, ...] = (),
 ) -> Candidate:
     """Make a mutation that trained; its source is its own unless one is given, and without a prompt it is a crossover.
 
@@ -49,7 +50,7 @@ def trained(
         operator=Operator.baseline if baseline else bred,
         parents=() if baseline else tuple(parents),
         prompt=None if baseline else prompt,
-        temperature=None if baseline else temperature,
+        temperature=None if baseline or "temperature" in dropped else temperature,
         source=source or name,
         evaluation=f"evaluation of {source or name}",
         stage=None,
@@ -58,6 +59,7 @@ def trained(
         trained=Trained(fitness=fitness, validation_losses=(fitness,), niche=0, status=status),
         spent=spent,
         sent_back=sent_back,
+        dropped=dropped,
     )
 
 

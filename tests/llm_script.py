@@ -8,7 +8,8 @@ A command stands in the last turn of a request: `[fault NAME]`, or `[fault NAME 
     too_long filtered invalid credit    status 400 with the words that the real servers use
     refusal max_tokens empty            answers of those kinds
     wrong_model echo                    an answer by another model; an answer, or a refusal, that repeats the key
-    errored expired canceled unknown    of one request in a batch; the last for a model that nobody knows
+    errored expired canceled            of one request in a batch
+    unknown                             status 404: there is no such model
 """
 
 import hashlib
@@ -56,6 +57,10 @@ class Script:
     kind: Callable[[Body], str] | None = None
     #: Settings that the models refuse, one a time, as real ones do.
     refused: tuple[str, ...] = ()
+    #: Settings of which the models take one only, as real ones do.
+    exclusive: tuple[str, ...] = ()
+    #: The models that there are, and that are listed; empty for a server that takes any name and has no list.
+    models: tuple[str, ...] = ()
     #: How often a batch is looked at before it has ended.
     polls: int = 1
     #: Where the server stops answering, once: `submitted` (before a batch exists), `created`, `polled` or `results`.
@@ -87,7 +92,15 @@ class Script:
     def refusal(self, body: Body) -> str:
         """Say which setting of a body the models refuse; empty where none."""
         named = [name for name in self.refused if name in body]
-        return f"`{named[0]}` is not supported with this model" if named else ""
+        if named:
+            return f"`{named[0]}` is not supported with this model"
+        both = " and ".join(f"`{name}`" for name in self.exclusive)
+        together = self.exclusive and all(name in body for name in self.exclusive)
+        return f"{both} cannot both be specified for this model. Please use only one." if together else ""
+
+    def lacks(self, body: Body, fault: str) -> bool:
+        """Say whether there is no such model as a body names."""
+        return fault == "unknown" or (bool(self.models) and body["model"] not in self.models)
 
     def text(self, body: Body, fault: str, login: str) -> str:
         """Write the answer's text."""
@@ -146,7 +159,7 @@ def outcome_in_batch(script: Script, body: Body, login: str) -> Body:
     fault = script.fault(body, 1)
     if fault == "errored":
         return {"type": "errored", "error": error("api_error", "internal server error")}
-    if fault == "unknown":
+    if script.lacks(body, fault):
         return {"type": "errored", "error": error("not_found_error", f"model: {body['model']}")}
     if fault in UNANSWERED:
         return {"type": fault}

@@ -114,6 +114,8 @@ class LLMServer:
                     self.open -= 1
             case _, ["v1", "messages", "batches", *rest] if len(rest) <= 2:
                 await self._answer_batches(call, [*rest, "", ""], query, writer)
+            case "GET", ["v1", "models"] if self.script.models:
+                await _send(writer, 200, _models(self.script.models))
             case "GET", ["counts"]:
                 await _send(writer, 200, {"tried": self.tried, "billed": self.billed, "most": self.most})
             case _:
@@ -132,7 +134,9 @@ class LLMServer:
         while (held := self.held.get(text_of(body))) is not None and not held.is_set():
             await asyncio.sleep(0.005)
         refusal = self.script.refusal(body) or REFUSALS.get(fault)
-        if refusal:
+        if self.script.lacks(body, fault):
+            await _send(writer, 404, error("not_found_error", f"model: {body['model']}"))
+        elif refusal:
             await _send(writer, 400, error("invalid_request_error", refusal))
         elif fault[:3].isdigit():
             headers = {"retry-after": str(self.script.retry_after)} if fault == "429" else {}
@@ -251,6 +255,15 @@ class LLMServer:
             self._stalls.discard(where)
             self.stalled.set()
             await asyncio.sleep(3600)
+
+
+def _models(names: tuple[str, ...]) -> Body:
+    """List models, in a shape that both kinds of API share."""
+    models = [
+        {"id": name, "type": "model", "display_name": name, "created_at": "2026-01-01T00:00:00Z", "created": 0}
+        for name in names
+    ]
+    return {"object": "list", "data": models, "has_more": False, "first_id": names[0], "last_id": names[-1]}
 
 
 async def _read(reader: asyncio.StreamReader) -> Call:

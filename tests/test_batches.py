@@ -171,10 +171,11 @@ def test_refused_payment_stops_the_run(server: LLMServer, tmp_path: Path) -> Non
         list(batched(server.url, tmp_path).complete([request("a [fault credit]")]))
 
 
-def test_unknown_model_is_told_by_the_setting_that_names_it(server: LLMServer, tmp_path: Path) -> None:
+def test_model_that_the_server_lacks_is_told_with_the_names_to_use(tmp_path: Path) -> None:
     """The batch itself was accepted, so the address is not at fault."""
-    with pytest.raises(ConfigError, match=r"404: model: model-x .*; check llm\.model") as refused:
-        list(batched(server.url, tmp_path).complete([request("a [fault unknown]")]))
+    words = r"no model model-x; set llm\.model to one that it lists \(model-y\)\. It says: 404: model: model-x"
+    with serving(Script(models=("model-y",))) as server, pytest.raises(ConfigError, match=words) as refused:
+        list(batched(server.url, tmp_path).complete(ASKED))
     assert "llm.base_url" not in str(refused.value)
 
 

@@ -24,6 +24,8 @@ NEEDED = {
     ("data", "tacverse"): ["data.root=images"],
     ("data", "numpy"): ["data.root=images.npz"],
     ("ablation", "llm_vs_grammar"): ["llm=anthropic"],
+    ("experiment", "paper_force"): ["llm=anthropic"],
+    ("experiment", "paper_grating"): ["llm=grammar"],
 }
 
 #: What each arm changes of an experiment that a language model answers.
@@ -58,41 +60,6 @@ GROUPS = {
     "temperature",
     "tracking",
     "training",
-}
-
-#: What both paper experiments share, setting by setting (docs/paper.md).
-PAPER: dict[str, Json] = {
-    "search": {"generations": 20, "candidates": 50, "initial": 10},
-    "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
-    "prompts": {"policy": "uniform", "pool": None},
-    "proposals": {
-        "mutation_probability": 0.85,
-        "parents": "uniform",
-        "best": 4,
-        "repair_attempts": 0,
-        "operator_for": "generation",
-    },
-    "training": {
-        "epochs": 10,
-        "batch_size": 32,
-        "learning_rate": 0.001,
-        "seconds": 86_400.0,
-        "memory_mib": 4096,
-        "device": "cpu",
-    },
-    "archive": {
-        "kind": "cvt",
-        "kept": 10,
-        "axes": ["arch_div", "eff_ratio"],
-        "niches": 100,
-        "prompt_niches": 100,
-        "samples": 20_000,
-        "seed": 0,
-        "bounds": "adaptive",
-        "arch_div_bounds": [0.0, 1.0],
-        "eff_ratio_bounds": [0.0, 1000.0],
-        "eff_ratio_scale": "linear",
-    },
 }
 
 
@@ -167,20 +134,11 @@ def test_efficiency_ratio_is_logarithmic_unless_an_experiment_is_the_papers(expe
     assert (archive.eff_ratio_scale.value, archive.bounds.value) == ("log", "adaptive")
 
 
-@pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])
-def test_paper_experiments_are_the_papers(task: str, images: int) -> None:
-    """G = 20, B = 50, 10 epochs, 256 px, the released number of images, p_m = 0.85, and our stated defaults."""
-    plain = to_plain(composed(f"experiment=paper_{task}"))
-    assert {group: plain[group] for group in PAPER} == PAPER
-    assert (plain["task"]["name"], plain["data"]["source"]) == (task, "simulated")
-    assert (plain["data"]["image_size"], plain["data"]["images"]) == (256, images)
-
-
 def test_paper_experiment_wins_over_nothing_the_user_says() -> None:
     """What the user gives beside an experiment holds, whichever comes first."""
     for overrides in (
-        ["experiment=paper_force", "search.generations=2"],
-        ["search.generations=2", "experiment=paper_force"],
+        ["experiment=paper_force", "llm=grammar", "search.generations=2"],
+        ["search.generations=2", "llm=grammar", "experiment=paper_force"],
     ):
         config = compose(overrides)
         assert (config.search.generations, config.search.candidates) == (2, 50)

@@ -53,7 +53,7 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     assert main(["search", "--estimate", *SMALL]) == 0
     out = capsys.readouterr().out
-    assert "24 requests to claude-3-haiku-20240307, 0 of generation 0 recorded already; nothing was asked." in out
+    assert "24 requests to claude-haiku-4-5-20251001, 0 of generation 0 recorded already; nothing was asked." in out
     assert "USD direct" in out
     assert "llm.budget_usd: no limit" in out
     assert list(tmp_path.iterdir()) == []
@@ -109,10 +109,17 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     (likely,) = (line for line in shown if line.startswith("| likely"))
     costs = []
     for delivery in Delivery:
-        price = prices.price("claude-3-haiku", delivery)
+        price = prices.price("claude-haiku-4-5", delivery)
         assert price is not None
         costs.append(dollars(price.cost(found.likely.input, found.likely.output)))
     assert [cell.strip() for cell in likely.split("|")[4:6]] == costs
+
+
+def test_retired_model_is_told(overrides: Estimating) -> None:
+    """Its cost is still known, and nobody can be asked for it."""
+    told = "claude-3-haiku-20240307 is not served from 2026-04-20 on; set llm.model to another"
+    assert told in describe(compose(overrides("llm.model=claude-3-haiku-20240307")))
+    assert "is not served" not in describe(compose(overrides()))
 
 
 def test_delivery_that_the_provider_refuses_has_no_cost(overrides: Estimating) -> None:
@@ -124,7 +131,7 @@ def test_delivery_that_the_provider_refuses_has_no_cost(overrides: Estimating) -
     assert likely.count("|") == 5
 
 
-@pytest.mark.parametrize("asked", [{"system": "no model"}, {"model": "claude-3-haiku-20240307"}])
+@pytest.mark.parametrize("asked", [{"system": "no model"}, {"model": "claude-haiku-4-5-20251001"}])
 def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating) -> None:
     """A mean over answers that cannot be read is not guessed, and the file is named."""
     Store(Path(compose(overrides()).store.root), "completions").write(asked, {"text": "no completion"})

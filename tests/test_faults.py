@@ -22,6 +22,10 @@ def refusal(words: str, status: int = 400, **error: str) -> Fault:
     [
         *((status, "try later", FaultKind.passing) for status in (408, 409, 429, 500, 502, 503, 504, 529)),
         *((status, "no", FaultKind.refused) for status in (401, 402, 403, 404, 405)),
+        (404, "model: claude-3-haiku-20240307", FaultKind.unknown),
+        (404, "The model `x` does not exist or you do not have access to it.", FaultKind.unknown),
+        (404, "model 'x' not found, try pulling it first", FaultKind.unknown),
+        (404, "Not Found", FaultKind.refused),
         *((status, "no such thing", FaultKind.doubtful) for status in (400, 422)),
         (413, "request exceeds the maximum size", FaultKind.request),
         (400, "prompt is too long: 9 tokens > 8 maximum", FaultKind.request),

@@ -20,8 +20,9 @@ from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.faults import Patience
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.outcomes import Models
+from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import RecordingLLM, ever_answered
-from tacevo.records import Completion, Request
+from tacevo.records import Completion, Price, Request
 from tacevo.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
@@ -99,6 +100,9 @@ class _Starting:
         await self._all.wait()
         return Completion(text="", model="m", stop_reason="end_turn", input_tokens=1, output_tokens=0)
 
+    async def models(self) -> tuple[str, ...]:
+        return ()
+
     async def close(self) -> None:
         pass
 
@@ -162,7 +166,7 @@ def test_refused_key_model_or_payment_stops_the_run(fault: str, provider: str) -
     with serving() as server:
         llm = hosted(server.url, provider)
         assert texts(llm, "a") == ["a!"]
-        with pytest.raises(ConfigError, match="the server refuses the key, the model or a setting"):
+        with pytest.raises(ConfigError, match="the server refuses the key or a setting"):
             texts(llm, f"b [fault {fault}]")
         assert sorted(server.tried.values()) == [1, 1]
 
@@ -271,6 +275,68 @@ def test_refused_settings_are_dropped_recorded_and_remembered(provider: str) -> 
         ((_, plain),) = llm.complete([request("c")])
         assert plain.dropped == ("temperature",)
         assert [text_of(body) for body in server.bodies] == ["a", "a", "a", "b", "c"]
+
+
+#: What the models of a server take, and what is then sent and dropped of a temperature and a top_p.
+TAKES = {
+    "both": (Script(), {"temperature", "top_p"}),
+    "one or the other": (Script(exclusive=("temperature", "top_p")), {"temperature"}),
+    "no temperature": (Script(refused=("temperature",)), {"top_p"}),
+    "neither": (Script(refused=("temperature", "top_p")), set()),
+    "neither, and not together": (Script(refused=("temperature", "top_p"), exclusive=("temperature", "top_p")), set()),
+}
+
+
+@both
+@pytest.mark.parametrize("takes", TAKES)
+def test_models_are_sent_the_settings_that_they_take(takes: str, provider: str) -> None:
+    """As much as is taken, and the temperature rather than `top_p` where it is one of both; the rest is recorded."""
+    script, sent = TAKES[takes]
+    both_set = {"temperature", "top_p"}
+    with serving(script) as server:
+        asked = [request(text, settings=(("top_p", 0.9),)) for text in "abc"]
+        answers = dict(hosted(server.url, provider).complete(asked))
+        assert {completion.dropped for completion in answers.values()} == {tuple(sorted(both_set - sent))}
+        assert all(both_set & body.keys() == sent for body in server.bodies[-1:])
+        ((_, plain),) = hosted(server.url, provider).complete([request("d")])
+        assert plain.dropped == (() if "temperature" in sent or takes.startswith("one") else ("temperature",))
+
+
+#: A table with a model that is retired, one that is not, and one that costs nothing.
+PRICES = PriceTable(
+    models={
+        "model-x": Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21"),
+        "model-y": Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21"),
+        "ours": Price(input_usd=0.0, output_usd=0.0, dated="2026-11-21"),
+    },
+    batch_factor=0.5,
+    retired={"model-x": "2026-04-20"},
+)
+
+
+@both
+def test_model_that_the_server_lacks_is_told_with_the_names_to_use(provider: str) -> None:
+    """Those that it lists, and those of the price table that are not retired; and when the model was retired."""
+    words = (
+        r"the server has no model model-x, which was retired on 2026-04-20; set llm\.model to one that it lists "
+        r"\(model-y-20251001, model-z\) or that llm\.prices has \(model-y\)\. It says: 404: model: model-x"
+    )
+    with serving(Script(models=("model-y-20251001", "model-z"))) as server:
+        llm = hosted(server.url, provider, models=Models(prices=PRICES))
+        with pytest.raises(ConfigError, match=words) as caught:
+            texts(llm, *"abcdefgh")
+    assert "llm.base_url" not in str(caught.value)
+
+
+@both
+def test_server_without_a_list_of_models_is_no_further_fault(provider: str) -> None:
+    """The message has what the price table knows, and without one what the server said."""
+    for models, words in [
+        (Models(prices=PRICES), r"set llm\.model to one that llm\.prices has \(model-y\)\. It says: 404"),
+        (Models(), r"the server has no model model-x; set llm\.model to one that it has\. It says: 404"),
+    ]:
+        with serving() as server, pytest.raises(ConfigError, match=words):
+            texts(hosted(server.url, provider, models=models), "a [fault unknown]")
 
 
 @both

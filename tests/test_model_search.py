@@ -79,7 +79,7 @@ def digest(out: str) -> str:
 def prices(folder: Path) -> str:
     """Write a table in which an answer of the server costs 7 dollars, and may cost 64 at 64 tokens."""
     entry = {"input_usd": 0, "output_usd": 1_000_000, "dated": "2026-11-21", "source": "this test"}
-    (folder / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-3-haiku": entry}}))
+    (folder / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-haiku-4-5": entry}}))
     return str(folder / "prices.yaml")
 
 
@@ -97,7 +97,7 @@ def test_search_of_5_generations_is_replayed_without_a_network(
     )
     assert (done.returncode, digest(done.stdout)) == (0, recorded), done.stderr
     assert asked == 2 + 5 * 3
-    cost = dollars(math.fsum([11.5e-6] * asked))  # of each: (11 * 0.25 + 7 * 1.25) / 1e6
+    cost = dollars(math.fsum([46e-6] * asked))  # of each: (11 * 1 + 7 * 5) / 1e6
     expected = f"recorded: {asked} answers, {asked * 11} + {asked * 7} tokens, {cost} USD"
     assert f"{expected}; this replay made no call and cost nothing" in done.stdout
 
@@ -211,6 +211,34 @@ def test_optional_settings_reach_the_server(folder: Path) -> None:
     with_settings, without = server.bodies
     assert (with_settings["top_p"], with_settings["stop_sequences"]) == (0.9, ["END"])
     assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
+
+
+def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Ledger, summary, report and `show` say that it was not sent; a replay agrees; an arm over it is not begun."""
+    with serving(Script(answer=network, refused=("temperature",))) as server:
+        assert search(server, "run.dir=run") == 0
+        out = capsys.readouterr().out
+        assert "temperature was not sent: the model refuses it. T, and" in out
+        for arm in (
+            ["ablation=fixed_temperature"],
+            ["-m", "ablation=none,stall_temperature"],
+            ["-m", "temperature=paper,fixed"],
+        ):
+            assert search(server, *arm) == 2
+            said = capsys.readouterr().err
+            assert "is about temperatures, and claude-haiku-4-5-20251001 refuses them" in said
+        assert not (folder / "sweeps").exists()
+        assert search(server, "temperature=fixed", "search.generations=0") == 0
+    capsys.readouterr()
+    lines = [json.loads(line) for line in (folder / "run" / "ledger.jsonl").read_text().splitlines()]
+    answered = [line for line in lines if line.get("answer")]
+    assert all(line["dropped"] == ["temperature"] for line in answered)
+    assert main(["replay", "run"]) == 0
+    assert digest(capsys.readouterr().out) == digest(out)
+    assert main(["show", "run", answered[0]["id"]]) == 0
+    assert f"not sent: the model refuses it ({answered[0]['temperature']:.6g} was planned)" in capsys.readouterr().out
+    assert main(["report", "run"]) == 0
+    assert "<p>temperature was not sent: the model refuses it</p>" in (folder / "run" / "report.html").read_text()
 
 
 def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.composition import load_prices
+from tacevo.composition import compose, load_prices
 from tacevo.errors import ConfigError
 from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens, parse_prices, worst_case
 from tacevo.records import Completion, Delivery, Message, Price, Request
@@ -26,11 +26,15 @@ def answer(model: str, delivery: Delivery = Delivery.direct) -> Completion:
     return Completion(text="", model=model, stop_reason="end_turn", input_tokens=1, output_tokens=1, delivery=delivery)
 
 
-def test_shipped_table_is_dated_and_knows_the_papers_model() -> None:
-    """Every price says its day, and the default model has one."""
-    assert TABLE.price("claude-3-haiku-20240307", Delivery.direct) == Price(
-        input_usd=0.25, output_usd=1.25, dated="2026-11-21"
-    )
+def test_shipped_table_is_dated_and_knows_the_default_model() -> None:
+    """Every price says its day; the default model has one and is not retired, as the paper's model is."""
+    default = compose(["llm=anthropic"]).llm.model
+    assert default == "claude-haiku-4-5-20251001"
+    assert TABLE.price(default, Delivery.direct) == Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21")
+    assert TABLE.retirement(default) is None
+    assert TABLE.retirement("claude-3-haiku-20240307") == "2026-04-20"
+    assert {"claude-3-haiku", "claude-opus-4", "grammar-1"}.isdisjoint(TABLE.offered)
+    assert "claude-haiku-4-5" in TABLE.offered
     assert all(len(price.dated) == len("2026-11-21") for price in TABLE.models.values())
 
 
@@ -99,10 +103,17 @@ def test_worst_case_is_priced_with_the_longest_answer() -> None:
         ({"batch_factor": 0.5, "models": []}, r"needs `batch_factor: NUMBER`"),
         ({"batch_factor": "half", "models": {}}, r"whose batch_factor needs to be a number >= 0"),
         ({"batch_factor": True, "models": {}}, r"whose batch_factor needs to be a number >= 0"),
-        ({"batch_factor": 0.5, "models": {"m": 5}}, r"whose m needs input_usd, output_usd, dated and source; got 5"),
+        (
+            {"batch_factor": 0.5, "models": {"m": 5}},
+            r"whose m needs input_usd, output_usd, dated, source, and takes retired; got 5",
+        ),
         ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "input": 1}}}, r"whose m needs input_usd, output_usd"),
         ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "input_usd": -1}}}, r"whose m needs dollars >= 0"),
         ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "output_usd": float("nan")}}}, r"whose m needs dollars >= 0"),
+        (
+            {"batch_factor": 0.5, "models": {"m": {**ENTRY, "retired": "soon"}}},
+            r"whose m needs a day like '2026-04-20'",
+        ),
     ],
 )
 def test_malformed_table_is_refused_by_the_model(table: object, message: str) -> None:

@@ -106,7 +106,14 @@ def test_published_tables_are_golden() -> None:
 
 
 #: The paper's set-up, as this project has it.
-FAITHFUL = ["llm=anthropic", "data=tacverse", "data.root=TacVerse", "data.image_size=256", "search.generations=20"]
+FAITHFUL = [
+    "llm=anthropic",
+    "llm.model=claude-3-haiku-20240307",
+    "data=tacverse",
+    "data.root=TacVerse",
+    "data.image_size=256",
+    "search.generations=20",
+]
 
 
 def run_of(*settings: str, image_size: int = 256) -> Run:
@@ -143,9 +150,10 @@ def test_kinds_of_data_and_names_of_models_are_told() -> None:
     [
         ([], "none"),
         (["data=folder", "data.root=recording"], "none"),
+        (["llm.model=claude-haiku-4-5-20251001"], "model"),
         (["search.candidates=10"], "candidates per generation"),
         (["search.generations=8", "training.epochs=5"], "generations, epochs"),
-        (["llm=grammar", "data=simulated"], "model, data"),
+        (["llm=grammar", "llm.model=grammar-1", "data=simulated"], "model, data"),
     ],
 )
 def test_differences_of_the_set_up_are_named(settings: list[str], named: str) -> None:

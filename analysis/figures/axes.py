@@ -1,8 +1,15 @@
 """Axes that several figures share."""
 
+import textwrap
 from collections.abc import Iterable
 
 from matplotlib.axes import Axes
+
+from analysis.loading import Run
+from tacevo.unsent import TEMPERATURE
+
+#: The longest line of a title over a single column, in characters.
+_TITLE = 40
 
 #: From this ratio of the largest to the smallest loss on, losses stand on a logarithmic axis.
 LOG_FROM = 10.0
@@ -21,3 +28,8 @@ def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0)
+
+
+def title_unsent_temperatures(axes: Axes, run: Run) -> None:
+    """Say above the axes of a run's temperatures that the model was not sent them; nothing where it was."""
+    axes.set_title(textwrap.fill(run.not_sent.get(TEMPERATURE, ""), _TITLE))

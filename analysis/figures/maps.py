@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
+from analysis.figures.axes import title_unsent_temperatures
 from analysis.loading import Run
 from analysis.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
 from analysis.tessellation import Polygon, cells
@@ -66,7 +67,8 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
 def prompt_map(run: Run, centroids: NDArray[np.float64], reachable: Collection[int]) -> Figure:
     """Draw the prompt archive over instruction and temperature, each niche in the colour of its trial's curiosity.
 
-    A trial whose child the network archive did not take is hatched; a niche that the run could not reach is shaded.
+    A trial whose child the network archive did not take is hatched; a niche that the run could not reach is shaded; a
+    title says where temperatures were not sent.
 
     Args:
         run: the run.
@@ -93,6 +95,7 @@ def prompt_map(run: Run, centroids: NDArray[np.float64], reachable: Collection[i
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="instruction (index in the library)", ylabel="temperature $T_g$")
+    title_unsent_temperatures(axes, run)
     _legend(figure, axes, told)
     return figure
 

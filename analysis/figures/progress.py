@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.dynamics import Progress
-from analysis.figures.axes import on_loss_axis
+from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
 from analysis.loading import Run
 from analysis.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from tacevo.records import Stage
@@ -92,7 +92,10 @@ def growth(run: Run) -> Figure:
 
 @house_style()
 def temperature(run: Run) -> Figure:
-    """Draw T_g of each generation, and the temperature of every request around it."""
+    """Draw T_g of each generation, and the temperature that each request around it was sent with.
+
+    A title says where temperatures were not sent.
+    """
     figure, (axes,) = new_figure("single", 2.2)
     asked = [(entry.generation, entry.temperature) for entry in run.candidates if entry.temperature is not None]
     if asked:
@@ -101,6 +104,7 @@ def temperature(run: Run) -> Figure:
     centres = [entry.temperature for entry in run.generations]
     axes.step(generations, centres, where="mid", color=BLUE, label="$T_g$ of the generation")
     axes.set(ylabel="temperature", ylim=(-0.02, 1.02))
+    title_unsent_temperatures(axes, run)
     _generations(axes)
     figure.legend(loc="outside upper center", ncols=2)
     return figure

@@ -19,6 +19,9 @@ from tacevo.records import Completion, Delivery, Json, Request
 #: Seconds for an answer, and for a connection to stand.
 TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 
+#: Seconds for the list of models: without it, a message is only less helpful.
+LISTING = 15.0
+
 #: What the SDK raises, or lets through, where there is no usable answer.
 FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
 
@@ -45,6 +48,14 @@ class AnthropicServer:
         except FAILURES as error:
             raise FaultError(fault_of(error)) from error
         return completion_of(message, Delivery.direct)
+
+    async def models(self) -> tuple[str, ...]:
+        """Return the names of the models that the server lists (see `tacevo.llm.hosted.Server`)."""
+        try:
+            page = await self._clients[0].models.list(timeout=LISTING)
+            return tuple(str(model.id) for model in page.data)
+        except (*FAILURES, AttributeError, TypeError):  # as of old servers, which know no such path
+            return ()
 
     async def close(self) -> None:
         """Close the connections."""

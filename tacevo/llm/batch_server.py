@@ -12,7 +12,7 @@ from anthropic.types.messages import MessageBatch, MessageBatchIndividualRespons
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, LLMError, TransportError
-from tacevo.llm.anthropic import FAILURES, fault_of, secrets_of
+from tacevo.llm.anthropic import FAILURES, LISTING, fault_of, secrets_of
 from tacevo.llm.faults import Fault, FaultKind, Patience
 from tacevo.llm.notices import Notices
 from tacevo.llm.outcomes import without_secrets
@@ -72,6 +72,14 @@ class BatchServer:
         """Give the ids of the latest batches."""
         page = self._call(lambda: self._client.messages.batches.list(limit=_KNOWN))
         return tuple(batch.id for batch in page.data)
+
+    def models(self) -> tuple[str, ...]:
+        """Return the names of the models that the server lists; none where it gives no list."""
+        try:
+            page = self._client.models.list(timeout=LISTING)
+            return tuple(without_secrets(str(model.id), self.secrets) for model in page.data)
+        except (*FAILURES, AttributeError, TypeError):
+            return ()
 
     def submit(self, bodies: Mapping[str, Json]) -> str:
         """Submit a batch once, and give its id.

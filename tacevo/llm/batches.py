@@ -124,6 +124,8 @@ class BatchLLM:
             self._forget_stored(records)
             while round_.open and not failures.hopeless:
                 yield from self._ask_once(round_, server, records)
+            if failures.lack_a_model:
+                self._models.served = server.models()
         yield from failures.recorded()
         failures.raise_rest(len(requests), interrupted=False)
 

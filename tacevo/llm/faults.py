@@ -3,7 +3,8 @@
     passing    rate limit, overload, time-out, server error, lost connection, unreadable body: asked again
     request    this request can never be answered (too long, filtered): recorded as an answer without text
     doubtful   refused, for this request or for every one: `tacevo.llm.outcomes` says which
-    refused    key, permission, model or payment: no retry and no other request can help, so the run stops
+    unknown    the server has no such model: the run stops, and the names that it has are told
+    refused    key, permission, address or payment: no retry and no other request can help, so the run stops
 
 The providers' SDKs retry too, but not alike: neither asks again after a malformed body, and one gives up where the
 server names a wait of more than two minutes. So theirs are switched off, and this is the one rule.
@@ -47,6 +48,9 @@ _QUOTA = ("insufficient_quota",)
 #: How servers say that a request does not fit into a model.
 _TOO_LONG = ("too long", "too large", "context length", "context window", "context size", "maximum context")
 
+#: How servers say that it is the model which they do not find.
+_NO_MODEL = re.compile(r"\bmodel\b|model_not_found", re.IGNORECASE)
+
 #: How servers say that they will not answer this.
 _FILTERED = ("content filter", "content_filter", "content policy", "content management policy")
 
@@ -57,6 +61,7 @@ class FaultKind(StrEnum):
     passing = "passing"
     request = "request"
     doubtful = "doubtful"
+    unknown = "unknown"
     refused = "refused"
 
 
@@ -124,10 +129,10 @@ def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path
     """
     said = f"{status}: {_said(body)}"
     kind = _kind(status, said)
-    if status == 404 and path is not None:
-        said += f"; {path} was asked for: check llm.model, and llm.base_url, from which that path follows"
+    if status == 404 and (path is None or _NO_MODEL.search(said)):
+        kind = FaultKind.unknown
     elif status == 404:
-        said += "; check llm.model"
+        said += f"; {path} was asked for: check llm.base_url, from which that path follows"
     return Fault(kind=kind, message=said, retry_after=_retry_after(headers))
 
 

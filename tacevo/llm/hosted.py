@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from tacevo.llm.faults import Fault, FaultError, Patience
+from tacevo.llm.faults import Fault, FaultError, FaultKind, Patience
 from tacevo.llm.notices import Notices
 from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
 from tacevo.records import Completion, Request
@@ -36,6 +36,10 @@ class Server(Protocol):
         Raises:
             FaultError: there is no answer.
         """
+        ...
+
+    async def models(self) -> tuple[str, ...]:
+        """Return the names of the models that the server lists; none where it gives no list."""
         ...
 
     async def close(self) -> None:
@@ -134,6 +138,8 @@ class _Asking:
         self._over = over
         self._jitter = random.Random()
         self._ended = asyncio.Event()
+        #: Whether the server lacks a model that was asked.
+        self._lacks_a_model = False
 
     def run(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
         """Ask until every request has its answer or its fault, or it is over; then say that this is the end."""
@@ -161,6 +167,9 @@ class _Asking:
                 # Thousands that begin in one go outlast the time in which the first must connect.
                 await asyncio.sleep(0)
             await asyncio.gather(*places)
+            if self._lacks_a_model:
+                named = await self._server.models()
+                self._models.served = tuple(without_secrets(name, self._server.secrets) for name in named)
         finally:
             watching.cancel()
             await self._server.close()
@@ -187,6 +196,7 @@ class _Asking:
                 self._notices.tell(fault, wait)
             if wait is None or not await self._waited(wait):
                 self._models.note_refusal(request)
+                self._lacks_a_model = self._lacks_a_model or fault.kind is FaultKind.unknown
                 return fault
 
     async def _waited(self, seconds: float) -> bool:

@@ -27,6 +27,9 @@ except ModuleNotFoundError as missing:
 #: Seconds for an answer, and for a connection to stand; a server of one's own may think for long.
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)
 
+#: Seconds for the list of models: without it, a message is only less helpful.
+LISTING = 15.0
+
 #: What the SDK raises, or lets through, where there is no usable answer.
 _FAILURES = (openai.OpenAIError, json.JSONDecodeError, UnicodeDecodeError)
 
@@ -63,6 +66,14 @@ class OpenAIServer:
         except _FAILURES as error:
             raise FaultError(_fault_of(error)) from error
         return completion_of(chat)
+
+    async def models(self) -> tuple[str, ...]:
+        """Return the names of the models that the server lists (see `tacevo.llm.hosted.Server`)."""
+        try:
+            page = await self._clients[0].models.list(timeout=LISTING)
+            return tuple(str(model.id) for model in page.data)
+        except (*_FAILURES, AttributeError, TypeError):  # as of old servers, which know no such path
+            return ()
 
     async def close(self) -> None:
         """Close the connections."""

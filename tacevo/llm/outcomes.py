@@ -6,10 +6,14 @@ from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.faults import Fault, FaultError, FaultKind, setting_to_drop
+from tacevo.llm.prices import PriceTable
 from tacevo.records import Completion, Delivery, Request, Setting
 
 #: What has to be right for a model to answer at all: its name, the token limit, the further settings.
 _Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
+
+#: How many models a message names of those that a server lists.
+_MOST_NAMES = 20
 
 
 class Models:
@@ -18,10 +22,15 @@ class Models:
     Args:
         recorded: says whether an earlier run had an answer to a request with the same model, token limit and settings;
             asked only where that matters. None where nothing is recorded.
+        prices: whose models a user may choose instead of one that the server lacks; None where it is not about this
+            provider.
     """
 
-    def __init__(self, recorded: Callable[[Request], bool] | None = None) -> None:
+    def __init__(self, recorded: Callable[[Request], bool] | None = None, *, prices: PriceTable | None = None) -> None:
         self._recorded = recorded
+        self._prices = prices
+        #: The models that the server lists, once it was asked for them.
+        self.served: tuple[str, ...] = ()
         self._dropped: dict[str, tuple[str, ...]] = {}
         self._answers: dict[_Choice, bool] = {}
         #: How many refusals there were; the number of each; by model, how many before the latest answered try began.
@@ -45,6 +54,16 @@ class Models:
         if name is not None:
             self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
         return name is not None
+
+    def lacking(self, model: str) -> str:
+        """Say that the server lacks a model, when it was retired if that is known, and which names there are."""
+        retired = None if self._prices is None else self._prices.retirement(model)
+        offered = () if self._prices is None else self._prices.offered
+        more = ["..."] if len(self.served) > _MOST_NAMES else []
+        names = [("that it lists", [*self.served[:_MOST_NAMES], *more]), ("that llm.prices has", offered)]
+        others = " or ".join(f"{whose} ({', '.join(known)})" for whose, known in names if known)
+        since = f", which was retired on {retired}" if retired else ""
+        return f"the server has no model {model}{since}; set llm.model to one {others or 'that it has'}"
 
     def now(self) -> int:
         """Say how many requests were refused so far: a clock for `note_answer`."""
@@ -89,14 +108,19 @@ class Failures:
     name: str
     models: Models
     delivery: Delivery = Delivery.direct
-    #: Whether nothing further should begin: the key is refused, or the server failed after all tries.
+    #: Whether nothing further should begin: key or model is refused, or the server failed after all tries.
     hopeless: bool = False
     _all: list[tuple[int, Request, Fault]] = field(default_factory=list)
 
     def add(self, position: int, request: Request, fault: Fault) -> None:
         """Note a failure, of which `models` knows."""
         self._all.append((position, request, fault))
-        self.hopeless = self.hopeless or fault.kind in {FaultKind.refused, FaultKind.passing}
+        self.hopeless = self.hopeless or fault.kind in {FaultKind.refused, FaultKind.unknown, FaultKind.passing}
+
+    @property
+    def lack_a_model(self) -> bool:
+        """Whether the server has no such model as a request names."""
+        return any(fault.kind is FaultKind.unknown for _, _, fault in self._all)
 
     def recorded(self) -> list[tuple[int, Completion]]:
         """Give completions in place of the requests that can never be answered, so that they stop no run.
@@ -123,11 +147,14 @@ class Failures:
             TransportError: requests failed after all tries.
             LLMError: nothing failed, but the run was interrupted.
         """
+        for _, request, fault in self._all:
+            if fault.kind is FaultKind.unknown:
+                raise ConfigError(f"{self.name}: {self.models.lacking(request.model)}. It says: {fault.message}")
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
         final = [fault for fault in rest if fault.kind in {FaultKind.refused, FaultKind.doubtful}]
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         if final:
-            raise ConfigError(f"{self.name}: the server refuses the key, the model or a setting: {final[0].message}")
+            raise ConfigError(f"{self.name}: the server refuses the key or a setting: {final[0].message}")
         if passing:
             raise TransportError(
                 f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}; "

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError
 from tacevo.records import Completion, Delivery, Json, Price, Request
@@ -23,6 +23,17 @@ class PriceTable:
 
     models: Mapping[str, Price]
     batch_factor: float
+    #: The days, as `YYYY-MM-DD`, from which on providers no longer serve models, by name, as far as they are announced.
+    retired: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """The models that a provider can be asked for: not retired, nor soon, and not free, as the grammar is."""
+        return tuple(name for name, price in self.models.items() if name not in self.retired and price.output_usd > 0)
+
+    def retirement(self, model: str) -> str | None:
+        """Look up when a model is retired, by its name or by its name without its date; None where nothing is known."""
+        return self.retired.get(model) or self.retired.get(_DATE.sub("", model))
 
     def price(self, model: str, delivery: Delivery) -> Price | None:
         """Look a model up by its name, or by its name without its date; None where the table lacks it."""
@@ -41,7 +52,8 @@ def parse_prices(value: Json, name: str) -> PriceTable:
     """Read a price table.
 
     Args:
-        value: `batch_factor`, and `models` with `input_usd`, `output_usd`, `dated` and `source` by name.
+        value: `batch_factor`, and `models` with `input_usd`, `output_usd`, `dated`, `source` and perhaps `retired` by
+            name.
         name: of the file, for messages.
 
     Raises:
@@ -52,7 +64,8 @@ def parse_prices(value: Json, name: str) -> PriceTable:
     if not _is_amount(value["batch_factor"]):
         raise ConfigError(f"llm.prices names {name}, whose batch_factor needs to be a number >= 0")
     models = {str(model): _parse_price(entry, f"{name}, whose {model}") for model, entry in value["models"].items()}
-    return PriceTable(models=models, batch_factor=float(value["batch_factor"]))
+    retired = {str(model): str(entry["retired"]) for model, entry in value["models"].items() if "retired" in entry}
+    return PriceTable(models=models, batch_factor=float(value["batch_factor"]), retired=retired)
 
 
 def most_input_tokens(request: Request) -> int:
@@ -72,8 +85,12 @@ def worst_case(price: Price, request: Request) -> float:
 
 
 def _parse_price(entry: Json, where: str) -> Price:
-    if not isinstance(entry, dict) or set(entry) != {"input_usd", "output_usd", "dated", "source"}:
-        raise ConfigError(f"llm.prices names {where} needs input_usd, output_usd, dated and source; got {entry!r}")
+    if not isinstance(entry, dict) or {*entry} - {"retired"} != {"input_usd", "output_usd", "dated", "source"}:
+        raise ConfigError(
+            f"llm.prices names {where} needs input_usd, output_usd, dated, source, and takes retired; got {entry!r}"
+        )
+    if not re.fullmatch(r"\d{4}-\d\d-\d\d", str(entry.get("retired", "2026-01-01"))):
+        raise ConfigError(f"llm.prices names {where} needs a day like '2026-04-20' as retired; got {entry!r}")
     if not (_is_amount(entry["input_usd"]) and _is_amount(entry["output_usd"])):
         raise ConfigError(f"llm.prices names {where} needs dollars >= 0 for a million tokens; got {entry!r}")
     return Price(input_usd=float(entry["input_usd"]), output_usd=float(entry["output_usd"]), dated=str(entry["dated"]))

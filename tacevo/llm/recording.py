@@ -40,6 +40,18 @@ def ever_answered(store: Store, request: Request) -> bool:
     )
 
 
+def ever_refused(store: Store, model: str, setting: str) -> bool:
+    """Say whether a store holds an answer of a model that was had without a sampling setting which it refuses.
+
+    Raises:
+        StoreError: an entry that was looked at is damaged.
+    """
+    return any(
+        entry["request"]["model"] == model and setting in entry["answer"].get("dropped", ())
+        for entry in store.entries()
+    )
+
+
 class RecordingLLM:
     """Answers from the store where the store's mode allows it; asks the inner LLM for the rest, and records.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tacevo.costs import Spending
 from tacevo.nesting import leaves
 from tacevo.records import Json
+from tacevo.unsent import dropped_settings, sent_temperature
 
 #: The longest param, in characters: older MLflow servers refuse more.
 LONGEST_PARAM = 500
@@ -67,7 +68,9 @@ def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[st
     Returns:
         Params by name; what does not apply to the candidate is left out.
     """
-    shown = {key: line.get(key) for key in ("operator", "generation", "slot", "temperature", "stage", "reason")}
+    shown = {key: line.get(key) for key in ("operator", "generation", "slot", "stage", "reason")}
+    shown["temperature"] = sent_temperature(line)
+    shown["dropped"] = ",".join(dropped_settings(line)) or None
     shown["parents"] = ",".join(line["parents"]) or None
     shown["repairs"] = len(line.get("repairs", ())) or None
     if line["prompt"] is not None:

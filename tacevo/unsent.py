@@ -1,0 +1,38 @@
+"""What was planned and not sent to a model, because the model refuses it, as ledger lines say; pure."""
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+
+from tacevo.records import Json
+
+#: The sampling setting that a search adapts.
+TEMPERATURE = "temperature"
+
+
+def dropped_settings(line: Mapping[str, Json]) -> tuple[str, ...]:
+    """Return the sampling settings that a request was sent without; ledgers of earlier releases name none."""
+    return tuple(line.get("dropped", ()))
+
+
+def sent_temperature(line: Mapping[str, Json]) -> float | None:
+    """Return the temperature that a candidate's request was sent with; None where none was, as for the baseline."""
+    temperature: float | None = None if TEMPERATURE in dropped_settings(line) else line["temperature"]
+    return temperature
+
+
+def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
+    """Say which sampling settings were not sent, as in `temperature was not sent: the model refuses it`.
+
+    Args:
+        dropped: the settings that each request of a run was sent without.
+
+    Returns:
+        The words by setting, in the order of names, with the number of requests where it is not all of them; empty
+        where every request had every setting.
+    """
+    missed = Counter(setting for settings in dropped for setting in settings)
+    parts = {
+        setting: "" if missed[setting] == len(dropped) else f" with {missed[setting]} of {len(dropped)} requests"
+        for setting in sorted(missed)
+    }
+    return {setting: f"{setting} was not sent{part}: the model refuses it" for setting, part in parts.items()}

@@ -1,0 +1,169 @@
+"""Promise: the paper's experiments are what is written here, whatever the defaults become; their model is chosen."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
+
+from tacevo.app import main
+from tacevo.composition import compose, compose_study, from_plain, to_plain
+from tacevo.confdir import conf_root
+from tacevo.config import RunConfig, identity
+from tacevo.records import Json
+
+#: What a run of `experiment=paper_force llm=anthropic` begins its ledger with (docs/paper.md says whose decisions).
+PAPER: dict[str, Json] = {
+    "seed": 0,
+    "search": {"candidates": 50, "initial": 10},
+    "llm": {"provider": "anthropic", "model": "claude-haiku-4-5-20251001", "max_tokens": 4096, "slip_rate": 0.0},
+    "archive": {
+        "niches": 100,
+        "prompt_niches": 100,
+        "samples": 20_000,
+        "seed": 0,
+        "bounds": "adaptive",
+        "arch_div_bounds": [0.0, 1.0],
+        "eff_ratio_bounds": [0.0, 1000.0],
+        "eff_ratio_scale": "linear",
+    },
+    "temperature": {"rule": "paper", "start": 0.6, "step": 0.05, "jitter": 0.1},
+    "prompts": {"policy": "uniform"},
+    "proposals": {"mutation_probability": 0.85, "parents": "uniform", "best": 4},
+    "training": {"epochs": 10, "batch_size": 32, "learning_rate": 0.001, "seconds": 86_400.0, "memory_mib": 4096},
+    "gate": {
+        "max_parameters": 50_000_000,
+        "max_flops": 12_000_000_000,
+        "max_modules": 2_000,
+        "max_source_bytes": 100_000,
+        "seconds": 60.0,
+        "memory_mib": 4096,
+    },
+    "numerics": "portable",
+}
+
+#: What differs where the grammar answers.
+GRAMMAR: Json = {"provider": "grammar", "model": "grammar-1", "max_tokens": 4096, "slip_rate": 0.05}
+
+#: Their data; the number of images is the task's.
+DATA: dict[str, Json] = {
+    "source": "simulated",
+    "image_size": 256,
+    "seed": 0,
+    "sensor_seed": 0,
+    "light": "standard",
+    "spacings_mm": [0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0],
+    "split": "random",
+    "split_seed": 0,
+    "normalisation": "standardise",
+}
+
+#: What a study of their runs is.
+STUDY: dict[str, Json] = {
+    "elites": 4,
+    "seeds": 20,
+    "epochs": 50,
+    "seconds": 86_400.0,
+    "memory_mib": 4096,
+    "alpha": 0.05,
+}
+
+TASKS = pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])
+
+
+def insist(config: RunConfig, task: str, images: int, llm: Json) -> None:
+    """Hold a configuration against what is written above."""
+    assert identity(config) == {**PAPER, "llm": llm}
+    assert config.search.generations == 20
+    assert config.task.name == task
+    plain = to_plain(config)["data"]
+    assert {key: plain[key] for key in DATA} == DATA
+    assert plain["images"] == images
+
+
+@TASKS
+@pytest.mark.parametrize("llm", [PAPER["llm"], GRAMMAR])
+def test_paper_experiments_are_what_is_written_here(task: str, images: int, llm: Json) -> None:
+    """Every setting that decides a result has the value above; who changes one changes this test, and says why."""
+    insist(compose([f"experiment=paper_{task}", f"llm={llm['provider']}"]), task, images, llm)
+
+
+@TASKS
+def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_path: Path) -> None:
+    """Neither another default choice, nor another value in a file that is a default and not the paper's."""
+    compose([])  # tells Hydra the schema
+    conf = shutil.copytree(conf_root(), tmp_path / "conf")
+    edits = {
+        "config.yaml": [
+            ("temperature: paper", "temperature: stall"),
+            ("prompts: uniform", "prompts: curiosity"),
+            ("training: paper", "training: quick"),
+            ("numerics: portable", "numerics: fast"),
+            ("data: simulated", "data: folder"),
+            ("seed: 0", "seed: 7"),
+            ("initial: 10", "initial: 99"),
+            ("candidates: 50", "candidates: 9"),
+            ("max_flops: 12_000_000_000", "max_flops: 5"),
+        ],
+        "archive/cvt.yaml": [
+            ("eff_ratio_scale: linear", "eff_ratio_scale: log"),
+            ("bounds: adaptive", "bounds: fixed"),
+        ],
+        "llm/anthropic.yaml": [
+            ("model: claude-haiku-4-5-20251001", "model: claude-newest"),
+            ("max_tokens: 4096", "max_tokens: 9"),
+            ("top_p: null", "top_p: 0.5"),
+        ],
+    }
+    for name, pairs in edits.items():
+        text = (conf / name).read_text(encoding="utf-8")
+        for was, becomes in pairs:
+            assert was in text
+            text = text.replace(was, becomes)
+        (conf / name).write_text(text, encoding="utf-8")
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(config_dir=str(conf), version_base="1.3"):
+        chosen = hydra_compose("config", overrides=[f"experiment=paper_{task}", "llm=anthropic"])
+        insist(from_plain(OmegaConf.to_container(chosen, resolve=True, enum_to_str=True)), task, images, PAPER["llm"])  # type: ignore[arg-type]
+
+
+def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:
+    """Four elites and the baseline, 20 seeds, 50 epochs, and the margins that the verdicts depend on."""
+    study = compose_study(["run=runs/a"])
+    assert {key: getattr(study, key) for key in STUDY} == STUDY
+    margins = [(margin.value, margin.kind) for margin in (study.margins.regression, study.margins.classification)]
+    assert margins == [(0.1, "relative"), (0.01, "absolute")]
+
+
+@pytest.mark.parametrize("options", [[], ["--estimate"], ["-m", "seed=0,1"], ["ablation=llm_vs_grammar"]])
+@pytest.mark.parametrize("task", ["force", "grating"])
+def test_paper_experiment_without_a_model_says_what_to_add(
+    task: str, options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one line, before anything is made."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["search", f"experiment=paper_{task}", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"experiment=paper_{task} leaves the choice of the model to you; add llm=anthropic (Claude)" in line
+    assert "llm=grammar (a control without a language model, whose results are not a reproduction" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_data_of_a_paper_experiment_are_looked_at_without_a_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody is asked for images, so nobody needs to be chosen."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["data", "check", "experiment=paper_force", "data.images=10", "data.image_size=32"]) == 0
+    assert "10" in capsys.readouterr().out
+
+
+def test_choices_of_the_user_hold_against_the_pins() -> None:
+    """A group, a value and a model that are given beside the experiment are not silently the paper's."""
+    others = ["temperature=stall", "archive=cvt", "archive.niches=7", "prompts=none", "training=quick", "seed=3"]
+    config = compose(["experiment=paper_force", "llm=anthropic", "llm.model=mine", *others])
+    assert (config.llm.model, config.temperature.rule, config.archive.niches) == ("mine", "stall", 7)
+    assert (config.prompts.policy, config.training.epochs, config.seed) == ("none", 5, 3)

@@ -1,0 +1,173 @@
+"""Promise: a setting that a model refuses, and that was therefore not sent, is told wherever a run speaks of it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+
+import fakes
+import numpy as np
+import pytest
+from hand_runs import closed, run, trained
+from hand_sweeps import finished, run_to, sweep_of
+
+from analysis.dynamics_tables import generations_table, temperatures_table
+from analysis.figures.maps import prompt_map
+from analysis.figures.progress import temperature
+from analysis.gallery import run_pictures
+from analysis.health import alarms
+from analysis.loading import Run
+from analysis.sweep_checks import check_sweep
+from analysis.tessellation import Niches
+from tacevo.archive import find_centroids
+from tacevo.errors import IncomparableError
+from tacevo.ledger import Ledger
+from tacevo.records import Completion, Json, Request
+from tacevo.rules import FIRST, Era
+from tacevo.search import Plan, run_eras, run_search
+from tacevo.summary import summarise
+from tacevo.tracking.entries import candidate_params
+from tacevo.unsent import not_sent, sent_temperature
+
+WORDS = "temperature was not sent: the model refuses it"
+NICHES = np.array(find_centroids(niches=4, dimensions=2, samples=100, seed=0))
+
+
+class Refusing(fakes.FakeLLM):
+    """Answers as the fake does, without the temperature."""
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer, and say what was not sent."""
+        for position, completion in super().complete(requests):
+            yield position, replace(completion, dropped=("temperature", "top_p"))
+
+
+def searched(plan: Plan, llm: fakes.FakeLLM, recorded: tuple[dict[str, Json], ...] = ()) -> list[dict[str, Json]]:
+    """Run a plan; give the lines of its ledger."""
+    recorder = fakes.Recorder()
+    with Ledger(None, recorded) as ledger:
+        run_search(plan, fakes.tools(llm), ledger, recorder)
+    return recorder.lines
+
+
+def without_temperatures() -> Run:
+    """Make a run whose model refuses temperatures."""
+    asked = [trained(1, slot, prompt=slot % 2, dropped=("temperature",)) for slot in range(3)]
+    return run([trained(0, 0), *asked], [closed(0), closed(1, temperature=1.0)])
+
+
+def test_ledger_names_what_was_not_sent() -> None:
+    """Every answered line does, and nothing else in it changes; where all was sent, no line does."""
+    told, plain = (searched(fakes.plan(generations=2), llm) for llm in (Refusing(), fakes.FakeLLM()))
+    answered = [line for line in told if line.get("answer")]
+    assert answered
+    assert all(line["dropped"] == ["temperature", "top_p"] for line in answered)
+    seals = {"previous": None, "hash": None}
+    assert [{**line, **seals} for line in plain] == [
+        {key: value for key, value in (line | seals).items() if key != "dropped"} for line in told
+    ]
+
+
+def test_answers_that_were_sent_back_name_it_too() -> None:
+    """Each of them is an answer of its own."""
+    lines = searched(replace(fakes.plan(), repairs=1), Refusing())
+    assert {tuple(sent["dropped"]) for line in lines for sent in line.get("repairs", ())} == {("temperature", "top_p")}
+
+
+def test_ledger_under_the_first_core_gains_no_field() -> None:
+    """Its answers are recorded with what was dropped, its lines name nothing; a replay gives these very lines."""
+    plan = fakes.plan(generations=2)
+    for core in (1, 2):
+        with Ledger(None) as ledger:
+            eras = [Era(generation=0, rules=replace(FIRST, core=core))]
+            recorder = fakes.Recorder()
+            run_eras(plan, eras, lambda _: nullcontext(fakes.tools(Refusing())), ledger, recorder)
+        assert any("dropped" in line for line in recorder.lines) is (core == 2)
+
+
+def test_temperature_that_was_not_sent_is_none() -> None:
+    """What was planned is no temperature of the request."""
+    assert sent_temperature({"temperature": 0.5}) == 0.5
+    assert sent_temperature({"temperature": 0.5, "dropped": ["top_p"]}) == 0.5
+    assert sent_temperature({"temperature": 0.5, "dropped": ["temperature"]}) is None
+
+
+def test_number_of_requests_is_told_where_it_is_not_all() -> None:
+    """A model may change its mind, or be another one from some day on."""
+    assert not_sent([(), ()]) == {}
+    assert not_sent([("temperature",), ("temperature", "top_p")]) == {
+        "temperature": WORDS,
+        "top_p": "top_p was not sent with 1 of 2 requests: the model refuses it",
+    }
+
+
+def test_summary_says_it() -> None:
+    """And that T is what was planned."""
+    lines = searched(fakes.plan(generations=1), Refusing())
+    told = {
+        "name": "fake",
+        "task": {"name": "fake"},
+        "config": {"seed": 0, "llm": {"model": "m"}, "numerics": {"kind": "portable"}, "archive": {}},
+        "data": {"fingerprint": "f" * 64, "counts": [8, 1, 1], "image_size": 32},
+    }
+    page = summarise(told, lines, [], {})
+    assert f"{WORDS}. top_p was not sent: the model refuses it. T, and the temperatures of the prompt archive" in page
+    assert "not sent" not in summarise(told, searched(fakes.plan(generations=1), fakes.FakeLLM()), [], {})
+
+
+def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:
+    """A temperature that nobody was sent is not stuck."""
+    hand = without_temperatures()
+    stuck = replace(hand, generations=tuple(closed(number, temperature=1.0) for number in range(4)))
+    found = [alarm for alarm in alarms(stuck, NICHES) if "temperature" in alarm.name]
+    assert [(alarm.name, alarm.figures) for alarm in found] == [("temperature not sent", (("requests", 3),))]
+    assert found[0].sentence.startswith(WORDS)
+
+
+def test_figures_of_temperatures_say_it() -> None:
+    """In their titles and below them; the figure of temperatures shows no request at one."""
+    hand = without_temperatures()
+    for figure in (temperature(hand), prompt_map(hand, NICHES, range(len(NICHES)))):
+        assert figure.axes[0].get_title().replace("\n", " ") == WORDS
+    assert [line.get_label() for line in temperature(hand).axes[0].lines] == ["$T_g$ of the generation"]
+    captions = {
+        picture.name: picture.caption for picture in run_pictures(hand, Niches(networks=NICHES, prompts=NICHES))
+    }
+    assert {name for name, caption in captions.items() if WORDS in caption} == {"temperature_force", "prompt_map_force"}
+
+
+def test_figures_of_sent_temperatures_have_no_title() -> None:
+    """Nothing is said where nothing is missing."""
+    hand = run([trained(0, 0), trained(1, 0)], [closed(0), closed(1)])
+    assert [
+        figure.axes[0].get_title() for figure in (temperature(hand), prompt_map(hand, NICHES, range(len(NICHES))))
+    ] == ["", ""]
+
+
+def test_tables_of_temperatures_say_it() -> None:
+    """No band of temperatures was tried, and T of a generation is what was planned."""
+    hand = without_temperatures()
+    assert temperatures_table(hand).rows == ()
+    assert temperatures_table(hand).notes[-1] == f"{WORDS}."
+    assert generations_table(hand, NICHES).notes[-1] == f"T is what was planned; {WORDS}."
+
+
+def test_mlflow_shows_no_temperature_that_was_not_sent() -> None:
+    """It shows instead what the model refuses."""
+    line = next(line for line in searched(fakes.plan(), Refusing()) if line.get("answer"))
+    shown = candidate_params(line, [{"id": one.id, "text": one.text} for one in fakes.TASK.instructions])
+    assert shown["dropped"] == "temperature,top_p"
+    assert "temperature" not in shown
+
+
+def test_arms_over_temperature_are_no_comparison() -> None:
+    """Where one of both was not sent any; seeds of one arm, and arms over something else, still are."""
+    idle = replace(run_to(0.5, 0.4), candidates=without_temperatures().candidates)
+    others = [finished("none", 0, idle), finished("none", 1, idle), finished("no_qd", 0, idle)]
+    check_sweep(sweep_of(others))
+    rule = {"temperature": {"rule": "fixed"}}
+    fixed = finished("fixed_temperature", 0, idle, settings=rule)
+    words = rf"none-seed0 and fixed_temperature-seed0 differ in them, and in none-seed0 {WORDS}\. Delete the folders"
+    with pytest.raises(IncomparableError, match=words):
+        check_sweep(sweep_of([*others, fixed]))
+    sent = run_to(0.5, 0.4)
+    check_sweep(sweep_of([finished("none", 0, sent), finished("fixed_temperature", 0, sent, settings=rule)]))
