@@ -109,7 +109,7 @@ def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_p
             ("max_flops: 12_000_000_000", "max_flops: 5"),
         ],
         "archive/cvt.yaml": [
-            ("eff_ratio_scale: linear", "eff_ratio_scale: log"),
+            ("\nniches: 100", "\nniches: 7"),
             ("bounds: adaptive", "bounds: fixed"),
         ],
         "llm/anthropic.yaml": [
