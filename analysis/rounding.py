@@ -18,10 +18,12 @@ Halves go the way of the binary number, as Python's `format` rounds. What is no 
 import math
 import re
 
-from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue
 
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+
 _SMALLEST = 1e-4
+
 #: The sign of a number, not of an exponent.
 _NEGATIVE = re.compile(r"(?<!e)-")
 

@@ -18,20 +18,20 @@ from benchmarks.commits import commits
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.replay import synthetic_replays
 from benchmarks.timing import medians, report
-from tacevo.archive import Archive, Elite, Tessellation, insert
-from tacevo.checking import task_without_data
 from tacevo.choices import Numerics, SensorTask
-from tacevo.composition import compose
-from tacevo.data.photos import decode
-from tacevo.progress import PlainView
+from tacevo.cli.inspect import task_without_data
+from tacevo.config.compose import compose
+from tacevo.data.sources.images import decode
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
-from tacevo.replaying import replay
+from tacevo.reproduce.replay import replay
+from tacevo.runs.datasets import source_of
+from tacevo.runs.progress import PlainView
+from tacevo.runs.session import search
 from tacevo.sandbox.client import Sandbox
-from tacevo.session import search
+from tacevo.search.archive import Archive, Elite, Tessellation, insert
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import environment
-from tacevo.wiring import source_of
 
 INSERTIONS = 5_000
 FORKS = 8
@@ -167,7 +167,7 @@ def _mirror_cpu_seconds(run: Path, uri: str) -> float:
 def memory() -> str:
     """Give the peak resident memory of a process that replays, and whether it imported torch."""
     script = (
-        "import resource, sys; from tacevo.app import main; main(sys.argv[1:]); "
+        "import resource, sys; from tacevo.cli.app import main; main(sys.argv[1:]); "
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, 'torch' in sys.modules)"
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -7,14 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.timing import medians, report
-from tacevo.composition import compose, facts_without_data, load_task
-from tacevo.development import Outcome
-from tacevo.gate.admission import Admitted
-from tacevo.proposals import Proposal
+from tacevo.config.compose import compose
+from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.randomness import stream
-from tacevo.records import Graph, Mode, Node, Operator, Profile, Training
-from tacevo.search import Plan, SearchState, commit
-from tacevo.wiring import build_plan
+from tacevo.records import Mode, Operator, Training
+from tacevo.runs.wiring import build_plan
+from tacevo.search.algorithm import Plan, SearchState, commit
+from tacevo.search.development import Outcome
+from tacevo.search.proposals import Proposal
 
 #: Candidates of a search of the paper's size, and of one twenty times as long.
 CANDIDATES = (1_000, 20_000)

@@ -13,12 +13,12 @@ import numpy as np
 
 from benchmarks import plain_training as plain
 from benchmarks.timing import medians, report
-from tacevo.checking import task_without_data
 from tacevo.choices import Confinement, Numerics
+from tacevo.cli.inspect import task_without_data
 from tacevo.records import Json, Limits, Recipe, to_json
+from tacevo.runs.wiring import ENTRIES
 from tacevo.sandbox.client import Finished, Sandbox
 from tacevo.training.numerics import environment
-from tacevo.wiring import ENTRIES
 
 JOBS = 10
 _LIMITS = Limits(seconds=60, memory_mib=2048)

@@ -24,14 +24,14 @@ from scipy.stats import kendalltau, mannwhitneyu
 from torch import nn
 
 from tacevo.choices import SensorTask
-from tacevo.composition import compose
+from tacevo.config.compose import compose
 from tacevo.data.dataset import Dataset
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.randomness import stream
 from tacevo.records import Kind
-from tacevo.wiring import load_data
+from tacevo.runs.datasets import load_data
 
 LIBRARY = Path("conf/library")
 BATCH = 32

@@ -23,7 +23,7 @@ from tacevo.llm.anthropic import connect
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Message, Request
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 REQUESTS = 1_000
 CONCURRENCY = 64

@@ -18,12 +18,12 @@ from pathlib import Path
 
 from scipy.stats import entropy
 
-from analysis.loading import Candidate, Run, load_run
-from tacevo.archive import Bounds, Elite, NetworkArchive, Placed, Point, Tessellation, find_centroids
+from analysis.runs.run import Candidate, Run, load_run
+from tacevo.bundles.open import opened
 from tacevo.choices import Scale
-from tacevo.composition import compose
-from tacevo.descriptors import scaled
-from tacevo.opening import opened
+from tacevo.config.compose import compose
+from tacevo.search.archive import Bounds, Elite, NetworkArchive, Placed, Point, Tessellation, find_centroids
+from tacevo.search.descriptors import scaled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.synthetic import record_synthetic
-from tacevo.progress import PlainView
+from tacevo.runs.progress import PlainView
 
 #: Generations of 50 candidates: the paper's size, and ten times that.
 GENERATIONS = (20, 200)
@@ -21,7 +21,7 @@ GENERATIONS = (20, 200)
 _SCRIPT = """
 import json, sys, time
 from benchmarks.timing import resident
-from tacevo.app import main
+from tacevo.cli.app import main
 status = main(sys.argv[1:])
 print(json.dumps([time.process_time(), resident("VmHWM")]))
 sys.exit(status)

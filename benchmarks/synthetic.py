@@ -15,18 +15,20 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.choices import Numerics
-from tacevo.composition import compose, facts_without_data, load_task
-from tacevo.config import RunConfig
-from tacevo.development import Tools
-from tacevo.progress import View
-from tacevo.proposals import Task
-from tacevo.records import DataFacts, Json, Limits, Mode, Profile, to_json
+from tacevo.config.compose import compose
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.profile import Profile
+from tacevo.records import DataFacts, Json, Limits, Mode, to_json
 from tacevo.rules import CURRENT, Rules
+from tacevo.runs.progress import View
+from tacevo.runs.session import Result, record
+from tacevo.runs.wiring import ENTRIES, build_gate, build_tools
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.session import Result, record
+from tacevo.search.development import Tools
+from tacevo.search.proposals import Task
 from tacevo.training.evaluation import Examples, Run
 from tacevo.training.numerics import environment
-from tacevo.wiring import ENTRIES, build_gate, build_tools
 
 #: Images of the data set that is not there; few, since a made-up training predicts values for each.
 _TRAINED, _VALIDATED = 32, 8

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Self
 
-from tacevo.plurals import counted
 from tacevo.records import Completion, Json
+from tacevo.text import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

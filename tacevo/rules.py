@@ -57,11 +57,13 @@ LAST_RELEASES: Mapping[tuple[str, int], str] = {}
 
 #: Number of full trainings of studies that record none, and the number that this code follows.
 FIRST_STUDY = 2
+
 STUDY = 3
 
 #: Number of summaries and tables of runs that record none, and the number that this code writes. They follow from the
 #: records and decide nothing, so a replay compares the texts of its own number only.
 FIRST_PAGES = 1
+
 PAGES = 2
 
 

@@ -8,10 +8,10 @@ import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from tacevo.bundle import MANIFEST, STORE, sealed
-from tacevo.ledger import GENESIS, seal
+from tacevo.bundles.format import MANIFEST, STORE, sealed
 from tacevo.records import Json
-from tacevo.store import canonical
+from tacevo.storage.canonical import canonical
+from tacevo.storage.ledger import GENESIS, seal
 
 Members = dict[str, bytes]
 

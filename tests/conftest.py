@@ -54,7 +54,7 @@ def _is_loopback(host: str) -> bool:
 @pytest.fixture(scope="session")
 def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the folder of a tiny run with a study (`run`, `cache`), published as `run.zip`; nothing may be changed."""
-    from tacevo.app import main
+    from tacevo.cli.app import main
 
     folder = tmp_path_factory.mktemp("published")
     sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
@@ -70,7 +70,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the folder of a tiny sweep (`sweep`, `cache`), published as `sweep.zip`; nothing may be changed."""
     from tiny_sweep import run_sweep
 
-    from tacevo.app import main
+    from tacevo.cli.app import main
 
     folder = tmp_path_factory.mktemp("swept")
     run_sweep(folder / "sweep", folder / "cache")

@@ -5,29 +5,14 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
-from tacevo.archive import NetworkArchive, Tessellation, find_centroids
 from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
-from tacevo.development import Outcome, Tools
-from tacevo.gate.admission import Admitted
-from tacevo.proposals import Instruction, Settings, Task
-from tacevo.records import (
-    Completion,
-    Contract,
-    Graph,
-    Json,
-    Kind,
-    Loss,
-    Node,
-    Profile,
-    Reason,
-    Rejection,
-    Request,
-    Stage,
-    Training,
-    to_json,
-)
-from tacevo.search import Plan, SearchState
-from tacevo.store import content_hash
+from tacevo.profile import Admitted, Graph, Node, Profile
+from tacevo.records import Completion, Contract, Json, Kind, Loss, Reason, Rejection, Request, Stage, Training, to_json
+from tacevo.search.algorithm import Plan, SearchState
+from tacevo.search.archive import NetworkArchive, Tessellation, find_centroids
+from tacevo.search.development import Outcome, Tools
+from tacevo.search.proposals import Instruction, Settings, Task
+from tacevo.storage.canonical import content_hash
 
 CONTRACT = Contract(
     class_name="Net",

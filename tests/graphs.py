@@ -3,7 +3,7 @@
 test_gate_trace.py checks that tracing the network gives the graph, test_descriptors.py computes from the graph.
 """
 
-from tacevo.records import Graph, Node
+from tacevo.profile import Graph, Node
 
 
 def _conv(width: int) -> Node:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.loading import Candidate, Elite, Generation, Measured, Run, Trained
+from analysis.runs.run import Candidate, Elite, Generation, Measured, Run, Trained
 from tacevo.costs import Spending
 from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from hand_runs import CONFIG, closed, run, trained
 
-from analysis.loading import Candidate, Run
-from analysis.sweeps import Finished, Sweep
+from analysis.runs.run import Candidate, Run
+from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.records import Json
-from tacevo.sweepdir import Job
+from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Json = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
 

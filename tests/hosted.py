@@ -7,11 +7,11 @@ from pathlib import Path
 from tacevo.llm import anthropic, openai
 from tacevo.llm.batch_server import Pace
 from tacevo.llm.batches import BatchLLM
-from tacevo.llm.faults import Patience
+from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM, Server
-from tacevo.llm.outcomes import Models
+from tacevo.llm.retry import Patience
 from tacevo.records import Message, Request, Setting
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 KEY = "sk-ant-a-secret-key-0123456789"
 

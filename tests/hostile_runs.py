@@ -8,11 +8,12 @@ from gate_cases import VALID, completion, contract
 from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
-from tacevo.gate.admission import Admitted, Gate, GateLimits
+from tacevo.gate.admission import Gate, GateLimits
+from tacevo.profile import Admitted
 from tacevo.records import Json, Limits, Mode, Reason, Recipe, Rejection, Stage, Training, to_json
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.store import Store
+from tacevo.storage.store import Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.numerics import environment

@@ -119,7 +119,7 @@ def start(
         (folder / name).mkdir(parents=True, exist_ok=True)
     own = {"PYTHONPATH": str(folder), "TMPDIR": str(folder / "tmp")}
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "tacevo.app", "search", *SEARCH, *overrides],
+        [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *SEARCH, *overrides],
         cwd=folder / place,
         env={**os.environ, **own, **environment},
         umask=umask,

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacevo.ledger import Ledger
 from tacevo.records import Json
-from tacevo.store import write_durably
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.storage.files import write_durably
+from tacevo.storage.ledger import Ledger
+from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient

@@ -7,9 +7,9 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
-from analysis.anatomy import Anatomy, read_anatomy
+from analysis.motifs.structure import Anatomy, read_anatomy
 from tacevo.gate.trace import trace
-from tacevo.records import Graph, Profile
+from tacevo.profile import Graph, Profile
 
 LIBRARY = Path(__file__).parents[1] / "conf" / "library"
 CLASSES = {"force": "ImageRegressionCNN", "grating": "SingleLabelClassCNN", "hardness": "ImageRegressionCNN"}

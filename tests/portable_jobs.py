@@ -20,22 +20,23 @@ from studies import FOUR, study_of
 from threadpoolctl import threadpool_info
 from training_jobs import CONTRACT
 
-from analysis.comparison import compare
-from analysis.comparison_tables import study_tables
-from analysis.published_tables import published_tables
-from analysis.rendering import as_csv
-from tacevo.archive import find_centroids
+from analysis.studies.comparison import compare
+from analysis.tables.comparison import study_tables
+from analysis.tables.published import published_tables
+from analysis.tables.rendering import as_csv
 from tacevo.choices import LightScene, SensorTask
-from tacevo.data.simulator import Simulated, draw
-from tacevo.descriptors import describe
-from tacevo.documents import archive_files
+from tacevo.data.simulator.tasks import Simulated, draw
 from tacevo.gate import probe
-from tacevo.ledger import Ledger
+from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Contract, Json, Limits, Loss, Profile, Recipe, Training, to_json
+from tacevo.records import Contract, Json, Limits, Loss, Recipe, Training, to_json
+from tacevo.runs.header import archive_files
+from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
-from tacevo.search import run_search
-from tacevo.summary import summarise
+from tacevo.search.algorithm import run_search
+from tacevo.search.archive import find_centroids
+from tacevo.search.descriptors import describe
+from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer
 from tacevo.training.evaluation import judge
 

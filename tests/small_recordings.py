@@ -6,13 +6,13 @@ import numpy as np
 from PIL import Image
 
 from tacevo.choices import Normalisation, SensorTask, TargetScaling
-from tacevo.data.arrays import Arrays
 from tacevo.data.dataset import Dataset
-from tacevo.data.folder import Folder
 from tacevo.data.loading import load
 from tacevo.data.source import Source
-from tacevo.data.table import Table
-from tacevo.data.tacverse import TacVerse
+from tacevo.data.sources.arrays import Arrays
+from tacevo.data.sources.folder import Folder
+from tacevo.data.sources.table import Table
+from tacevo.data.sources.tacverse import TacVerse
 
 
 def loaded(source: Source, cache: Path) -> Dataset:

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
 
-from analysis.results import Network, Score, Study
-from analysis.tables import Table
+from analysis.studies.scores import Network, Score, Study
+from analysis.table import Table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind, Limits, Recipe
-from tacevo.terms import Margin, Terms
+from tacevo.studies.terms import Margin, Terms
 
 RECIPE = Recipe(
     epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)

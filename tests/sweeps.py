@@ -4,11 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tacevo.composition import compose, facts_without_data, load_task, to_plain
-from tacevo.launching import Launcher
-from tacevo.ledger import Ledger
+from tacevo.config.compose import compose, to_plain
+from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.records import to_json
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.storage.ledger import Ledger
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.launch import Launcher
 
 #: Shared by all jobs of the tests.
 SHARED = ["experiment=demo", "tracking=none"]

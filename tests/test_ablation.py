@@ -8,11 +8,11 @@ from hand_runs import closed, run, trained, turned_away
 from hand_sweeps import finished, run_to
 from scipy.stats import mannwhitneyu
 
-from analysis.ablation import Ablation, Comparability, Contrast, Metric, Outcome, compare_arms, outcome
-from analysis.cautions import Caution
-from analysis.common_archive import Filled, common_archive
-from analysis.loading import Run
-from analysis.statistics import holm, mann_whitney
+from analysis.runs.run import Run
+from analysis.statistics.tests import holm, mann_whitney
+from analysis.studies.warnings import Caution
+from analysis.sweeps.ablation import Ablation, Comparability, Contrast, Metric, Outcome, compare_arms, outcome
+from analysis.sweeps.common_archive import Filled, common_archive
 from tacevo.costs import Spending
 
 NONE = [0.50, 0.52, 0.54, 0.56, 0.58]

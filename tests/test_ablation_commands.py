@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
+from tacevo.config.identity import recorded_hash
 from tacevo.records import Json
-from tacevo.sweepdir import Job, SweepDirectory
-from tacevo.sweepstatus import recorded_hash
+from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 ARMS = ("none", "no_prompt_archive")
 SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]

@@ -7,13 +7,13 @@ import numpy as np
 from hand_runs import trained
 from hand_sweeps import finished, run_of, run_to, sweep_of
 
-from analysis.ablation import Ablation, Metric, compare_arms, outcome
-from analysis.ablation_tables import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
-from analysis.common_archive import Extent, common_archive
-from analysis.sweeps import Finished, Missing, Sweep
-from analysis.tables import Between, Halves, Percent, PercentBetween, PValue, Table
+from analysis.sweeps.ablation import Ablation, Metric, compare_arms, outcome
+from analysis.sweeps.common_archive import Extent, common_archive
+from analysis.sweeps.sweep import Finished, Missing, Sweep
+from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
+from analysis.tables.ablation import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
 from tacevo.costs import Spending
-from tacevo.sweepdir import Job
+from tacevo.storage.sweep_directory import Job
 
 NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
 WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)

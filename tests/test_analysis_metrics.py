@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from studies import score, study_of
 
-from analysis.metrics import metric_name, named_metrics
-from analysis.results import LOWER_IS_BETTER, Study
+from analysis.studies.metrics import metric_name, named_metrics
+from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.records import Kind
 from tacevo.training.metrics import classification_metrics, regression_metrics
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from studies import study_of
 
-from analysis.results import Study
-from analysis.studies import load_study, refuse_mixed
+from analysis.studies.scores import Study
+from analysis.studies.study import load_study, refuse_mixed
 from tacevo.choices import MarginKind
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Kind, Limits, Recipe
-from tacevo.study_documents import study_header
-from tacevo.studydir import StudyDirectory
-from tacevo.terms import Margin, Terms
+from tacevo.storage.study_directory import StudyDirectory
+from tacevo.studies.networks import study_header
+from tacevo.studies.terms import Margin, Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,

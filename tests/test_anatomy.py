@@ -11,7 +11,7 @@ from motif_cases import CLASSES, anatomy_of, baseline, built
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
-from analysis.anatomy import Anatomy, Convolution
+from analysis.motifs.structure import Anatomy, Convolution
 from tacevo.llm.grammar.bounds import fit
 from tacevo.llm.grammar.network import Attention, Down, Network, Norm
 from tacevo.llm.grammar.rendering import render

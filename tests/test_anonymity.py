@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from tacevo.anonymity import published_config, published_overrides
-from tacevo.composition import compose, from_plain, to_plain
+from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.errors import ConfigError
+from tacevo.runs.publishable import published_config, published_overrides
 
 #: Settings that are paths, in every form.
 PATHS = [

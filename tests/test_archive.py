@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ribs.archives import CVTArchive
 
-from tacevo.archive import (
+from tacevo.randomness import stream
+from tacevo.search.archive import (
     AddStatus,
     Archive,
     Bounds,
@@ -22,7 +23,6 @@ from tacevo.archive import (
     insert,
     qd_score,
 )
-from tacevo.randomness import stream
 
 QUARTERS = Tessellation([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
 

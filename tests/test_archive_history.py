@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hand_runs import closed, run, trained, turned_away
 
-from analysis.archive_history import archive_history, archive_medians
-from analysis.collection import collect
-from tacevo.opening import opened
+from analysis.report.collection import collect
+from analysis.runs.archive_history import archive_history, archive_medians
+from tacevo.bundles.open import opened
 from tacevo.records import to_json
-from tacevo.rundir import RunDirectory
-from tacevo.store import content_hash
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.run_directory import RunDirectory
 
 PUBLISHED = Path(__file__).parent.parent / "cache" / "published"
 

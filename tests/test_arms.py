@@ -11,19 +11,20 @@ from pathlib import Path
 import fakes
 import pytest
 
-from tacevo.archive import AddStatus
-from tacevo.arms import parse_arm, read_arm, require_change, split_arm
 from tacevo.choices import ArchiveKind, Axis, ParentPolicy, PromptPolicy, Provider, Scale, TemperatureRule
-from tacevo.composition import compose
-from tacevo.confdir import groups
-from tacevo.config import RunConfig, identity
-from tacevo.descriptors import scaled
+from tacevo.config.ablation import parse_arm, read_arm, require_change, split_arm
+from tacevo.config.compose import compose
+from tacevo.config.folder import groups
+from tacevo.config.identity import identity
+from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.ledger import Ledger, unsealed
-from tacevo.proposals import Proposal, plan_initial
 from tacevo.records import Json, Mode
-from tacevo.search import Plan, run_search
-from tacevo.wiring import build_plan, build_settings
+from tacevo.runs.wiring import build_plan, build_settings
+from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.archive import AddStatus
+from tacevo.search.descriptors import scaled
+from tacevo.search.proposals import Proposal, plan_initial
+from tacevo.storage.ledger import Ledger, unsealed
 
 ARMS = [arm for arm in groups()["ablation"] if arm != "none"]
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from analysis.dynamics import progress
-from analysis.dynamics_tables import generations_table
 from analysis.figures.progress import growth
-from analysis.gallery import run_pictures, undrawn
-from analysis.health import alarms
-from analysis.loading import Elite, Run
-from analysis.occupation import occupation, reachable
-from analysis.tessellation import Niches, load_niches
-from tacevo.app import main
-from tacevo.archive import find_centroids
+from analysis.report.figure_list import run_pictures, undrawn
+from analysis.runs.coverage_map import occupation, reachable
+from analysis.runs.dynamics import progress
+from analysis.runs.health import alarms
+from analysis.runs.niches import Niches, load_niches
+from analysis.runs.run import Elite, Run
+from analysis.tables.dynamics import generations_table
+from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.store import content_hash
+from tacevo.search.archive import find_centroids
+from tacevo.storage.canonical import content_hash
 
 NO_NICHES = Niches(networks=np.empty((0, 2)), prompts=np.array([[0.5, 0.5]]))
 TENTHS = (np.arange(10).reshape(-1, 1) + 0.5) / 10

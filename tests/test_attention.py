@@ -8,8 +8,8 @@ from motif_cases import SIZE, anatomy_of, profile_of
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
-from analysis.attention import AttentionKind, find_attention
-from analysis.flow import Flow
+from analysis.motifs.attention import AttentionKind, find_attention
+from analysis.motifs.step_graph import Flow
 
 C = 8
 

@@ -24,7 +24,8 @@ from tacevo.llm.anthropic import body_of, connect_batches
 from tacevo.llm.batch_records import BatchRecord, BatchRecords
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Delivery, Request, to_json
-from tacevo.store import Store, content_hash
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import Store
 
 ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.loading import load_run
+from analysis.runs.run import load_run
 from benchmarks.niches import filled, rows
-from tacevo.archive import Bounds, Tessellation
-from tacevo.opening import opened
+from tacevo.bundles.open import opened
+from tacevo.search.archive import Bounds, Tessellation
 
 ROOT = Path(__file__).parents[1]
 FORCE = ROOT / "cache" / "published" / "force-grammar.zip"

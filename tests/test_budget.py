@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from tacevo.errors import BudgetError, TransportError
 from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
-from tacevo.llm.client import LLM
 from tacevo.llm.prices import worst_case
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Completion, Message, Mode, Price, Request
-from tacevo.store import Store
+from tacevo.search.effects import LLM
+from tacevo.storage.store import Store
 
 #: A dollar a token, so that amounts are tokens.
 PRICE = Price(input_usd=1e6, output_usd=1e6, dated="2026-11-21")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tacevo.bundle import sealed
+from tacevo.bundles.format import sealed
 from tacevo.errors import RunError
 
 

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.app import main
-from tacevo.caching import explain, list_stores, verify
+from tacevo.cli.app import main
 from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Delivery, Json, Message, Price, Request, to_json
-from tacevo.store import Store, content_hash
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.listing import explain, list_stores, verify
+from tacevo.storage.store import Store
 
 HALF = Price(input_usd=1.0, output_usd=2.0, dated="2026-11-21", factor=0.5)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analysis.cautions import Caution, cautions, late_share
-from analysis.statistics import holm, smallest_p
+from analysis.statistics.tests import holm, smallest_p
+from analysis.studies.warnings import Caution, cautions, late_share
 
 PLAIN = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.records import Json
 
-COMMAND = [sys.executable, "-m", "tacevo.app"]
+COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
 
 #: A real search, as small as one can be that still mutates and crosses over.
 TINY = [
@@ -314,7 +314,7 @@ def test_users_mistake_is_one_line_and_status_2(
 def test_help_is_complete_without_any_library() -> None:
     """Help lists every command, and imports nothing that would make it slow."""
     script = (
-        "import sys, contextlib\nfrom tacevo.app import main\n"
+        "import sys, contextlib\nfrom tacevo.cli.app import main\n"
         "with contextlib.suppress(SystemExit): main(['--help'])\n"
         "print('slow:', sorted({'numpy', 'torch', 'hydra', 'omegaconf', 'mlflow', 'rich'} & set(sys.modules)))"
     )

@@ -10,7 +10,7 @@ import pytest
 from bundles import entries_of, members_of, resealed, with_entries
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tacevo.app import main
+from tacevo.cli.app import main
 
-COMMAND = [sys.executable, "-m", "tacevo.app"]
+COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
 
 SMALL = ["task=force", "data.images=40", "data.image_size=16"]
 
@@ -193,7 +193,7 @@ def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
 def test_help_is_complete_without_any_library(arguments: list[str], listed: list[str]) -> None:
     """Help lists every command, and imports nothing that would make it slow."""
     script = (
-        "import sys, contextlib\nfrom tacevo.app import main\n"
+        "import sys, contextlib\nfrom tacevo.cli.app import main\n"
         f"with contextlib.suppress(SystemExit): main({arguments})\n"
         "print('slow:', sorted({'numpy', 'matplotlib', 'PIL', 'scipy', 'hydra', 'rich'} & set(sys.modules)))"
     )
@@ -205,7 +205,7 @@ def test_help_is_complete_without_any_library(arguments: list[str], listed: list
 
 def test_search_imports_no_drawing() -> None:
     """Only the commands that draw load Matplotlib."""
-    script = "import sys, tacevo.session\nprint('drawing:', 'matplotlib' in sys.modules)"
+    script = "import sys, tacevo.runs.session\nprint('drawing:', 'matplotlib' in sys.modules)"
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "drawing: False" in out
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from smallest import ARCHIVES, UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 from smallest import ARCHIVES
 
-from tacevo.app import main
-from tacevo.tracking.locking import alone
+from tacevo.cli.app import main
+from tacevo.storage.files import alone
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -41,7 +41,7 @@ class Searched(NamedTuple):
 
 def searched(folder: Path, *tracking: str) -> Searched:
     """Search to the end in a folder, with stores of its own."""
-    command = [sys.executable, "-m", "tacevo.app", "search", *TINY, *tracking]
+    command = [sys.executable, "-m", "tacevo.cli.app", "search", *TINY, *tracking]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr
     (run,) = (folder / "runs").iterdir()

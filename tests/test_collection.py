@@ -7,10 +7,10 @@ import pytest
 from hand_runs import closed, run, trained
 from studies import study_of
 
-from analysis.collection import Collection, Compared, pictures_of, tables_of, with_one_study
-from analysis.comparison import compare
-from analysis.loading import Elite, Run
-from analysis.tessellation import Niches
+from analysis.report.collection import Collection, Compared, pictures_of, tables_of, with_one_study
+from analysis.runs.niches import Niches
+from analysis.runs.run import Elite, Run
+from analysis.studies.comparison import compare
 from tacevo.records import Kind
 
 NICHES = Niches(networks=np.array([[0.3, 0.5], [0.7, 0.5]]), prompts=np.array([[0.5, 0.5]]))

@@ -8,11 +8,11 @@ from hand_runs import closed, run, trained, turned_away
 from hand_sweeps import SETTINGS, run_of, run_to
 from ribs.archives import CVTArchive
 
-from analysis.common_archive import CommonArchive, common_archive, extents, filled
-from analysis.loading import Run
-from tacevo.archive import find_centroids, quality
+from analysis.runs.run import Run
+from analysis.sweeps.common_archive import CommonArchive, common_archive, extents, filled
 from tacevo.choices import Scale
 from tacevo.randomness import stream
+from tacevo.search.archive import find_centroids, quality
 
 #: A left and a right niche.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])

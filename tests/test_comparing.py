@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from tacevo.comparing import Recorded, agreement, compare, describe, fitness_by_source, last_generation
-from tacevo.ledger import GENESIS, seal
 from tacevo.records import Json
+from tacevo.reproduce.compare import Recorded, agreement, compare, describe, fitness_by_source, last_generation
+from tacevo.storage.ledger import GENESIS, seal
 
 HEADER: dict[str, Json] = {"kind": "run", "config": {"seed": 0}, "centroids": "c"}
 

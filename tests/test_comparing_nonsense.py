@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from bundles import with_line
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.records import Json
 
 DEEP = b"[" * 100_000

@@ -8,13 +8,13 @@ from scipy.stats import mannwhitneyu
 from statsmodels.stats.multitest import multipletests
 from studies import FOUR, around, study_of, study_of_outputs
 
-from analysis.cautions import Caution
-from analysis.comparison import Comparisons, Verdict, compare
-from analysis.results import Study
+from analysis.studies.comparison import Comparisons, Verdict, compare
+from analysis.studies.scores import Study
+from analysis.studies.warnings import Caution
 from tacevo.choices import MarginKind
 from tacevo.errors import RunError
 from tacevo.records import Kind
-from tacevo.terms import Margin
+from tacevo.studies.terms import Margin
 
 
 def verdicts(found: Comparisons) -> list[Verdict]:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from studies import FOUR, around, in_text, study_of, study_of_outputs
 
-from analysis.comparison import compare
-from analysis.comparison_tables import (
+from analysis.studies.comparison import compare
+from analysis.table import Between, Percent, PercentBetween
+from analysis.tables.comparison import (
     effects_table,
     metrics_table,
     outputs_table,
@@ -14,11 +15,10 @@ from analysis.comparison_tables import (
     study_tables,
     verdicts_table,
 )
-from analysis.rendering import as_markdown
-from analysis.tables import Between, Percent, PercentBetween
+from analysis.tables.rendering import as_markdown
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
-from tacevo.terms import Margin
+from tacevo.studies.terms import Margin
 
 GOLDEN = Path(__file__).parent / "golden"
 STUDY = study_of(FOUR)

@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 from tacevo.choices import DataSource, SplitRule
-from tacevo.composition import compose, from_plain, load_task, to_plain
-from tacevo.confdir import conf_root, groups
-from tacevo.config import RunConfig
+from tacevo.config.compose import compose, from_plain, to_plain
+from tacevo.config.folder import conf_root, groups
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Json, Kind
 

@@ -20,11 +20,12 @@ from tacevo.choices import (
     TemperatureRule,
     Tracking,
 )
-from tacevo.composition import compose
-from tacevo.config import RunConfig, identity
+from tacevo.config.compose import compose
+from tacevo.config.identity import identity
+from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Json, Mode
-from tacevo.store import canonical
+from tacevo.storage.canonical import canonical
 
 CONFIG = compose([])
 HOSTED = compose(["llm=anthropic"])

@@ -20,14 +20,15 @@ from waiting import eventually
 from witness import living, watching_candidates
 
 from tacevo.choices import Numerics
-from tacevo.gate.admission import Admitted
-from tacevo.gate.policy import check
-from tacevo.ledger import Ledger
+from tacevo.gate.policy.check import check
+from tacevo.profile import Admitted
 from tacevo.records import Completion, Limits, Mode, Reason, Rejection, Request, Stage, Training, to_json
 from tacevo.sandbox.client import Finished, Frame, Sandbox
 from tacevo.sandbox.processes import descendants
-from tacevo.search import run_search
-from tacevo.store import Store, content_hash
+from tacevo.search.algorithm import run_search
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.ledger import Ledger
+from tacevo.storage.store import Store
 from tacevo.training.evaluation import Evaluator, Setting
 from tacevo.training.losses import mean_squared_error
 

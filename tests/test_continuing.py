@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
+from tacevo.bundles.extend import continued
 from tacevo.choices import Confinement
-from tacevo.composition import compose
-from tacevo.continuing import continued
+from tacevo.cli.app import main
+from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
-from tacevo.rundir import RunDirectory
+from tacevo.storage.run_directory import RunDirectory
 
 #: A real search of one generation, with stores of its own.
 TINY = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=3", "search.initial=2"]

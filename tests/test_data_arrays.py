@@ -10,8 +10,8 @@ import pytest
 from small_recordings import save_arrays
 
 from tacevo.choices import SplitRule
-from tacevo.data.arrays import Arrays
 from tacevo.data.loading import split_rows
+from tacevo.data.sources.arrays import Arrays
 from tacevo.errors import DataError
 from tacevo.records import Kind
 

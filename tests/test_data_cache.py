@@ -19,7 +19,7 @@ import os, resource, signal, sys
 from pathlib import Path
 from tacevo.choices import LightScene, Normalisation, SensorTask, TargetScaling
 from tacevo.data.loading import load
-from tacevo.data.simulator import Simulated
+from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import DataError
 
 cache, fate, seed = sys.argv[1:]

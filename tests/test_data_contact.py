@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import dblquad
 
-from tacevo.data.contact import (
+from tacevo.data.simulator.contact import (
     combined_radius,
     conforming_pressure,
     contact_displacement,

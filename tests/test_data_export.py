@@ -13,9 +13,9 @@ import pytest
 from small_recordings import loaded
 
 from tacevo.choices import LightScene, SensorTask
-from tacevo.data.export import PATTERN, export
-from tacevo.data.simulator import Simulated
-from tacevo.data.tacverse import SIMULATED_SENSOR, SIMULATION, TacVerse
+from tacevo.data.simulator.export import PATTERN, export
+from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.sources.tacverse import SIMULATED_SENSOR, SIMULATION, TacVerse
 from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError
 

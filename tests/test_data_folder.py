@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from small_recordings import save_folder, save_image
 
-from tacevo.data.folder import Folder
+from tacevo.data.sources.folder import Folder
 from tacevo.errors import DataError
 
 

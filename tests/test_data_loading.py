@@ -14,7 +14,7 @@ from small_recordings import save_arrays, save_folder, save_forces, save_grating
 from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import fingerprint
 from tacevo.data.loading import load, split_rows
-from tacevo.data.simulator import Simulated
+from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError

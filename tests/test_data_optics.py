@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tacevo.data.optics import DOME_RADIUS, LENS_DISTANCE, pixels_per_radian, project, seen_points, transfer
+from tacevo.data.simulator.optics import DOME_RADIUS, LENS_DISTANCE, pixels_per_radian, project, seen_points, transfer
 
 
 @pytest.mark.parametrize("size", [16, 33, 256])

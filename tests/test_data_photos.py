@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
-from tacevo.data.photos import common_size, decode, files_hash
+from tacevo.data.sources.images import common_size, decode, files_hash
 from tacevo.errors import DataError
 
 #: Values of 16 bits and what they are in 8: round(value * 255 / 65535), worked out by hand.

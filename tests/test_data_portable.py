@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tacevo.data import portable
+from tacevo.data.simulator import portable
 from tacevo.randomness import stream
 
 #: Of every function at the points that `everything` looks at; other bits would be another simulator.

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.choices import Normalisation, TargetScaling
-from tacevo.data.protocol import input_statistics, target_scale
+from tacevo.data.scaling import input_statistics, target_scale
 from tacevo.errors import DataError
 
 EVERY_ROW = np.arange(4)

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacevo.composition import compose, load_task
-from tacevo.config import RunConfig
+from tacevo.config.compose import compose
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import load_task
 from tacevo.data.dataset import Dataset
-from tacevo.wiring import load_data
+from tacevo.runs.datasets import load_data
 
 #: One file of overrides for each recording; where it lies is said on the command line.
 SETTINGS = Path(__file__).parent / "recordings"

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from small_recordings import save_image, save_table
 
-from tacevo.data.folder import Folder
-from tacevo.data.roots import folders_in, glimpsed, holder, require_file, require_folder
-from tacevo.data.table import Table
+from tacevo.data.sources.folder import Folder
+from tacevo.data.sources.hints import folders_in, glimpsed, holder, require_file, require_folder
+from tacevo.data.sources.table import Table
 from tacevo.errors import DataError
 
 NOBODY = 65_534

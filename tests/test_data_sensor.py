@@ -10,8 +10,8 @@ from PIL import Image
 from scipy import ndimage
 
 from tacevo.choices import LightScene
-from tacevo.data.contact import normal_field, stick_radius
-from tacevo.data.sensor import NO_CONTACT, Grating, Press, _bent_skin, _marker_cover, make_sensor, picture
+from tacevo.data.simulator.contact import normal_field, stick_radius
+from tacevo.data.simulator.sensor import NO_CONTACT, Grating, Press, _bent_skin, _marker_cover, make_sensor, picture
 from tacevo.randomness import stream
 
 PHOTOGRAPH = (

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from small_recordings import loaded
 
+from tacevo.data.figures import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, units_of
-from tacevo.data.sheet import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.source import Catalogue, Picture
 from tacevo.data.survey import survey
 from tacevo.errors import ConfigError

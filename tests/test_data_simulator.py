@@ -17,16 +17,8 @@ from torch import nn
 
 from tacevo.choices import LightScene, SensorTask
 from tacevo.data.dataset import Dataset
-from tacevo.data.sensor import Press, _marker_pixels, make_sensor
-from tacevo.data.simulator import (
-    DOME_STIFFNESS,
-    FORCE_NOISE,
-    HYSTERESIS,
-    SHORE_LEVELS,
-    Simulated,
-    _press,
-    draw,
-)
+from tacevo.data.simulator.sensor import Press, _marker_pixels, make_sensor
+from tacevo.data.simulator.tasks import DOME_STIFFNESS, FORCE_NOISE, HYSTERESIS, SHORE_LEVELS, Simulated, _press, draw
 from tacevo.randomness import stream
 from tacevo.records import Kind
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from small_recordings import loaded, save_image, save_table
 
-from tacevo.data.table import Table
+from tacevo.data.sources.table import Table
 from tacevo.errors import DataError
 
 HEADER = "image_name, fx ,fz,note\n"

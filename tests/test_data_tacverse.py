@@ -10,8 +10,8 @@ from small_recordings import save_forces, save_gratings, save_image
 from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.loading import load, split_rows
 from tacevo.data.source import Catalogue
+from tacevo.data.sources.tacverse import TacVerse
 from tacevo.data.splitting import Split
-from tacevo.data.tacverse import TacVerse
 from tacevo.errors import DataError
 from tacevo.records import Kind
 

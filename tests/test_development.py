@@ -6,22 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tacevo.development import Outcome, Tools, develop
 from tacevo.errors import LLMError, SandboxError, TransportError
-from tacevo.gate.admission import Admitted
-from tacevo.proposals import Proposal
-from tacevo.records import (
-    Completion,
-    Graph,
-    Message,
-    Operator,
-    Profile,
-    Reason,
-    Rejection,
-    Request,
-    Stage,
-    Training,
-)
+from tacevo.profile import Admitted, Graph, Profile
+from tacevo.records import Completion, Message, Operator, Reason, Rejection, Request, Stage, Training
+from tacevo.search.development import Outcome, Tools, develop
+from tacevo.search.proposals import Proposal
 
 PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))
 REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")

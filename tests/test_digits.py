@@ -2,7 +2,7 @@
 
 import pytest
 
-from tacevo.digits import rounded
+from tacevo.rounding import rounded
 
 
 @pytest.mark.parametrize(

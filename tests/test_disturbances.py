@@ -34,9 +34,9 @@ from interruptions import (
 from mounts import enlarge, read_only, small_disk
 from smallest import UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.sandbox.processes import children, descendants
-from tacevo.store import SEARCHED
+from tacevo.storage.store import SEARCHED
 
 pytestmark = unhurried
 
@@ -234,7 +234,7 @@ def warning_of(search: subprocess.Popen[str], digest: str) -> str:
 
 def expect_nothing_lost(folder: Path, digest: str) -> None:
     """Bring MLflow up to date, and expect the whole search there once."""
-    command = [sys.executable, "-P", "-m", "tacevo.app", "track", "run", "--uri", f"sqlite:///{folder}/later.db"]
+    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "track", "run", "--uri", f"sqlite:///{folder}/later.db"]
     assert subprocess.run(command, cwd=folder, check=False).returncode == 0
     assert mirrored(folder / "later.db") == (1 + CANDIDATES, digest)
 
@@ -264,7 +264,7 @@ def test_database_of_mlflow_that_goes_away_in_the_middle_is_a_warning(whole_sear
         .read_bytes()
         .startswith((whole_search[0] / "run" / "ledger.jsonl").read_bytes())
     )
-    command = [sys.executable, "-P", "-m", "tacevo.app", "track", "run", "--uri", f"sqlite:///{tmp_path}/later.db"]
+    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "track", "run", "--uri", f"sqlite:///{tmp_path}/later.db"]
     assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 0
     assert mirrored(tmp_path / "later.db") == (1 + CANDIDATES + 4, out.splitlines()[-1].removeprefix("digest: "))
 

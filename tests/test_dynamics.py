@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 from hand_runs import closed, run, trained, turned_away
 
-from analysis.dynamics import (
-    by_prompt,
-    by_temperature,
-    copies,
-    gate_stages,
-    improvement,
-    progress,
-    repeats,
-)
-from analysis.dynamics_tables import (
+from analysis.runs.dynamics import by_prompt, by_temperature, copies, gate_stages, improvement, progress, repeats
+from analysis.runs.run import Run
+from analysis.table import Between, Percent
+from analysis.tables.dynamics import (
     costs_table,
     gate_table,
     generations_table,
@@ -21,8 +15,6 @@ from analysis.dynamics_tables import (
     prompts_table,
     temperatures_table,
 )
-from analysis.loading import Run
-from analysis.tables import Between, Percent
 from tacevo.costs import Spending
 from tacevo.records import Reason, Stage
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from analysis.dynamics import by_prompt, gate_stages, progress
-from analysis.dynamics_tables import gate_table
-from analysis.loading import Run, load_run
-from tacevo.app import main
+from analysis.runs.dynamics import by_prompt, gate_stages, progress
+from analysis.runs.run import Run, load_run
+from analysis.tables.dynamics import gate_table
+from tacevo.cli.app import main
 from tacevo.records import Stage
-from tacevo.rundir import RunDirectory
+from tacevo.storage.run_directory import RunDirectory
 
 
 @pytest.fixture(scope="module")

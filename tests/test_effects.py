@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, mannwhitneyu
 
-from analysis.effects import a12, cliffs_delta, effects, median, median_confidence, median_difference
+from analysis.statistics.effects import a12, cliffs_delta, effects, median, median_confidence, median_difference
 
 VALUES = st.lists(st.integers(-3, 3).map(float), min_size=2, max_size=8)
 

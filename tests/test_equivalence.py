@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import mannwhitneyu
 from statsmodels.stats.weightstats import ttost_ind
 
-from analysis.equivalence import equivalence
-from analysis.statistics import Method
-from tacevo.digits import rounded
+from analysis.statistics.equivalence import equivalence
+from analysis.statistics.tests import Method
+from tacevo.rounding import rounded
 
 
 def test_both_sides_are_scipys_tests_of_shifted_samples() -> None:

@@ -5,16 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.app import main
-from tacevo.composition import compose, facts_without_data, load_prices, load_task
+from tacevo.cli.app import main
+from tacevo.config.compose import compose
+from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import StoreError
-from tacevo.estimating import describe, estimate
 from tacevo.llm.prices import most_input_tokens
-from tacevo.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
-from tacevo.store import Store
-from tacevo.wiring import build_settings
+from tacevo.runs.estimate import describe, estimate
+from tacevo.runs.providers import load_prices
+from tacevo.runs.wiring import build_settings
+from tacevo.search.proposals import plan_initial
+from tacevo.storage.store import Store
 
 SMALL = ["experiment=demo", "llm=anthropic", "search.generations=2", "search.candidates=10", "search.initial=4"]
 

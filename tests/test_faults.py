@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.llm.faults import SAMPLING, Fault, FaultKind, Patience, fault_of_status, setting_to_drop
+from tacevo.llm.retry import SAMPLING, Fault, FaultKind, Patience, fault_of_status, setting_to_drop
 
 PASSING = Fault(kind=FaultKind.passing, message="529: busy")
 

@@ -23,18 +23,18 @@ from matplotlib.text import Text
 from PIL import Image
 from studies import study_of
 
-from analysis.dynamics import by_prompt, progress
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
 from analysis.figures.prompts import prompt_productivity
 from analysis.figures.studies import confusion_matrices, seed_boxes
-from analysis.lineage import lineage as find_lineage
-from analysis.loading import Elite, PromptTrial
-from analysis.results import Study
-from analysis.style import house_style, render
-from tacevo.archive import find_centroids
+from analysis.figures.style import house_style, render
+from analysis.runs.dynamics import by_prompt, progress
+from analysis.runs.lineage import lineage as find_lineage
+from analysis.runs.run import Elite, PromptTrial
+from analysis.studies.scores import Study
 from tacevo.records import Kind, Reason, Stage
+from tacevo.search.archive import find_centroids
 
 CENTROIDS = np.array(find_centroids(niches=9, dimensions=2, samples=300, seed=0))
 
@@ -183,7 +183,7 @@ def test_bytes_do_not_depend_on_the_process() -> None:
     code = (
         "import hashlib, sys, matplotlib; sys.path.insert(0, 'tests'); "
         "matplotlib.rcParams['font.size'] = 5 * int(sys.argv[1]);"
-        "import test_figures as t; from analysis.style import render;"
+        "import test_figures as t; from analysis.figures.style import render;"
         "[print(hashlib.sha256(render(t.DRAWN[name][0](), ending)).hexdigest())"
         " for name in ('prompt_map', 'trainable', 'confusion_matrices') for ending in ('.pdf', '.svg', '.png')]"
     )
@@ -214,7 +214,7 @@ def test_drawing_leaves_no_state_behind() -> None:
     before = dict(mpl.rcParams)
     render(fitness_evolution(RUN, MEDIANS), ".png")
     assert dict(mpl.rcParams) == before
-    code = "import sys, analysis.gallery; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, analysis.report.figure_list; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

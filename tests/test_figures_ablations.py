@@ -7,9 +7,9 @@ import pytest
 from matplotlib.axes import Axes
 from test_ablation_tables import NONE, WORSE, compared, jobs_of
 
-from analysis.ablation import Ablation
 from analysis.figures.ablations import curves, final_values
-from analysis.style import BLACK, render
+from analysis.figures.style import BLACK, render
+from analysis.sweeps.ablation import Ablation
 
 _, FOUND = compared(*jobs_of("none", NONE), *jobs_of("worse", WORSE))
 

@@ -10,26 +10,14 @@ from pathlib import Path
 import pytest
 from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
 
-from tacevo.descriptors import describe
 from tacevo.errors import CacheMissError, SandboxError
-from tacevo.gate.admission import Admitted, Gate, GateLimits
-from tacevo.records import (
-    Contract,
-    Graph,
-    Json,
-    Limits,
-    Mode,
-    Node,
-    Profile,
-    Reason,
-    Rejection,
-    Stage,
-    Step,
-    to_json,
-)
+from tacevo.gate.admission import Gate, GateLimits
+from tacevo.profile import Admitted, Graph, Node, Profile, Step
+from tacevo.records import Contract, Json, Limits, Mode, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.store import Store
+from tacevo.search.descriptors import describe
+from tacevo.storage.store import Store
 
 LIMITS = GateLimits(parameters=20_000_000, flops=10**11, modules=1_000)
 PROBE_LIMITS = Limits(seconds=60.0, memory_mib=2_000)

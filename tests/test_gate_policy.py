@@ -9,9 +9,9 @@ from gate_cases import VALID, candidate, completion, contract, examples, needs_s
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.gate import allowed
 from tacevo.gate.extraction import extract
-from tacevo.gate.policy import DEEPEST, check
+from tacevo.gate.policy import allowed
+from tacevo.gate.policy.check import DEEPEST, check
 from tacevo.records import Reason, Rejection, Stage
 
 CONTRACT = contract()

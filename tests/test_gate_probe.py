@@ -9,9 +9,10 @@ import pytest
 import torch
 from gate_cases import SHARED, VALID, candidate, contract, needs_shared
 
-from tacevo.descriptors import describe
 from tacevo.gate.probe import run
-from tacevo.records import Contract, Json, Profile, Reason, Rejection, Stage, to_json
+from tacevo.profile import Profile
+from tacevo.records import Contract, Json, Reason, Rejection, Stage, to_json
+from tacevo.search.descriptors import describe
 
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 

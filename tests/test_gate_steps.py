@@ -10,7 +10,7 @@ from torch.nn import functional as F  # noqa: N812 - the customary name, as cand
 from tacevo.gate.operations import activation
 from tacevo.gate.soundness import MOST_OPERANDS, MOST_STEPS
 from tacevo.gate.trace import trace
-from tacevo.records import Step
+from tacevo.profile import Step
 
 
 class Function(nn.Module):

@@ -12,7 +12,7 @@ from torch.nn import functional as F  # noqa: N812 - the customary name, as cand
 
 from tacevo.gate.operations import is_transparent, operation
 from tacevo.gate.trace import trace
-from tacevo.records import Graph
+from tacevo.profile import Graph
 
 #: The steps of a network: an image and its one layer in, anything out.
 Forward = Callable[[Tensor, nn.Module], object]

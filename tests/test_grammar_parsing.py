@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head, Hidden, Network, Norm, Pooling
 from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.reading import UnreadableError, plain_tree
 from tacevo.llm.grammar.rendering import render
-from tacevo.llm.grammar.syntax import UnreadableError, plain_tree
 
 LIBRARY = Path(__file__).parents[1] / "conf" / "library"
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()

@@ -9,12 +9,12 @@ import yaml
 from grammar_strategies import build, train_a_step
 
 from tacevo.errors import ConfigError
-from tacevo.llm.client import LLM
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.provider import MODEL, GrammarLLM
 from tacevo.randomness import stream
 from tacevo.records import Completion, Message, Request
-from tacevo.store import content_hash
+from tacevo.search.effects import LLM
+from tacevo.storage.canonical import content_hash
 
 LIBRARY = Path(__file__).parents[1] / "conf" / "library"
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()

@@ -7,12 +7,12 @@ import pytest
 from hand_runs import closed, run, trained, turned_away
 from numpy.typing import NDArray
 
-from analysis.health import alarms
-from analysis.health_tables import health_table, niches_table
-from analysis.loading import Candidate, Elite, PromptTrial, Run
-from analysis.occupation import effective_niches, occupation, reachable
-from analysis.tables import Percent
-from analysis.tessellation import Niches
+from analysis.runs.coverage_map import effective_niches, occupation, reachable
+from analysis.runs.health import alarms
+from analysis.runs.niches import Niches
+from analysis.runs.run import Candidate, Elite, PromptTrial, Run
+from analysis.table import Percent
+from analysis.tables.health import health_table, niches_table
 from tacevo.records import Reason, Stage
 
 #: Four niches, one in each quarter of the unit square.

@@ -13,9 +13,9 @@ from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
 
-from tacevo.gate import allowed
 from tacevo.gate.honesty import check_leaves, unchanged
-from tacevo.gate.policy import check
+from tacevo.gate.policy import allowed
+from tacevo.gate.policy.check import check
 from tacevo.gate.probe import run
 from tacevo.records import MISREPORTING, Json, Reason, to_json
 

@@ -17,13 +17,13 @@ from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 
 from tacevo.errors import ConfigError, LLMError, TransportError
-from tacevo.llm.faults import Patience
+from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM
-from tacevo.llm.outcomes import Models
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.llm.retry import Patience
 from tacevo.records import Completion, Price, Request
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
 

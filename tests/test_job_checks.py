@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from tacevo.errors import DivergenceError
-from tacevo.job_checks import check_jobs
 from tacevo.records import Json
-from tacevo.sweepdir import SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import SweepDirectory, name_arm
+from tacevo.sweeps.check import check_jobs
 
 Edit = Callable[[Json], object]
 

@@ -19,11 +19,11 @@ from interruptions import comes, leftovers, processes_of, unhurried, wait_until
 from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.errors import ConfigError, RunError
-from tacevo.launching import Assignment, Launcher, fitted, launch, split_launcher, watch
-from tacevo.sweepdir import Job, SweepDirectory
-from tacevo.sweepstatus import Standing, Status, status_of
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.launch import Assignment, Launcher, fitted, launch, split_launcher, watch
+from tacevo.sweeps.status import Standing, Status, status_of
 
 pytestmark = unhurried
 
@@ -45,7 +45,7 @@ def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
     """Start the sweep in a folder, in a session of its own."""
     (folder / "tmp").mkdir(exist_ok=True)
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "tacevo.app", "search", "-m", *SWEEP, *overrides, "--into", "all"],
+        [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *SWEEP, *overrides, "--into", "all"],
         cwd=folder,
         env={**os.environ, "TMPDIR": str(folder / "tmp")},
         stdout=subprocess.PIPE,
@@ -224,7 +224,7 @@ def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> N
     terminal, end = pty.openpty()
     settings = [*SWEEP, "search.generations=99", "hydra.launcher.n_jobs=2"]
     sweep = subprocess.Popen(
-        [sys.executable, "-P", "-m", "tacevo.app", "search", "-m", *settings, "--into", "all"],
+        [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *settings, "--into", "all"],
         cwd=tmp_path,
         stdin=end,
         stdout=subprocess.DEVNULL,

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.errors import DivergenceError, RunError
-from tacevo.ledger import GENESIS, Ledger, read_ledger, seal
 from tacevo.records import Json
-from tacevo.store import canonical, content_hash
+from tacevo.storage.canonical import canonical, content_hash
+from tacevo.storage.ledger import GENESIS, Ledger, read_ledger, seal
 
 ENTRIES: list[dict[str, Json]] = [
     {"kind": "run", "schema": 1, "config": {"seed": 0}},

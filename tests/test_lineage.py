@@ -3,9 +3,9 @@
 import pytest
 from hand_runs import closed, run, trained
 
-from analysis.lineage import ancestors, lineage
-from analysis.lineage_tables import lineage_table
-from analysis.loading import Run
+from analysis.runs.lineage import ancestors, lineage
+from analysis.runs.run import Run
+from analysis.tables.lineage import lineage_table
 from tacevo.errors import RunError
 
 

@@ -18,7 +18,7 @@ from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 
 from tacevo.llm.recording import RecordingLLM
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 
 @pytest.fixture(autouse=True)

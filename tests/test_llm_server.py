@@ -14,14 +14,14 @@ from hosted import KEY, batched, hosted, request
 from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
-from tacevo.checking import task_without_data
-from tacevo.gate.admission import Admitted
-from tacevo.llm.client import LLM
+from tacevo.cli.inspect import task_without_data
+from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Request
 from tacevo.rules import CURRENT
+from tacevo.runs.wiring import ENTRIES, build_gate
 from tacevo.sandbox.client import Sandbox
+from tacevo.search.effects import LLM
 from tacevo.training.numerics import environment
-from tacevo.wiring import ENTRIES, build_gate
 
 ANSWERS = Path(__file__).parents[2] / "shared" / "llm_answers"
 SERVER = Path(__file__).parent / "llm_server.py"

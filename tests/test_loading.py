@@ -10,15 +10,15 @@ from hand_runs import closed, run, trained
 from motif_cases import baseline
 from smallest import SMALLEST, UNTRACKED
 
-from analysis.gallery import run_pictures
-from analysis.loading import Elite, Run, load_run
-from analysis.motif_tables import anatomies_table
-from analysis.motifs import count_motifs
-from analysis.tessellation import load_niches
-from tacevo.app import main
+from analysis.motifs.motifs import count_motifs
+from analysis.report.figure_list import run_pictures
+from analysis.runs.niches import load_niches
+from analysis.runs.run import Elite, Run, load_run
+from analysis.tables.motifs import anatomies_table
+from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.study_documents import networks_of
+from tacevo.studies.networks import networks_of
 
 
 @pytest.fixture(scope="module")

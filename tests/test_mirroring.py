@@ -13,12 +13,12 @@ import pytest
 from mirrored import BASELINE, ENTRIES, build_run, build_sweep, everything
 from mounts import read_only
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.errors import RunError
-from tacevo.mirroring import find_runs, track
-from tacevo.rundir import RunDirectory
+from tacevo.storage.files import alone
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.tracking.backfill import find_runs, track
 from tacevo.tracking.identity import FILE
-from tacevo.tracking.locking import alone
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
@@ -126,7 +126,7 @@ def test_killed_command_is_completed_by_the_next(tmp_path: Path, uri: str) -> No
         build_run(tmp_path / "runs" / name, [ENTRIES[0], *many, ENTRIES[-2]])
     database = tmp_path / "killed.db"
     killed = f"sqlite:///{database}"
-    command = [sys.executable, "-m", "tacevo.app", "track", str(tmp_path / "runs"), "--uri", killed]
+    command = [sys.executable, "-m", "tacevo.cli.app", "track", str(tmp_path / "runs"), "--uri", killed]
     with subprocess.Popen(command) as process:
         wait_for_runs(database, 10)
         process.kill()

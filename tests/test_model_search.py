@@ -18,7 +18,7 @@ from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.costs import dollars
 
 KEY = "sk-ant-a-secret-key"
@@ -40,7 +40,7 @@ def refuse(event, arguments):
     if event.startswith("socket."):
         raise RuntimeError(f"this process has no network, but something asks for {event}")
 sys.addaudithook(refuse)
-from tacevo.app import main
+from tacevo.cli.app import main
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -9,16 +9,16 @@ from motif_cases import CLASSES, LIBRARY, anatomy_of, baseline, built, profile_o
 from statsmodels.stats.multitest import multipletests
 from torch import nn
 
-from analysis.loading import Elite, Run
-from analysis.motif_tables import SUPPLEMENT, anatomies_table, motifs_table
-from analysis.motifs import MOTIFS, count_motifs, motifs_of, read_anatomies, width_ratio
-from analysis.tables import PValue
+from analysis.motifs.motifs import MOTIFS, count_motifs, motifs_of, read_anatomies, width_ratio
+from analysis.runs.run import Elite, Run
+from analysis.table import PValue
+from analysis.tables.motifs import SUPPLEMENT, anatomies_table, motifs_table
 from tacevo.errors import RunError
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
+from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Profile
 
 #: Every closed instruction and what it adds to the motifs of the baseline; a new form of the same code adds nothing.
 ADDS = {

@@ -10,13 +10,14 @@ import pytest
 from gate_cases import completion, contract, examples, needs_shared
 from motif_cases import LIBRARY
 
-from analysis.anatomy import Anatomy, read_anatomy
-from analysis.motifs import motifs_of
-from tacevo.gate.admission import Admitted, Gate, GateLimits
+from analysis.motifs.motifs import motifs_of
+from analysis.motifs.structure import Anatomy, read_anatomy
+from tacevo.gate.admission import Gate, GateLimits
+from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Limits, Mode
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Sandbox
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 #: Answers whose instruction names a motif; the others ask for a goal, a new form of the code, or what no motif is.
 ASKED = {

@@ -1,6 +1,6 @@
 """Promise: every setting of a nested configuration is found once, by its whole key."""
 
-from tacevo.nesting import leaves
+from tacevo.storage.canonical import leaves
 
 
 def test_leaves_bear_their_whole_keys_in_order() -> None:

@@ -9,8 +9,8 @@ from llm_server import serving
 from openai.types.chat import ChatCompletion
 
 from tacevo.errors import ConfigError
-from tacevo.llm.faults import FaultError
 from tacevo.llm.openai import body_of, completion_of, connect
+from tacevo.llm.retry import FaultError
 from tacevo.records import Completion
 
 

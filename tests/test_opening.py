@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from sweeps import SHARED, begin
 
+from tacevo.bundles.open import located, opened, private_folder
 from tacevo.errors import DivergenceError, RunError
-from tacevo.opening import located, opened, private_folder
-from tacevo.sweepdir import Job, SweepDirectory
-from tacevo.sweeping import plan
-from tacevo.sweepstatus import Standing, status_of
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.plan import plan
+from tacevo.sweeps.status import Standing, status_of
 
 
 def test_folder_is_opened_where_it_lies(published: Path) -> None:

@@ -37,7 +37,7 @@ def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> Non
     zipfile.ZipFile(wheel).extractall(library)
     overrides = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
     done = subprocess.run(
-        [sys.executable, "-m", "tacevo.app", "search", *overrides],
+        [sys.executable, "-m", "tacevo.cli.app", "search", *overrides],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(library)},
         capture_output=True,
@@ -47,7 +47,7 @@ def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> Non
     assert done.returncode == 0, done.stderr
     assert "digest: " in done.stdout
     where = subprocess.run(
-        [sys.executable, "-c", "import tacevo.confdir; print(tacevo.confdir.conf_root())"],
+        [sys.executable, "-c", "import tacevo.config.folder; print(tacevo.config.folder.conf_root())"],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(library)},
         capture_output=True,

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.errors import StoreError
-from tacevo.packing import import_file
 from tacevo.records import Json
-from tacevo.store import SEARCHED, Store, content_hash
+from tacevo.reproduce.export import import_file
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import SEARCHED, Store
 
 #: A real search, as small as one can be.
 TINY = [

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.gallery import Picture
-from analysis.paper import ENGINES, Chapter, Illustration, document, make_pdf, write_document
-from analysis.tables import Between, Percent, PValue, Table
-from analysis.writing import write_chapter
+from analysis.report.document import ENGINES, Chapter, Illustration, document, make_pdf, write_document
+from analysis.report.figure_list import Picture
+from analysis.report.writing import write_chapter
+from analysis.table import Between, Percent, PValue, Table
 from tacevo.errors import RunError
 
 CHAPTER = Chapter(

@@ -9,10 +9,11 @@ from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from tacevo.app import main
-from tacevo.composition import compose, compose_study, from_plain, to_plain
-from tacevo.confdir import conf_root
-from tacevo.config import RunConfig, identity
+from tacevo.cli.app import main
+from tacevo.config.compose import compose, compose_study, from_plain, to_plain
+from tacevo.config.folder import conf_root
+from tacevo.config.identity import identity
+from tacevo.config.schema import RunConfig
 from tacevo.records import Json
 
 #: What a run of `experiment=paper_force llm=anthropic` begins its ledger with (docs/paper.md says whose decisions).

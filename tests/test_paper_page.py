@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.settings import keys
+from tacevo.config.keys import keys
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

@@ -2,8 +2,8 @@
 
 import pytest
 
+from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.errors import ConfigError
-from tacevo.papers import Subject, Terms, citation, licence, readme
 from tacevo.records import Json
 
 

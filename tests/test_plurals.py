@@ -2,7 +2,7 @@
 
 import pytest
 
-from tacevo.plurals import counted
+from tacevo.text import counted
 
 
 @pytest.mark.parametrize(("number", "words"), [(0, "0 answers"), (1, "1 answer"), (2, "2 answers"), (11, "11 answers")])

@@ -6,7 +6,7 @@ from hosted import KEY, PROVIDERS, hosted, request
 from llm_script import Script
 from llm_server import serving
 
-from tacevo.llm.pools import SHARE, shares
+from tacevo.llm.hosted import SHARE, shares
 
 
 @pytest.mark.parametrize(("concurrency", "clients"), [(1, 1), (SHARE, 1), (SHARE + 1, 2), (10 * SHARE, 10)])

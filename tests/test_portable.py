@@ -21,9 +21,9 @@ from portable_operations import computed
 from torch import nn
 
 from tacevo.choices import Numerics
-from tacevo.gate import allowed
 from tacevo.gate.operations import NOT_PORTABLE
-from tacevo.gate.policy import check
+from tacevo.gate.policy import allowed
+from tacevo.gate.policy.check import check
 from tacevo.gate.portability import watching_portability
 from tacevo.training.numerics import environment
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analysis.power import Detectable, detectable
-from analysis.statistics import mann_whitney
+from analysis.statistics.power import Detectable, detectable
+from analysis.statistics.tests import mann_whitney
 
 
 def found(seeds: int, alpha: float) -> Detectable:

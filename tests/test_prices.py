@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.composition import compose, load_prices
+from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
 from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens, parse_prices, worst_case
 from tacevo.records import Completion, Delivery, Message, Price, Request
+from tacevo.runs.providers import load_prices
 
 TABLE = load_prices("prices.yaml")
 ENTRY: dict[str, Any] = {"input_usd": 1, "output_usd": 2.0, "dated": "2026-11-21", "source": "a page"}

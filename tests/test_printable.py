@@ -5,8 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from tacevo.printable import printable
-from tacevo.progress import PlainView
+from tacevo.runs.progress import PlainView
+from tacevo.text import printable
 
 
 @pytest.mark.parametrize(

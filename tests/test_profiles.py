@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from smallest import ARCHIVES, UNTRACKED
 
-from analysis.loading import load_run
-from analysis.motifs import read_anatomies
-from tacevo.app import main
+from analysis.motifs.motifs import read_anatomies
+from analysis.runs.run import load_run
 from tacevo.choices import Confinement
+from tacevo.cli.app import main
 from tacevo.errors import RunError, SandboxError
-from tacevo.profiles import recall_profiles
-from tacevo.rundir import RunDirectory
+from tacevo.runs.profiles import recall_profiles
+from tacevo.storage.run_directory import RunDirectory
 
 
 @pytest.fixture(scope="module")

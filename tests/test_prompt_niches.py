@@ -7,14 +7,14 @@ import hand_runs
 import numpy as np
 import pytest
 
-from analysis.collection import collect
-from analysis.loading import Run
-from analysis.prompt_niches import reachable_prompt_niches, reachable_temperatures
-from tacevo.archive import Tessellation
-from tacevo.opening import opened
-from tacevo.prompts import prompt_point
+from analysis.report.collection import collect
+from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
+from analysis.runs.run import Run
+from tacevo.bundles.open import opened
 from tacevo.records import Json
-from tacevo.rundir import RunDirectory
+from tacevo.search.archive import Tessellation
+from tacevo.search.prompts import prompt_point
+from tacevo.storage.run_directory import RunDirectory
 
 PUBLISHED = Path(__file__).parent.parent / "cache" / "published"
 

@@ -14,10 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from tacevo.archive import Tessellation
 from tacevo.choices import ParentPolicy, PromptPolicy
-from tacevo.prompts import PromptArchive, Trial
-from tacevo.proposals import (
+from tacevo.randomness import stream
+from tacevo.records import Contract, Kind, Loss, Message, Operator, Reason, Rejection, Request, Stage
+from tacevo.search.archive import Tessellation
+from tacevo.search.prompts import PromptArchive, Trial
+from tacevo.search.proposals import (
     Instruction,
     Parent,
     Proposal,
@@ -31,8 +33,6 @@ from tacevo.proposals import (
     repair_request,
     system_prompt,
 )
-from tacevo.randomness import stream
-from tacevo.records import Contract, Kind, Loss, Message, Operator, Reason, Rejection, Request, Stage
 
 GOLDEN = Path(__file__).parent / "golden"
 GENERATIONS = 2000

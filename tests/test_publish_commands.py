@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.cli.publish import table_files
 from tacevo.errors import IncomparableError, RunError
-from tacevo.publish_commands import table_files
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 from statsmodels.stats.multitest import multipletests
 from studies import in_text
 
-from analysis.loading import Run
-from analysis.published import (
+from analysis.runs.run import Run
+from analysis.statistics.published import (
     FORCE,
     GRATING,
     SCORES,
@@ -20,9 +20,9 @@ from analysis.published import (
     corrected,
     verdicts_that_change,
 )
-from analysis.published_tables import beside_published, published_tables
-from analysis.tables import Percent
-from tacevo.composition import compose, to_plain
+from analysis.table import Percent
+from analysis.tables.published import beside_published, published_tables
+from tacevo.config.compose import compose, to_plain
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from bundles import Members, members_of, resealed
 
-from tacevo.app import main
-from tacevo.bundle import JOBS
+from tacevo.bundles.format import JOBS
+from tacevo.cli.app import main
 
 
 def written(folder: Path) -> dict[str, bytes]:

@@ -16,9 +16,9 @@ import yaml
 from bundles import entries_of, members_of
 from rocrate.rocrate import ROCrate
 
-from tacevo.app import main
-from tacevo.bundle import MANIFEST, STORE
-from tacevo.store import KINDS, Store
+from tacevo.bundles.format import MANIFEST, STORE
+from tacevo.cli.app import main
+from tacevo.storage.store import KINDS, Store
 
 
 def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> None:
@@ -33,7 +33,7 @@ def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> No
         "HOME": str(tmp_path),
         "USER": "nobody",
     }
-    command = [sys.executable, "-m", "tacevo.app", "publish", "elsewhere", "-o", "again.zip", "--store", "stores"]
+    command = [sys.executable, "-m", "tacevo.cli.app", "publish", "elsewhere", "-o", "again.zip", "--store", "stores"]
     subprocess.run(
         [*command, "--author", "A. Nyone"],
         cwd=tmp_path,

@@ -12,7 +12,7 @@ import pytest
 from tacevo.errors import CacheMissError, LLMError, StoreError, TransportError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Completion, Message, Mode, Price, Request, to_json
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 
 class FakeLLM:

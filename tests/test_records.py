@@ -8,26 +8,24 @@ from typing import Any
 
 import pytest
 
-from tacevo import config, records
+from tacevo import records
+from tacevo.config import schema
+from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import (
     Completion,
     Contract,
     DataFacts,
     Delivery,
-    Graph,
     Kind,
     Limits,
     Loss,
     Message,
-    Node,
     Price,
-    Profile,
     Reason,
     Recipe,
     Rejection,
     Request,
     Stage,
-    Step,
     Training,
     to_json,
 )
@@ -96,7 +94,7 @@ READ_BACK = [
 ]
 ENUMS = [
     value
-    for module in (records, config)
+    for module in (records, schema)
     for value in vars(module).values()
     if isinstance(value, type) and issubclass(value, StrEnum) and value is not StrEnum
 ]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, write_table
 from analysis.rounding import shown
-from analysis.tables import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.tables.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, write_table
 from tacevo.errors import StoreError
 
 MINUS = "\N{MINUS SIGN}"

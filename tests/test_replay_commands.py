@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.sandbox.client import Sandbox
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
+from tacevo.config.recorded import read_run
 from tacevo.errors import ConfigError, RunError
-from tacevo.replaying import read_run
-from tacevo.rundir import RunDirectory
+from tacevo.storage.run_directory import RunDirectory
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from html.parser import HTMLParser
 from hand_runs import closed, run, trained
 from matplotlib.figure import Figure
 
-from analysis.gallery import Picture
-from analysis.report import Image, as_html, drawn
-from analysis.tables import Percent, PValue, Table
+from analysis.report.figure_list import Picture
+from analysis.report.page import Image, as_html, drawn
+from analysis.table import Percent, PValue, Table
 
 TABLE = Table(name="t", caption="a < b", columns=("name", "p"), rows=(("<script>", PValue(0.0001)),), notes=("R & D",))
 RUN = run([trained(0, 0)], [closed(0)])
@@ -64,7 +64,7 @@ def test_name_of_a_model_cannot_become_markup() -> None:
 
 
 def test_numbers_are_rounded_as_in_every_table() -> None:
-    """The rule is that of `analysis.rendering`."""
+    """The rule is that of `analysis.tables.rendering`."""
     table = Table(name="t", caption="c", columns=("x", "y", "z"), rows=((Percent(0.5), 0.0123456, None),))
     page = as_html(RUN, [table], [], [])
     assert "<td class=number>50.0 %</td><td class=number>0.0123</td><td class=number>\N{EN DASH}</td>" in page

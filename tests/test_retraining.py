@@ -10,14 +10,14 @@ from bundles import members_of, resealed
 from rich.console import Console
 from smallest import ARCHIVES, UNTRACKED
 
-from tacevo.app import main
+from tacevo.bundles.open import Opened, insist_on_walls, opened
 from tacevo.choices import Device, Numerics
+from tacevo.cli.app import main
 from tacevo.errors import BundleError, DataError, DivergenceError
-from tacevo.ledger import Ledger, read_ledger
-from tacevo.opening import Opened, opened
-from tacevo.progress import PlainView
 from tacevo.records import Json, Reason, Rejection, Stage, Training
-from tacevo.retraining import Retrained, describe, difference, doubts_of, evaluated, insist_on_walls, retrain, sampled
+from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluated, retrain, sampled
+from tacevo.runs.progress import PlainView
+from tacevo.storage.ledger import Ledger, read_ledger
 
 #: A real search, as small as one can be.
 TINY = [

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from smallest import UNTRACKED
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.rules import (
@@ -26,7 +26,7 @@ from tacevo.rules import (
     eras_of,
     recorded,
 )
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 GOLDEN = Path(__file__).parent / "golden" / "bundles"
 
@@ -58,7 +58,7 @@ rules.LAST_RELEASES = {{("core", {CURRENT.core}): "0.1.0", ("training", {CURRENT
 
 def release(setting: str, *command: str | Path) -> subprocess.CompletedProcess[str]:
     """Run a command of another release of the package, which is this one with other numbers."""
-    program = f"{setting}\nfrom tacevo.app import main\nsys.exit(main(sys.argv[1:]))"
+    program = f"{setting}\nfrom tacevo.cli.app import main\nsys.exit(main(sys.argv[1:]))"
     return subprocess.run(
         [sys.executable, "-c", program, *map(str, command)], capture_output=True, text=True, check=False
     )

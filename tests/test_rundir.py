@@ -12,16 +12,17 @@ from pathlib import Path
 import pytest
 
 from tacevo.costs import Spending
+from tacevo.environment import PACKAGES, gpu, machine, versions
 from tacevo.errors import RunError
-from tacevo.ledger import Ledger
 from tacevo.records import Json, Reason, Rejection, Stage
-from tacevo.rundir import PACKAGES, SCHEMA, RunDirectory, gpu, machine, versions
+from tacevo.storage.ledger import Ledger
+from tacevo.storage.run_directory import SCHEMA, RunDirectory
 
 #: Locks a run directory, says so, and waits until it is killed.
 HOLDER = """
 import sys
 from pathlib import Path
-from tacevo.rundir import RunDirectory
+from tacevo.storage.run_directory import RunDirectory
 with RunDirectory(Path(sys.argv[1])).locked():
     print("locked", flush=True)
     sys.stdin.read()

@@ -18,7 +18,7 @@ pytestmark = [
 ]
 
 WEAKER = "from weaker_machine import lose_landlock; lose_landlock()\n"
-RUN = "import sys; from tacevo.app import main; sys.exit(main(sys.argv[1:]))"
+RUN = "import sys; from tacevo.cli.app import main; sys.exit(main(sys.argv[1:]))"
 
 
 def tacevo(*arguments: str, folder: Path, weaker: bool = True) -> subprocess.CompletedProcess[str]:

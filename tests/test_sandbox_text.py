@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.sandbox.text import LONGEST, describe, one_line
+from tacevo.sandbox.protocol import LONGEST, describe, one_line
 
 
 @given(st.text())

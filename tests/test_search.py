@@ -16,9 +16,9 @@ import pytest
 
 from tacevo.choices import PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
-from tacevo.ledger import Ledger
 from tacevo.records import Json, Reason, Rejection, Stage, Training
-from tacevo.search import Plan, run_search
+from tacevo.search.algorithm import Plan, run_search
+from tacevo.storage.ledger import Ledger
 
 
 def run(plan: Plan, path: Path | None = None, **effects: object) -> tuple[str, fakes.Recorder]:

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.app import main
-from tacevo.ledger import Ledger
+from tacevo.cli.app import main
 from tacevo.records import Json
-from tacevo.rundir import RunDirectory
+from tacevo.runs.session import Walls
 from tacevo.sandbox.confinement import available, in_force
-from tacevo.session import Walls
+from tacevo.storage.ledger import Ledger
+from tacevo.storage.run_directory import RunDirectory
 
 #: A real search, as small as one can be; with slips, so that answers are rejected, too.
 TINY = [

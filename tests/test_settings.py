@@ -2,7 +2,7 @@
 
 import pytest
 
-from tacevo.settings import expected, keys
+from tacevo.config.keys import expected, keys
 
 
 @pytest.mark.parametrize("key", keys())

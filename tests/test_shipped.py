@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from bundles import members_of
 
-from tacevo.app import main
-from tacevo.opening import opened
+from tacevo.bundles.open import opened
+from tacevo.cli.app import main
 
 PUBLISHED = Path(__file__).parent.parent / "cache" / "published"
 BUNDLES = sorted(PUBLISHED.glob("*.zip"))

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.bundles.entries import MOST_ENTRIES, pack, unpack
+from tacevo.bundles.zipfiles import FREE_BYTES, Budget
 from tacevo.errors import BundleError
 from tacevo.records import Json
-from tacevo.solid import MOST_ENTRIES, pack, unpack
-from tacevo.store import Store, canonical
-from tacevo.zipping import FREE_BYTES, Budget
+from tacevo.storage.canonical import canonical
+from tacevo.storage.store import Store
 
 ENTRIES: list[Json] = [
     {"kind": kind, "request": {"of": number}, "answer": {"value": number / 3, "text": "ü\n"}}

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import PermutationMethod, fisher_exact, mannwhitneyu
 from statsmodels.stats.multitest import multipletests
 
-from analysis.statistics import Alternative, Method, holm, hypergeometric_p, mann_whitney, smallest_p
+from analysis.statistics.tests import Alternative, Method, holm, hypergeometric_p, mann_whitney, smallest_p
 
 SIDES: tuple[Alternative, ...] = ("two-sided", "greater", "less")
 #: Few different values, so that most samples have ties.

@@ -21,7 +21,9 @@ from hypothesis import strategies as st
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Message, Mode, Request, to_json
-from tacevo.store import Store, canonical, content_hash, sweep, write_durably
+from tacevo.storage.canonical import canonical, content_hash
+from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.store import Store
 
 REQUEST = Request(
     model="m",
@@ -65,7 +67,7 @@ JSON = st.recursive(
 WRITER = """
 import sys
 from pathlib import Path
-from tacevo.store import Store
+from tacevo.storage.store import Store
 store = Store(Path(sys.argv[1]), "shared")
 for _ in range(30):
     store.write({"x": 1}, sys.argv[2] * 100_000)
@@ -75,7 +77,7 @@ for _ in range(30):
 STOPPED_WRITER = """
 import sys, time
 from pathlib import Path
-from tacevo.store import write_durably
+from tacevo.storage.store import write_durably
 class Endless(str):
     def encode(self):
         print("writing", flush=True)
@@ -419,8 +421,8 @@ def without_locks(code: str, error: int, library: Path, folder: Path) -> str:
     return "" if done.returncode == 0 else done.stderr.splitlines()[-1]
 
 
-WRITE = "import sys, pathlib, tacevo.store as s; s.write_durably(pathlib.Path(sys.argv[1]) / 'file', 'new')"
-SWEEP = "import sys, pathlib, tacevo.store as s; s.sweep(pathlib.Path(sys.argv[1]))"
+WRITE = "import sys, pathlib, tacevo.storage.store as s; s.write_durably(pathlib.Path(sys.argv[1]) / 'file', 'new')"
+SWEEP = "import sys, pathlib, tacevo.storage.store as s; s.sweep(pathlib.Path(sys.argv[1]))"
 
 
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from studies import network, score, study_of
 
-from analysis.study_checks import check_study
+from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
 
 WHOLE = study_of({"baseline": [0.1, 0.2, 0.3], "variant 1": [0.1, 0.2, 0.4]})

@@ -7,15 +7,15 @@ from dataclasses import asdict
 import pytest
 from rich.console import Console
 
-from tacevo.app import main
 from tacevo.choices import MarginKind
-from tacevo.composition import compose_study
-from tacevo.config import ExecutorConfig
+from tacevo.cli.app import main
+from tacevo.cli.study import SETTINGS
+from tacevo.config.compose import compose_study
+from tacevo.config.keys import expected, keys
+from tacevo.config.schema import ExecutorConfig
+from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError
-from tacevo.progress import LiveStudyView, PlainView, make_study_view
-from tacevo.settings import expected, keys
-from tacevo.study_commands import SETTINGS
-from tacevo.study_config import StudyConfig
+from tacevo.runs.progress import LiveStudyView, PlainView, make_study_view
 
 #: Chosen by nobody while there is one kind of executor.
 UNTOLD = {"executor", "executor.kind", "store", "margins", "margins.regression", "margins.classification"}

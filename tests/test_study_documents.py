@@ -4,7 +4,7 @@ import pytest
 
 from tacevo.errors import RunError
 from tacevo.records import Json, Reason, Rejection, Stage, Training
-from tacevo.study_documents import networks_of, score_line
+from tacevo.studies.networks import networks_of, score_line
 from tacevo.training.full import FullTraining
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json
-from tacevo.studydir import StudyDirectory, describes, studies_of
+from tacevo.storage.study_directory import StudyDirectory, describes, studies_of
 
 HEADER: dict[str, Json] = {"kind": "study", "networks": [{"name": "baseline"}, {"name": "variant 1"}], "seeds": 2}
 ENTRIES: list[dict[str, Json]] = [

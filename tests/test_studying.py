@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from smallest import ARCHIVES, UNTRACKED
 
-from analysis.loading import load_run
-from analysis.studies import load_study
-from tacevo.app import main
-from tacevo.composition import compose
+from analysis.runs.run import load_run
+from analysis.studies.study import load_study
+from tacevo.cli.app import main
+from tacevo.config.compose import compose
 from tacevo.errors import RunError
-from tacevo.ledger import read_ledger
 from tacevo.records import Json
-from tacevo.store import Store, check_entry
-from tacevo.studydir import SCHEMA, StudyDirectory, studies_of
-from tacevo.wiring import load_data
+from tacevo.runs.datasets import load_data
+from tacevo.storage.ledger import read_ledger
+from tacevo.storage.store import Store, check_entry
+from tacevo.storage.study_directory import SCHEMA, StudyDirectory, studies_of
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -195,7 +195,7 @@ def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) ->
     """At the same time, on the same run and store."""
     before = files(folder)
     forget(folder)
-    command = [sys.executable, "-m", "tacevo.app", "study", *STUDY, "executor.workers=1"]
+    command = [sys.executable, "-m", "tacevo.cli.app", "study", *STUDY, "executor.workers=1"]
     processes = [subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
     for process in processes:
         _, errors = process.communicate(timeout=240)
@@ -209,7 +209,7 @@ def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder:
     """Stopped after its first training: that one is kept, and the same command does the rest."""
     before = files(folder)
     forget(folder)
-    command = [sys.executable, "-m", "tacevo.app", "study", *STUDY, "executor.workers=1"]
+    command = [sys.executable, "-m", "tacevo.cli.app", "study", *STUDY, "executor.workers=1"]
     study = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while not trainings(folder) and time.monotonic() < deadline:

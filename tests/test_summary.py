@@ -6,7 +6,8 @@ import pytest
 
 from tacevo.costs import Spending
 from tacevo.records import Json
-from tacevo.summary import summarise, table
+from tacevo.runs.summary import summarise
+from tacevo.text import table
 
 GOLDEN = Path(__file__).parent / "golden"
 RUN: dict[str, Json] = {

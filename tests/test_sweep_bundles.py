@@ -10,11 +10,11 @@ import pytest
 from bundles import Members, entries_of, members_of, resealed, with_entries
 from tiny_sweep import OWN, edited, jobs_text
 
-from tacevo.app import main
-from tacevo.bundle import JOBS, STORE
-from tacevo.rundir import RunDirectory
-from tacevo.store import Store
-from tacevo.sweepdir import SweepDirectory, sweep_digest
+from tacevo.bundles.format import JOBS, STORE
+from tacevo.cli.app import main
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import Store
+from tacevo.storage.sweep_directory import SweepDirectory, sweep_digest
 
 Refused = Callable[[Members, str], None]
 

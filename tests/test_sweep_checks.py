@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from hand_sweeps import SETTINGS, VERSIONS, finished, run_to, sweep_of
 
-from analysis.sweep_checks import VERSIONS as CHECKED
-from analysis.sweep_checks import check_sweep
-from analysis.sweeps import Finished
+from analysis.sweeps.sweep import Finished
+from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
+from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json
 

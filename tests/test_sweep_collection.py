@@ -5,8 +5,8 @@ import pytest
 from hand_sweeps import finished, run_to, sweep_of
 from numpy.typing import NDArray
 
-from analysis.loading import Run
-from analysis.sweep_collection import measuring
+from analysis.report.sweep_collection import measuring
+from analysis.runs.run import Run
 from tacevo.errors import IncomparableError
 
 RUN = run_to(0.5)

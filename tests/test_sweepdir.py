@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tacevo.errors import RunError
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 JOBS = (
     Job(name="none-seed0", arm="none", seed=0, overrides=("ablation=none", "seed=0"), config="a" * 64),

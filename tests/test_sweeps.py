@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.sweeps import load_sweep
+from analysis.sweeps.sweep import load_sweep
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.sweepdir import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 
 def job(name: str, arm: str = "none", seed: int = 0) -> Job:

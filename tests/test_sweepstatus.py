@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 from sweeps import SHARED, begin
 
-from tacevo.composition import compose
-from tacevo.sweepdir import Job, SweepDirectory
-from tacevo.sweeping import plan
-from tacevo.sweepstatus import Standing, config_hash, describe, status_of
+from tacevo.config.compose import compose
+from tacevo.config.identity import config_hash
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.plan import plan
+from tacevo.sweeps.status import Standing, describe, status_of
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 
 from tacevo.choices import MarginKind
 from tacevo.records import to_json
-from tacevo.terms import Margin, Terms, fewest_seeds
+from tacevo.studies.terms import Margin, Terms, fewest_seeds
 
 
 @pytest.mark.parametrize(

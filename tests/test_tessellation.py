@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from smallest import SMALLEST, UNTRACKED
 
-from analysis.loading import load_run
-from analysis.tessellation import Polygon, cells, load_niches
-from tacevo.app import main
-from tacevo.archive import Tessellation, find_centroids
+from analysis.runs.niches import Polygon, cells, load_niches
+from analysis.runs.run import load_run
+from tacevo.cli.app import main
 from tacevo.errors import RunError, StoreError
+from tacevo.search.archive import Tessellation, find_centroids
 
 
 def area(polygon: Polygon) -> float:

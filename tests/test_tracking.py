@@ -36,7 +36,8 @@ from mirrored import (
 
 from tacevo.costs import Spending
 from tacevo.records import Json, to_json
-from tacevo.rundir import RunDirectory
+from tacevo.redaction import Veil, without_password
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
     Measure,
@@ -46,10 +47,8 @@ from tacevo.tracking.entries import (
     cost_measures,
     generation_measures,
     shorten,
-    without_password,
 )
 from tacevo.tracking.process import URI_VARIABLE, Mirror
-from tacevo.tracking.veil import Veil
 
 if TYPE_CHECKING:
     pass
@@ -345,7 +344,7 @@ def test_renamed_folder_is_the_same_run(run_dir: Path, uri: str) -> None:
 
 def test_tag_that_a_lost_answer_took_already_is_no_error(run_dir: Path, uri: str) -> None:
     """The client asks again, and the server has no such tag any more."""
-    from tacevo.tracking.runs import unlabel
+    from tacevo.tracking.client import unlabel
 
     mirror_once(run_dir, uri)
     client, parent, _ = open_store(uri)
@@ -358,7 +357,7 @@ def test_tag_of_a_run_that_is_gone_is_an_error(run_dir: Path, uri: str) -> None:
     """Only the missing tag is passed over."""
     from mlflow.exceptions import MlflowException
 
-    from tacevo.tracking.runs import unlabel
+    from tacevo.tracking.client import unlabel
 
     mirror_once(run_dir, uri)
     client, parent, _ = open_store(uri)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from mirrored import CODE, DATA, ENTRIES, build_run, mirror_once, open_store
 
-from tacevo.checkout import checked_out
+from tacevo.environment import checked_out
 from tacevo.records import Json
 from tacevo.tracking.datasets import data_set, source_tags
 

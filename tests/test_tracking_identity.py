@@ -8,7 +8,7 @@ from threading import Barrier
 
 import pytest
 
-from tacevo.app import main
+from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.tracking.identity import FILE, folder_id
 

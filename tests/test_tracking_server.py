@@ -17,7 +17,7 @@ import pytest
 from mirrored import BASELINE, ENTRIES, build_run, build_sweep, everything
 from test_mirroring import quietly, wait_for_runs
 
-from tacevo.mirroring import track
+from tacevo.tracking.backfill import track
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")

@@ -11,9 +11,8 @@ from mirrored import ENTRIES, GENERATION, SECOND_GENERATION, build_run, build_sw
 from mounts import read_only
 
 from tacevo.costs import Spending
-from tacevo.sweepdir import SweepDirectory
-from tacevo.tracking.entries import Measure
-from tacevo.tracking.totals import Totals, total_measures
+from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.tracking.entries import Measure, Totals, total_measures
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
@@ -105,8 +104,7 @@ def test_read_only_sweeps_are_told_apart_by_name(sweep: Path, tmp_path: Path, ur
 
 def test_search_is_not_lost_with_a_sweeps_run_that_another_machine_takes_away(sweep: Path, uri: str) -> None:
     """Without common locks a rival makes an older run, and removes ours just before our search is tagged with it."""
-    from tacevo.tracking.runs import PARENT_TAG
-    from tacevo.tracking.stores import find_or_create_experiment, open_store
+    from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
     from tacevo.tracking.sweeps import SWEEP_KEY_TAG, membership, nest
 
     member = membership(sweep / "none-seed0")
@@ -127,7 +125,7 @@ def test_search_is_not_lost_with_a_sweeps_run_that_another_machine_takes_away(sw
 
 def test_seeds_that_were_added_meanwhile_keep_the_sweep_going(sweep: Path, uri: str) -> None:
     """The last of the jobs that a search knew of is not the last that there are now."""
-    from tacevo.tracking.stores import find_or_create_experiment, open_store
+    from tacevo.tracking.client import find_or_create_experiment, open_store
     from tacevo.tracking.sweeps import join_sweep, leave_sweep, membership
 
     directory = SweepDirectory(sweep)
@@ -155,8 +153,7 @@ def test_run_beside_the_jobs_of_a_sweep_is_none_of_them(sweep: Path, uri: str) -
 
 def test_jobs_that_begin_at_once_make_one_sweep(sweep: Path, uri: str) -> None:
     """However many look for the sweep's run in one moment, and find none, one is made."""
-    from tacevo.tracking.runs import PARENT_TAG
-    from tacevo.tracking.stores import find_or_create_experiment, open_store
+    from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
     from tacevo.tracking.sweeps import join_sweep, membership
 
     member = membership(sweep / "none-seed0")

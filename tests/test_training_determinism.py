@@ -8,8 +8,8 @@ import pytest
 import torch
 from training_jobs import examples, header_of, payload_of
 
-from tacevo.composition import compose
-from tacevo.config import identity
+from tacevo.config.compose import compose
+from tacevo.config.identity import identity
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.training.determinism import note_warnings, noting_nondeterminism

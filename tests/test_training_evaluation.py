@@ -19,7 +19,7 @@ from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
 from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training, to_json
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
-from tacevo.store import Store
+from tacevo.storage.store import Store
 from tacevo.training.evaluation import ENTRIES, Evaluator, Run, Setting, judge
 from tacevo.training.numerics import check_machine, environment, refuse_unfit
 

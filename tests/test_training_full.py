@@ -12,7 +12,7 @@ from tacevo.choices import Device, Numerics
 from tacevo.errors import CacheMissError, DataError
 from tacevo.records import Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
 from tacevo.sandbox.client import Died, Finished, Frame
-from tacevo.store import Store
+from tacevo.storage.store import Store
 from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
 from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess
 

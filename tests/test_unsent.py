@@ -10,23 +10,23 @@ import pytest
 from hand_runs import closed, run, trained
 from hand_sweeps import finished, run_to, sweep_of
 
-from analysis.dynamics_tables import generations_table, temperatures_table
 from analysis.figures.maps import prompt_map
 from analysis.figures.progress import temperature
-from analysis.gallery import run_pictures
-from analysis.health import alarms
-from analysis.loading import Run
-from analysis.sweep_checks import check_sweep
-from analysis.tessellation import Niches
-from tacevo.archive import find_centroids
+from analysis.report.figure_list import run_pictures
+from analysis.runs.health import alarms
+from analysis.runs.niches import Niches
+from analysis.runs.run import Run
+from analysis.sweeps.sweep_checks import check_sweep
+from analysis.tables.dynamics import generations_table, temperatures_table
 from tacevo.errors import IncomparableError
-from tacevo.ledger import Ledger
 from tacevo.records import Completion, Json, Request
 from tacevo.rules import FIRST, Era
-from tacevo.search import Plan, run_eras, run_search
-from tacevo.summary import summarise
+from tacevo.runs.summary import summarise
+from tacevo.search.algorithm import Plan, run_eras, run_search
+from tacevo.search.archive import find_centroids
+from tacevo.search.unsent import not_sent, sent_temperature
+from tacevo.storage.ledger import Ledger
 from tacevo.tracking.entries import candidate_params
-from tacevo.unsent import not_sent, sent_temperature
 
 WORDS = "temperature was not sent: the model refuses it"
 NICHES = np.array(find_centroids(niches=4, dimensions=2, samples=100, seed=0))

@@ -20,13 +20,13 @@ import pytest
 from bundles import Members, entries_of, honest, members_of, resealed, with_entries, with_line, zipped
 from rich.console import Console
 
-from tacevo.app import main
-from tacevo.bundle import MANIFEST, STORE
+from tacevo.bundles.format import MANIFEST, STORE
+from tacevo.bundles.open import opened
+from tacevo.bundles.verify import table_difference, verify
+from tacevo.cli.app import main
 from tacevo.errors import BundleError
-from tacevo.opening import opened
-from tacevo.progress import PlainView
 from tacevo.records import Json
-from tacevo.verifying import table_difference, verify
+from tacevo.runs.progress import PlainView
 
 
 @pytest.fixture
@@ -365,7 +365,7 @@ def test_interrupted_replay_leaves_nothing(published: Path, tmp_path: Path) -> N
     """Ctrl-C and a polite request to end, while the bundle lies unpacked."""
     for number in (signal.SIGINT, signal.SIGTERM):
         process = subprocess.Popen(
-            [sys.executable, "-m", "tacevo.app", "replay", str(published / "run.zip")],
+            [sys.executable, "-m", "tacevo.cli.app", "replay", str(published / "run.zip")],
             env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
             stderr=subprocess.PIPE,
             stdout=subprocess.PIPE,

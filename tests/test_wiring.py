@@ -7,13 +7,15 @@ import pytest
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
 from tacevo.choices import Confinement
-from tacevo.composition import compose, facts_without_data, load_task
+from tacevo.config.compose import compose
+from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import Mode
 from tacevo.rules import CURRENT
+from tacevo.runs.datasets import load_data
+from tacevo.runs.wiring import open_tools
 from tacevo.sandbox.confinement import available, in_force
-from tacevo.wiring import load_data, open_tools
 
 
 def load(tmp_path: Path, *overrides: str) -> Dataset:

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from bundles import zipped
 
-from tacevo.errors import BundleError
-from tacevo.zipping import (
+from tacevo.bundles.zipfiles import (
     FREE_BYTES,
     LONGEST_NAME,
     MOST_MEMBERS,
@@ -22,6 +21,7 @@ from tacevo.zipping import (
     packed,
     unpack,
 )
+from tacevo.errors import BundleError
 
 ANY = re.compile(".*", re.DOTALL)
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from smallest import SMALLEST, UNTRACKED
 
+from tacevo.config.identity import config_hash
+from tacevo.config.recorded import read_run
 from tacevo.records import Json
-from tacevo.replaying import read_run
-from tacevo.sweepdir import Job, SweepDirectory, name_arm
-from tacevo.sweepstatus import config_hash
+from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 
 #: What all jobs share.
 SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]
@@ -23,7 +23,7 @@ OWN = {
 
 def run_sweep(folder: Path, store: Path) -> None:
     """Run the jobs, and write sweep.json."""
-    from tacevo.app import main
+    from tacevo.cli.app import main
 
     shared = [*SMALLEST, UNTRACKED, *SIZES, f"store.root={store}"]
     directory = SweepDirectory(folder)

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.ablation import Ablation, Metric, Outcome
 from analysis.figures.axes import on_loss_axis
-from analysis.style import (
+from analysis.figures.style import (
     BLACK,
     BLUE,
     GREEN,
@@ -26,12 +25,15 @@ from analysis.style import (
     house_style,
     new_figure,
 )
+from analysis.sweeps.ablation import Ablation, Metric, Outcome
 
 #: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
 _Dash = str | tuple[int, tuple[int, ...]]
 
 _COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, GREY)
+
 _DASHES: tuple[_Dash, ...] = ("--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
+
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">", "*", "p", "h")
 
 #: Half of what the seeds of an arm are apart, as part of its place.

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 
 from matplotlib.axes import Axes
 
-from analysis.loading import Run
-from tacevo.unsent import TEMPERATURE
+from analysis.runs.run import Run
+from tacevo.search.unsent import TEMPERATURE
 
 #: The longest line of a title over a single column, in characters.
 _TITLE = 40

@@ -9,11 +9,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from analysis.figures.axes import on_loss_axis
-from analysis.lineage import Ancestor
-from analysis.loading import Candidate
+from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
-from analysis.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
-from tacevo.data.sheet import WIDTHS
+from analysis.runs.lineage import Ancestor
+from analysis.runs.run import Candidate
+from tacevo.data.figures import WIDTHS
 from tacevo.records import Operator
 
 #: Ancestors that a figure shows, at most: the latest.

@@ -13,9 +13,9 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from numpy.typing import NDArray
 
 from analysis.figures.axes import title_unsent_temperatures
-from analysis.loading import Run
-from analysis.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
-from analysis.tessellation import Polygon, cells
+from analysis.figures.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
+from analysis.runs.niches import Polygon, cells
+from analysis.runs.run import Run
 
 #: (low, high) of both axes, in their units.
 Extent = tuple[tuple[float, float], tuple[float, float]]

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.dynamics import Progress
 from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
-from analysis.loading import Run
-from analysis.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
+from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
+from analysis.runs.dynamics import Progress
+from analysis.runs.run import Run
 from tacevo.records import Stage
 
 #: How candidates that a stage turned away are drawn: label, colour, hatching.

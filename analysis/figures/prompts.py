@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from analysis.dynamics import Productivity
-from analysis.style import BLUE, GREY, house_style, new_figure
+from analysis.figures.style import BLUE, GREY, house_style, new_figure
+from analysis.runs.dynamics import Productivity
 
 
 @house_style()

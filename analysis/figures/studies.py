@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.metrics import SHARES, metric_name
-from analysis.results import Study
-from analysis.style import BLACK, BLUE, GREY, ORANGE, PALE, VERMILLION, house_style, new_figure
+from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, PALE, VERMILLION, house_style, new_figure
+from analysis.studies.metrics import SHARES, metric_name
+from analysis.studies.scores import Study
 
 #: From this many networks on, `variant 1` has two lines, since one would run into the next.
 _NARROW = 6

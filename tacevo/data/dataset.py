@@ -13,18 +13,21 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.data.protocol import BLOCK
+from tacevo.data.scaling import BLOCK
 from tacevo.errors import DataError
 from tacevo.records import DataFacts, to_json
-from tacevo.store import canonical
+from tacevo.storage.canonical import canonical
 
 #: Changes when the header or the order of the bytes that enter the fingerprint changes.
 FINGERPRINT_SCHEMA = 1
 
 IMAGES = "images.npy"
+
 FACTS = "facts.json"
+
 #: The fields of `Dataset` that are kept as one `.npy` file each, in the order in which they are hashed.
 ARRAYS = ("targets", "train", "validation", "test")
+
 #: The fields of `Dataset` that stand in `facts.json` beside the facts.
 STATISTICS = ("mean", "deviation", "offset", "scale")
 

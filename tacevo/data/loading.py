@@ -16,18 +16,20 @@ import numpy.typing as npt
 from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
-from tacevo.data.protocol import LARGEST_LABEL, input_statistics, target_scale
+from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Picture, Source, refuse
 from tacevo.data.splitting import Split, random_split, refuse_unbalanced
 from tacevo.data.staging import reserve, staged, sweep
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import DataError
 from tacevo.records import DataFacts, Kind
-from tacevo.store import content_hash
+from tacevo.storage.canonical import content_hash
 
 #: Changes when the same description would give other files in the cache.
 CACHE_SCHEMA = 2
+
 MINIMUM_IMAGES = 10
+
 WAITING = "data: another process makes this data set; waiting for it"
 
 

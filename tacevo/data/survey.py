@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tacevo.choices import Normalisation
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import labels_of
-from tacevo.data.protocol import input_statistics
+from tacevo.data.scaling import input_statistics
 from tacevo.records import Kind
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 #: Pictures that a worker makes between two reports of progress.
 CHUNK = 32
+
 #: Up to this many pictures are made in this process: starting others would take longer. Measured in processor time on
 #: an AMD EPYC: a worker takes 0.2 to 0.3 s to start, a picture 4.5 ms drawn at 256 pixels, 1.1 ms drawn at 64, 10 ms
 #: decoded from a PNG of 640 x 480; so two workers on two idle cores should win from 140, 400 and 40 pictures. On busy

@@ -9,26 +9,17 @@ import math
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
 
-from tacevo.descriptors import describe
 from tacevo.gate.answers import read
 from tacevo.gate.operations import NOT_PORTABLE
-from tacevo.gate.policy import check
+from tacevo.gate.policy.check import check
 from tacevo.gate.soundness import are_sound_steps, is_sound_graph
-from tacevo.records import (
-    Completion,
-    Contract,
-    Json,
-    Limits,
-    Profile,
-    Reason,
-    Rejection,
-    Stage,
-    to_json,
-)
+from tacevo.profile import Admitted, Profile
+from tacevo.records import Completion, Contract, Json, Limits, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT, Rules
 from tacevo.sandbox.client import Died, Finished
-from tacevo.sandbox.text import one_line
-from tacevo.store import Store
+from tacevo.sandbox.protocol import one_line
+from tacevo.search.descriptors import describe
+from tacevo.storage.store import Store
 
 #: Runs a sandbox entry: name, header, payload, limits.
 RunEntry = Callable[[str, Json, bytes, Limits], Finished | Died]
@@ -45,14 +36,6 @@ class GateLimits:
     modules: int
     #: UTF-8 bytes of a model's whole answer.
     source_bytes: int = 100_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Admitted:
-    """A candidate that may be trained."""
-
-    source: str
-    profile: Profile
 
 
 class Gate:

@@ -6,9 +6,9 @@ recording.
 """
 
 from tacevo.gate.extraction import extract, first_look
-from tacevo.gate.policy import check
+from tacevo.gate.policy.check import check
 from tacevo.records import Completion, Contract, Json, Rejection, to_json
-from tacevo.store import Store
+from tacevo.storage.store import Store
 
 
 def read(completion: Completion, contract: Contract, *, limit: int, store: Store, rules: int) -> str | Rejection:

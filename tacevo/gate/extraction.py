@@ -18,8 +18,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tacevo.gate.blocks import Block, fenced_blocks, parsable_blocks
-from tacevo.gate.parsing import Problem, parse
+from tacevo.gate.blocks import Block, Problem, fenced_blocks, parsable_blocks, parse
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that its model did not end: its own token limit, or the end of the model's context.

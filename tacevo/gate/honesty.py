@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.autograd.graph import get_gradient_edge
 
-from tacevo.gate.allowed import MODULE_NAMES
+from tacevo.gate.policy.allowed import MODULE_NAMES
 from tacevo.records import Reason
 from tacevo.sandbox.candidate import NAME, CandidateError
 from tacevo.sandbox.network import attributes, modules, parameters, switch

@@ -98,6 +98,8 @@ def _squashed(name: str) -> str:
 
 
 _TRANSPARENT = frozenset(_squashed(name) for name in (_SHAPING + _ACTIVATIONS).split())
+
 #: torch derives its layer ReLU6 from Hardtanh, whose forward pass it inherits; so the function is called that, too.
 _ACTIVATION_NAMES = {_squashed(name): name for name in _ACTIVATIONS.split()} | {"relu6": "hardtanh"}
+
 _SHAPE_ONLY = frozenset(_squashed(name) for name in _FACTORIES.split())

@@ -18,8 +18,9 @@ from torch.utils.flop_counter import FlopCounterMode
 from tacevo.gate.honesty import check_leaves, check_names, unchanged
 from tacevo.gate.portability import watching_portability
 from tacevo.gate.trace import Trace, trace
+from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Contract, Json, Kind, Loss, Profile, Reason, Rejection, Stage, to_json
+from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import modules, parameters
@@ -28,6 +29,7 @@ from tacevo.sandbox.network import modules, parameters
 BATCHES = (2, 5)
 
 _SEED = 0
+
 _LEARNING_RATE = 1e-3
 
 

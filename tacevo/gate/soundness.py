@@ -1,6 +1,6 @@
 """Whether a probe's graph and steps are such as tracing gives: a candidate can write frames, too (parent side)."""
 
-from tacevo.records import Graph, Node, Profile, Step
+from tacevo.profile import Graph, Node, Profile, Step
 
 #: Widths, channels and kernel sides are below this, so that their squares and sums stay exact or at least finite.
 _TOO_LARGE = 2**53
@@ -8,6 +8,7 @@ _TOO_LARGE = 2**53
 #: How many steps of a pass are recorded, and how many operands of a step: more than any network that a person would
 #: write has, and little enough that a record stays below a megabyte or two.
 MOST_STEPS = 5_000
+
 MOST_OPERANDS = 16
 
 #: Longest spelling of an operation; those of torch stay below 50 characters.

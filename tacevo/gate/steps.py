@@ -13,14 +13,13 @@ from torch import Tensor, nn
 
 from tacevo.gate.operations import CONVOLUTIONS, activation, is_transparent
 from tacevo.gate.soundness import MOST_OPERANDS, MOST_STEPS
-from tacevo.records import Step
+from tacevo.profile import Step
 
 #: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
 _STRIDE, _GROUPS = 3, 6
 
 #: What torch's dropout functions take where a call names no probability.
 _DROPOUT = 0.5
-
 
 #: Calls that take no values from their second tensor, only its shape or type.
 _LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}

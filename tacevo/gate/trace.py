@@ -20,7 +20,7 @@ from torch.overrides import TorchFunctionMode
 
 from tacevo.gate.operations import CONVOLUTIONS, WEIGHTED, is_factory, is_transparent, operation
 from tacevo.gate.steps import Settings, StepRecorder, of_call, of_layer
-from tacevo.records import Graph, Node, Step
+from tacevo.profile import Graph, Node, Step
 from tacevo.sandbox.network import parameters, switch
 
 #: Modules of torch.nn that only call others; every other class of torch.nn is one layer.

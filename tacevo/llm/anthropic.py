@@ -11,9 +11,9 @@ import httpx2
 from anthropic.types import Message
 
 from tacevo.errors import ConfigError
-from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
-from tacevo.llm.outcomes import check_key, checked
-from tacevo.llm.pools import shares
+from tacevo.llm.failures import check_key, checked
+from tacevo.llm.hosted import shares
+from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -74,7 +74,7 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
         ConfigError: the environment holds no key, or the address is none.
     """
     with _explaining():
-        # The SDK's own retries are off: `tacevo.llm.faults` says why.
+        # The SDK's own retries are off: `tacevo.llm.retry` says why.
         clients = [
             anthropic.AsyncAnthropic(
                 base_url=base_url,

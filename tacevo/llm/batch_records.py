@@ -6,13 +6,15 @@ the store. It holds no key of an account and no address in the clear.
 
 import json
 import secrets
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tacevo.errors import StoreError
-from tacevo.records import Json, to_json
-from tacevo.store import write_durably
+from tacevo.errors import ConfigError, StoreError
+from tacevo.records import Completion, Json, Request, to_json
+from tacevo.search.effects import LLM
+from tacevo.storage.files import write_durably
+from tacevo.storage.store import Store
 
 #: Raised when the layout of a record changes.
 SCHEMA = 1
@@ -102,3 +104,40 @@ def _read(path: Path) -> BatchRecord:
             f"{path} is no record of a batch ({type(error).__name__}: {error}); restore it from a copy, or delete it: "
             "a batch that it stood for is then submitted, and paid for, again"
         ) from error
+
+
+class UnbatchedLLM:
+    """Refuses requests that stand in a batch and have no stored answer; hands on the others.
+
+    Args:
+        inner: who answers.
+        store: the completions.
+        records: what is remembered of the batches on the server that is asked.
+    """
+
+    def __init__(self, inner: LLM, *, store: Store, records: BatchRecords) -> None:
+        self._inner = inner
+        self._store = store
+        self._records = records
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer different requests (see `tacevo.search.effects.LLM`).
+
+        Raises:
+            ConfigError: a batch holds some of them.
+            StoreError: a record of a batch is damaged.
+            LLMError: the inner LLM failed.
+        """
+        keys = {self._store.key(to_json(request)) for request in requests}
+        for record in self._records.all():
+            standing = [key for key in keys.intersection(record.keys) if not self._store.holds(key)]
+            if standing:
+                raise _refusal(len(standing), self._records.path(record))
+        yield from self._inner.complete(requests)
+
+
+def _refusal(standing: int, path: Path) -> ConfigError:
+    return ConfigError(
+        f"{standing} of the requests to ask stand in a batch that an earlier run submitted; take their answers with "
+        f"llm.delivery=batch, or delete {path} to ask, and to pay for, them anew"
+    )

@@ -13,10 +13,10 @@ from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, LLMError, TransportError
 from tacevo.llm.anthropic import FAILURES, LISTING, fault_of, secrets_of
-from tacevo.llm.faults import Fault, FaultKind, Patience
-from tacevo.llm.notices import Notices
-from tacevo.llm.outcomes import without_secrets
+from tacevo.llm.failures import Notices
+from tacevo.llm.retry import Fault, FaultKind, Patience
 from tacevo.records import Json
+from tacevo.redaction import without_secrets
 
 #: How many of the latest batches are noted before a submission, to recognise a later one.
 _KNOWN = 20

@@ -21,11 +21,13 @@ from tacevo.errors import ConfigError
 from tacevo.llm.anthropic import body_of, completion_of
 from tacevo.llm.batch_records import BatchRecord, BatchRecords
 from tacevo.llm.batch_server import BatchServer, GoneBatchError, LostSubmissionError, Pace
-from tacevo.llm.faults import Fault, FaultError, FaultKind, Patience, fault_of_connection, fault_of_status
-from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
-from tacevo.plurals import counted
+from tacevo.llm.failures import Failures, Models, scrubbed
+from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Delivery, Request, to_json
-from tacevo.store import Store, content_hash
+from tacevo.redaction import without_secrets
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import Store
+from tacevo.text import counted
 
 _LOG = logging.getLogger(__name__)
 
@@ -107,7 +109,7 @@ class BatchLLM:
         self._models = models or Models()
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer different requests, batch by batch (see `tacevo.llm.client.LLM`).
+        """Answer different requests, batch by batch (see `tacevo.search.effects.LLM`).
 
         Raises:
             ConfigError: the server refuses the key, the model, a setting or the payment.

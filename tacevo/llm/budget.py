@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 from tacevo.costs import dollars
 from tacevo.errors import BudgetError
-from tacevo.llm.client import LLM
 from tacevo.llm.prices import worst_case
 from tacevo.records import Completion, Price, Request, to_json
-from tacevo.store import content_hash
+from tacevo.search.effects import LLM
+from tacevo.storage.canonical import content_hash
 
 #: Prices an answer.
 PriceOf = Callable[[Request, Completion], Price | None]
@@ -61,7 +61,7 @@ class AccountedLLM:
         self._account = account
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Pass answers on (see `tacevo.llm.client.LLM`)."""
+        """Pass answers on (see `tacevo.search.effects.LLM`)."""
         for position, completion in self._inner.complete(requests):
             self._account.add(requests[position], completion)
             yield position, completion
@@ -87,7 +87,7 @@ class BudgetedLLM:
         self._price = price
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer requests, in as few rounds as the budget allows (see `tacevo.llm.client.LLM`).
+        """Answer requests, in as few rounds as the budget allows (see `tacevo.search.effects.LLM`).
 
         Raises:
             BudgetError: the next request could exceed the limit; the answers to those before it were yielded.

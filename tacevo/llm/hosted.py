@@ -11,12 +11,14 @@ import random
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
-from tacevo.llm.faults import Fault, FaultError, FaultKind, Patience
-from tacevo.llm.notices import Notices
-from tacevo.llm.outcomes import Failures, Models, scrubbed, without_secrets
+import httpx2
+
+from tacevo.llm.failures import Failures, Models, Notices, scrubbed
+from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.records import Completion, Request
+from tacevo.redaction import without_secrets
 
 #: Seconds between two looks at whether a waiting retry is still wanted.
 _LOOK = 0.1
@@ -82,7 +84,7 @@ class HostedLLM:
         self._notices = Notices(name)
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request, in the order of arrival (see `tacevo.llm.client.LLM`).
+        """Answer every request, in the order of arrival (see `tacevo.search.effects.LLM`).
 
         Raises:
             ConfigError: the server refuses the key, the model, a setting or the payment; asking again cannot help.
@@ -212,3 +214,20 @@ class _Asking:
         while not self._over():
             await asyncio.sleep(_LOOK)
         self._ended.set()
+
+
+#: Requests of one client at once, about.
+SHARE = 100
+
+
+def shares(concurrency: int, timeout: httpx2.Timeout) -> Iterator[dict[str, Any]]:
+    """Give the arguments of as many HTTP clients as so many requests at once need.
+
+    Args:
+        concurrency: requests at once; whoever asks keeps to it, so that no client has to hold any back.
+        timeout: of every request.
+    """
+    context = httpx2.create_ssl_context()  # one for all: it holds every certificate authority
+    limits = httpx2.Limits(max_connections=None, max_keepalive_connections=min(concurrency, 2 * SHARE))
+    for _ in range(-(-concurrency // SHARE)):
+        yield {"limits": limits, "timeout": timeout, "verify": context}

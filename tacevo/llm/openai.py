@@ -13,9 +13,9 @@ from typing import Any
 import httpx2
 
 from tacevo.errors import ConfigError
-from tacevo.llm.faults import Fault, FaultError, fault_of_connection, fault_of_status
-from tacevo.llm.outcomes import check_key, checked
-from tacevo.llm.pools import shares
+from tacevo.llm.failures import check_key, checked
+from tacevo.llm.hosted import shares
+from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Json, Request
 
 try:
@@ -100,7 +100,7 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
         )
     check_key(key, "OPENAI_API_KEY")
     try:
-        # The SDK's own retries are off: `tacevo.llm.faults` says why.
+        # The SDK's own retries are off: `tacevo.llm.retry` says why.
         clients = [
             openai.AsyncOpenAI(
                 api_key=key,

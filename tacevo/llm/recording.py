@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from tacevo.errors import LLMError
-from tacevo.llm.client import LLM
 from tacevo.records import Completion, Price, Request, to_json
-from tacevo.store import Store
+from tacevo.search.effects import LLM
+from tacevo.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 
@@ -81,7 +81,7 @@ class RecordingLLM:
         self._stop = stop or threading.Event()
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request; recorded answers come first (see `tacevo.llm.client.LLM`).
+        """Answer every request; recorded answers come first (see `tacevo.search.effects.LLM`).
 
         Raises:
             CacheMissError: the store replays, and an answer was never recorded.

@@ -19,7 +19,7 @@ from torch import nn
 
 from tacevo.records import Contract, Reason
 from tacevo.sandbox.network import state
-from tacevo.sandbox.text import describe
+from tacevo.sandbox.protocol import describe
 
 torch.zeros(1).half()  # torch reads what the CPU can do from a file, when first needed; no candidate could
 

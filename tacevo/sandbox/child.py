@@ -14,13 +14,14 @@ from tacevo.records import Json, Limits
 from tacevo.sandbox.confinement import confine
 from tacevo.sandbox.kernel import end_with
 from tacevo.sandbox.processes import close_all_but
-from tacevo.sandbox.protocol import Message, Sort
-from tacevo.sandbox.text import describe
+from tacevo.sandbox.protocol import Message, Sort, describe
 
 #: What an entry gets: the arrays of the sandbox by name, mapped read-only.
 Arrays = Mapping[str, np.ndarray[Any, Any]]
+
 #: Sends one frame of the answer: a JSON header and raw bytes.
 Send = Callable[[Json, bytes], None]
+
 #: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
 #: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
 Entry = Callable[[Json, bytes, Arrays, Send], object]

@@ -24,13 +24,14 @@ from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import require
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
-from tacevo.sandbox.protocol import Channel, Message, Sort
-from tacevo.sandbox.text import describe, one_line
+from tacevo.sandbox.protocol import Channel, Message, Sort, describe, one_line
 
 #: Seconds that a zygote may take to import torch, and a supervisor to come up on a busy machine.
 _START_SECONDS = 120.0
+
 #: Seconds after a candidate's limit when the search itself ends it: its supervisor was stopped from within.
 _GRACE_SECONDS = 5.0
+
 #: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
 _TRANSFER_SECONDS = 20.0
 

@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _PF_EXITING = 0x4  # include/linux/sched.h
+
 _FLAGS = 6  # where the flags stand in /proc/<pid>/stat, counted from behind the name
+
 _PAUSE = 0.001  # seconds between two looks at a dying tree
+
 _LAST_DESCRIPTOR = 2**31 - 1
 
 

@@ -6,6 +6,7 @@ header that no store could write back (NaN, infinity, lone surrogates) or that i
 """
 
 import json
+import re
 import socket
 import struct
 import time
@@ -20,6 +21,7 @@ from tacevo.records import Json
 _DEEPEST = 50
 
 _HEAD = struct.Struct("!BIQ")
+
 _CHUNK = 2**18
 
 
@@ -212,3 +214,30 @@ def _inside(value: Json) -> Iterable[Json]:
     if isinstance(value, dict):
         return value.values()
     return value if isinstance(value, list) else ()
+
+
+#: Longest detail that a rejection carries, in characters.
+LONGEST = 300
+
+_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # and not the middle of a shape such as 30400x64
+
+
+def one_line(text: str) -> str:
+    """Cut text to its first line that says something, printable only, addresses scrubbed, at most 300 characters.
+
+    Memory addresses differ between runs, and control characters would speak to the terminal of whoever reads
+    the detail.
+    """
+    lines = (line.strip() for line in text[: 100 * LONGEST].splitlines())
+    first = next((line for line in lines if line), "")
+    return "".join(c if c.isprintable() else "?" for c in _ADDRESS.sub("0x...", first))[:LONGEST]
+
+
+def describe(error: BaseException) -> str:
+    """Say what an exception is: its type and the first line of its message, as `one_line` cuts them."""
+    name = type(error).__name__
+    try:
+        message = one_line(str(error))
+    except Exception:  # a candidate's exception class may fail even here
+        message = "(its message cannot be read)"
+    return one_line(f"{name}: {message}" if message else name)

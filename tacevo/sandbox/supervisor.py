@@ -15,11 +15,12 @@ from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
 from tacevo.sandbox.kernel import become_subreaper
 from tacevo.sandbox.processes import descendants, end_own_descendants, is_ending, memory
-from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError
-from tacevo.sandbox.text import describe, one_line
+from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
 
 _TICK = 0.025  # seconds between two looks at time and memory
+
 _PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pipe hold
+
 _LONGEST_REASON = 2**16  # bytes that are read of a child's last words, of which `one_line` keeps less
 
 

@@ -18,9 +18,8 @@ from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Entry
 from tacevo.sandbox.kernel import become_subreaper, protect_memory
 from tacevo.sandbox.processes import close_all_but, end_own_descendants
-from tacevo.sandbox.protocol import Channel, Message, Sort
+from tacevo.sandbox.protocol import Channel, Message, Sort, describe
 from tacevo.sandbox.supervisor import supervise
-from tacevo.sandbox.text import describe
 
 _OUTPUT, _ERRORS = 1, 2
 

@@ -13,11 +13,11 @@ import sys
 import traceback
 from pathlib import Path
 
-from tacevo.tracking.process import URI_VARIABLE
-from tacevo.tracking.surroundings import prepare
-from tacevo.tracking.veil import Veil
+from tacevo.redaction import Veil
+from tacevo.tracking.process import URI_VARIABLE, prepare
 
 _LOW_PRIORITY = 10
+
 _PAUSE_SECONDS = 1.0
 
 
@@ -35,7 +35,7 @@ def main() -> int:
 def _mirror(options: argparse.Namespace, uri: str) -> int:
     _step_back()
     prepare()
-    from tacevo.tracking.mirror import mirror  # only now: MLflow reads its environment while it is imported
+    from tacevo.tracking.mirror import mirror
 
     finished = _input_ended if options.follow else None
     try:

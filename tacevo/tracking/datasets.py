@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tacevo.records import Json, Kind
-from tacevo.tracking.entries import without_password
+from tacevo.redaction import without_password
 
 #: The longest digest that MLflow keeps, in characters.
 _DIGEST = 36
+
 #: What makes simulated images; without a commit, because the runs of several share one data set in MLflow.
 _SIMULATION = {"mlflow.source.name": "tacevo data simulate", "mlflow.source.type": "LOCAL"}
 

@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Self
 
-from tacevo.costs import Spending
-from tacevo.nesting import leaves
+from tacevo.costs import Spending, total
 from tacevo.records import Json
-from tacevo.unsent import dropped_settings, sent_temperature
+from tacevo.redaction import without_password
+from tacevo.search.unsent import dropped_settings, sent_temperature
+from tacevo.storage.canonical import leaves
 
 #: The longest param, in characters: older MLflow servers refuse more.
 LONGEST_PARAM = 500
@@ -23,6 +25,7 @@ _GENERATION_METRICS = (
     "trained",
     "temperature",
 )
+
 _CANDIDATE_METRICS = (
     "fitness",
     "arch_div",
@@ -35,8 +38,7 @@ _CANDIDATE_METRICS = (
     "niche",
     "curiosity",
 )
-#: URIs of these schemes that name no host have no place for a password.
-_PATH_SCHEMES = frozenset({"sqlite", "file"})
+
 _EPOCH_METRICS = {"train_loss": "train_losses", "validation_loss": "validation_losses"}
 
 
@@ -119,21 +121,6 @@ def shorten(text: str) -> str:
     return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
 
 
-def without_password(uri: str) -> str:
-    """Hide what may be secret in a URI: `postgresql://user:pw@host/db` becomes `postgresql://***@host/db`.
-
-    The user info reaches to the last `@`, because passwords are often written without the escapes that they need;
-    a query, which may hold a password as well, becomes `?***`. A SQLite or file URI that names nothing but a path
-    is unchanged, and so is text without `://`.
-    """
-    scheme, mark, rest = uri.partition("://")
-    if not mark or (scheme in _PATH_SCHEMES and rest.startswith("/")):
-        return uri
-    _, at, place = rest.rpartition("@")
-    place, question, _ = place.partition("?")
-    return f"{scheme}://{'***@' if at else ''}{place}{'?***' if question else ''}"
-
-
 def viewing(uri: str, mlflow: str = "mlflow") -> str:
     """Say how to look at a store: a server's own page, or a command that serves one.
 
@@ -147,3 +134,53 @@ def viewing(uri: str, mlflow: str = "mlflow") -> str:
 
 def _text(value: Json) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Totals:
+    """What the generations so far come to."""
+
+    #: Best fitness of the first generation in which anything was trained.
+    first: float | None = None
+    #: Trained candidates, with those after a repair.
+    trained: int = 0
+    #: Part of the slots whose first answer was trained, in [0, 1], for each generation from 1 on.
+    trainable: tuple[float, ...] = ()
+    spent: Spending = field(default_factory=Spending)
+
+    def after(self, line: Mapping[str, Json], spent: Spending) -> Self:
+        """Give the totals after one generation more.
+
+        Args:
+            line: its ledger line.
+            spent: what its answers cost.
+        """
+        shares = (line["trained"] / line["candidates"],) if line["generation"] and line["candidates"] else ()
+        return type(self)(
+            first=line["best"] if self.first is None else self.first,
+            trained=self.trained + line["trained"] + line.get("repaired", 0),
+            trainable=(*self.trainable, *shares),
+            spent=total((self.spent, spent)),
+        )
+
+
+def total_measures(totals: Totals, line: Mapping[str, Json]) -> tuple[Measure, ...]:
+    """Give the metrics of what adds up over a search.
+
+    Args:
+        totals: after the generation.
+        line: the generation's ledger line.
+
+    Returns:
+        `improvement` on the first best, a part of it in (-inf, 1]; `trainable_rate`, the mean over generations 1 to
+        this one, in [0, 1]; `trained_candidates`; and the costs so far as `total_answers` and so on. What does not
+        apply yet is left out.
+    """
+    step = line["generation"]
+    figures = {"trained_candidates": float(totals.trained)}
+    if totals.first is not None:
+        figures["improvement"] = (totals.first - line["best"]) / totals.first if totals.first else 0.0
+    if totals.trainable:
+        figures["trainable_rate"] = sum(totals.trainable) / len(totals.trainable)
+    costs = {f"total_{measure.key}": measure.value for measure in cost_measures(totals.spent, step)}
+    return tuple(Measure(key=key, value=value, step=step) for key, value in {**figures, **costs}.items())

@@ -15,7 +15,9 @@ from tacevo.errors import RunError
 
 #: The file that holds the id.
 FILE = ".tracking"
+
 _ID = re.compile(rb"[0-9a-f]{32}\n")
+
 #: What a disk says that is read-only, belongs to others, or knows no second name of a file.
 _UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.EPERM, errno.EOPNOTSUPP})
 

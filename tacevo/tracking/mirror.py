@@ -11,22 +11,23 @@ from pathlib import Path
 
 from tacevo.costs import Spending, total
 from tacevo.records import Json
-from tacevo.rundir import RunDirectory
-from tacevo.store import content_hash
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.files import alone
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.tracking.client import find_or_create_experiment, open_store
 from tacevo.tracking.datasets import data_set, source_tags
 from tacevo.tracking.entries import (
     Measure,
+    Totals,
     candidate_measures,
     candidate_params,
     config_params,
     cost_measures,
     generation_measures,
+    total_measures,
 )
 from tacevo.tracking.identity import folder_id
-from tacevo.tracking.locking import alone
-from tacevo.tracking.stores import find_or_create_experiment, open_store
 from tacevo.tracking.sweeps import Membership, leave_sweep, membership, nest
-from tacevo.tracking.totals import Totals, total_measures
 from tacevo.tracking.writer import Entry, SearchWriter
 
 

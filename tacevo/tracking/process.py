@@ -4,12 +4,13 @@ What it promises: neither a slow, nor a failing, nor a missing mirror stops or c
 comes of it is a warning. A mirror outlives a killed search by the time it takes to write what was committed.
 """
 
+import gc
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-from tacevo.tracking.entries import without_password
+from tacevo.redaction import without_password
 
 #: The environment variable that gives the process its URI: a command line can be read by every user of a machine.
 URI_VARIABLE = "TACEVO_TRACKING_URI"
@@ -84,3 +85,22 @@ class Mirror:
         except OSError as error:
             return str(error)
         return lines[-1] if lines else "it said nothing"
+
+
+_QUIET = {
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "DO_NOT_TRACK": "true",
+    "MLFLOW_LOGGING_LEVEL": "WARNING",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",  # it has two lines for each run on a server
+}
+
+#: A server that is started again, which takes seconds, is waited for: a minute in all, where MLflow itself waits four.
+_PATIENCE = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "5", "MLFLOW_HTTP_REQUEST_TIMEOUT": "10"}
+
+
+def prepare() -> None:
+    """Set the environment of this process for MLflow; to be called before it is imported."""
+    gc.set_threshold(100_000)  # MLflow's import makes many lasting objects; looking through them was a sixth of it
+    os.environ.update(_QUIET)
+    for name, value in _PATIENCE.items():
+        os.environ.setdefault(name, value)  # the user's own choice comes first

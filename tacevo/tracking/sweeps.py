@@ -12,17 +12,21 @@ from pathlib import Path
 from mlflow import MlflowClient
 
 from tacevo.errors import RunError
-from tacevo.store import content_hash
-from tacevo.sweepdir import Job, SweepDirectory
-from tacevo.tracking.entries import shorten, without_password
+from tacevo.redaction import without_password
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.files import alone
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.tracking.client import PARENT_TAG, claim, label, log
+from tacevo.tracking.entries import shorten
 from tacevo.tracking.identity import folder_id
-from tacevo.tracking.locking import alone
-from tacevo.tracking.runs import PARENT_TAG, claim, label, log
 
 #: Tags of a sweep's run: what it is found by; of it and of its searches: the sweep's name, the arm, the seed.
 SWEEP_KEY_TAG = "tacevo.sweep_key"
+
 SWEEP_TAG = "tacevo.sweep"
+
 ARM_TAG = "tacevo.arm"
+
 SEED_TAG = "tacevo.seed"
 
 

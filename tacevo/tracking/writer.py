@@ -12,14 +12,17 @@ from pathlib import Path
 from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, Run
 
+from tacevo.tracking.client import PARENT_TAG, all_runs, claim, log, nested, tagged, unlabel
 from tacevo.tracking.datasets import DataSet
 from tacevo.tracking.entries import Measure
-from tacevo.tracking.runs import PARENT_TAG, all_runs, claim, log, nested, tagged, unlabel
 
 #: Tags that name a search, a candidate within it, and the digest of a finished search.
 RUN_TAG = "tacevo.run"
+
 CANDIDATE_TAG = "tacevo.candidate"
+
 DIGEST_TAG = "tacevo.digest"
+
 #: The hash of the ledger line that a candidate comes from, and a search's latest metrics.
 LINE_TAG = "tacevo.line"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tacevo.choices import Device
 from tacevo.records import Contract, Json, Loss, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame
-from tacevo.sandbox.text import one_line
+from tacevo.sandbox.protocol import one_line
 from tacevo.training.losses import validation_loss
 
 #: How torch spells an operation, as `training.determinism` notes it.

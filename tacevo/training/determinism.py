@@ -13,6 +13,7 @@ from typing import Any
 import torch
 
 _WITHOUT_FORM = re.compile(r"(\S+) does not have a deterministic implementation")
+
 #: What stands in no name: the search takes names alone, no free text.
 _FOREIGN = re.compile(r"[^\w:.]+", re.ASCII)
 

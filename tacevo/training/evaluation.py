@@ -15,7 +15,7 @@ from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError
 from tacevo.records import Contract, Json, Limits, Recipe, Rejection, Training, to_json
 from tacevo.sandbox.client import Died, Finished
-from tacevo.store import Store
+from tacevo.storage.store import Store
 from tacevo.training.answers import read_answer, training_of
 
 #: What the sandbox must offer for `Evaluator`, beside the array `images`.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tacevo.errors import DataError
 from tacevo.records import Contract, Json, Kind, Rejection, Training, to_json
 from tacevo.sandbox.client import Died, Finished
-from tacevo.store import Store
+from tacevo.storage.store import Store
 from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Run, Setting
 from tacevo.training.metrics import Confusion, classification_metrics, confusion, regression_metrics

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.digits import rounded
 from tacevo.records import Loss
+from tacevo.rounding import rounded
 
 
 def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArray[Any]) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.digits import rounded
+from tacevo.rounding import rounded
 from tacevo.training.losses import cross_entropy
 
 #: Rows are true classes, columns are predicted ones; entries count images.

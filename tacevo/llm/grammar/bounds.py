@@ -7,16 +7,26 @@ from itertools import pairwise
 from tacevo.llm.grammar.network import Attention, Block, Down, Hidden, Network, Norm, pooled_features, widths
 
 MIN_BLOCKS, MAX_BLOCKS = 2, 6
+
 MIN_CHANNELS, MAX_CHANNELS = 8, 512
+
 MAX_KERNEL = 7
+
 #: Four halvings leave 2 x 2 positions of a 32-pixel image, the smallest that a task has.
 MAX_HALVINGS = 4
+
 MAX_SKIPS = 4
+
 MAX_HIDDEN_LAYERS = 4
+
 MIN_HIDDEN, MAX_HIDDEN = 16, 2048
+
 MAX_GRID = 8
+
 MAX_DROPOUT = 0.8
+
 MAX_PARAMETERS = 20_000_000
+
 #: Multiply-adds of the trunk for each pixel of the image, about six times the baseline's.
 MAX_COST = 60_000
 

@@ -10,9 +10,18 @@ from collections.abc import Mapping
 from itertools import count, takewhile
 
 from tacevo.llm.grammar.network import Attention, Network, Pooling, Signature
-from tacevo.llm.grammar.reading import attributes_of, method, read_attention, read_block, read_head, required
+from tacevo.llm.grammar.reading import (
+    UnreadableError,
+    attributes_of,
+    method,
+    plain_tree,
+    read_attention,
+    read_block,
+    read_call,
+    read_head,
+    required,
+)
 from tacevo.llm.grammar.rendering import render
-from tacevo.llm.grammar.syntax import UnreadableError, plain_tree, read_call
 
 _HELPERS = {"SpatialAttention", "ChannelAttention", "ConvBlock", "Head"}
 

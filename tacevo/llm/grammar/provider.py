@@ -17,12 +17,12 @@ from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.reading import UnreadableError
 from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
-from tacevo.llm.grammar.syntax import UnreadableError
 from tacevo.llm.grammar.variations import warm
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
-from tacevo.store import content_hash
+from tacevo.storage.canonical import content_hash
 
 #: What every completion names as its model; it changes whenever equal requests may get other answers.
 MODEL = "grammar-1"
@@ -31,6 +31,7 @@ MODEL = "grammar-1"
 _CHARACTERS_PER_TOKEN = 4
 
 _PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
+
 _INSTRUCTION = re.compile(r"^Instruction: (.*)\Z", re.DOTALL | re.MULTILINE)
 
 

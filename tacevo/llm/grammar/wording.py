@@ -5,6 +5,7 @@ import re
 from tacevo.llm.grammar.network import Activation
 
 _ORDINALS = {"first": 1, "second": 2, "third": 3, "fourth": 4, "fifth": 5, "sixth": 6}
+
 _ACTIVATIONS = {
     r"leaky[ -]?relu": Activation.leaky_relu,
     r"gelu": Activation.gelu,
@@ -12,11 +13,14 @@ _ACTIVATIONS = {
     r"elu": Activation.elu,
     r"relu": Activation.relu,
 }
+
 _GIVEN_UP = (
     r"(?:replac\w*|exchang\w*|swap\w*|chang\w*|turn\w*|instead of|in place of|rather than|from)"
     r"(?: (?:the|an?|each|every|all|any))*"
 )
+
 _LEFT_ALONE = r"\b(?:keep|keeps|leave|leaves|unchanged|untouched|alone)\b"
+
 _REMOVAL = r"\b(?:remov\w*|delet\w*|omit\w*|discard\w*|strip\w*|drop|without|no|get rid of|take|takes|free of)\b"
 
 

@@ -1,0 +1,76 @@
+"""How every figure looks, and how it becomes a file.
+
+Promises: one or two columns of a paper wide, letters of 7 and 8 points; nothing is told by red and green alone, and
+whatever colours tell, a marker, a dash or a hatching tells too; text is text, with TrueType letters inside a PDF;
+equal records give equal bytes under the same Matplotlib; no window system is needed, and nothing global is changed.
+"""
+
+import contextlib
+import io
+from collections.abc import Iterator
+from typing import Any
+
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tacevo.data.figures import DOTS_PER_INCH, FORMATS, WIDTHS
+
+#: Okabe and Ito's palette, which people with any colour vision tell apart (jfly.uni-koeln.de/color).
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+
+YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+
+GREY, SHADE, PALE = "#767676", "#D0D0D0", "#F2F2F2"
+
+#: Of quantities: dark to light, even in grey.
+COLOUR_MAP = "cividis"
+
+DARKEST = "#00224E"
+
+_STYLE: list[str | dict[str, Any]] = [
+    "default",  # whatever the user's own matplotlibrc says
+    {"font.family": "DejaVu Sans", "font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 7}
+    | {"xtick.labelsize": 7, "ytick.labelsize": 7, "mathtext.fontset": "dejavusans"}
+    | {"axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.1}
+    | {"xtick.minor.width": 0.4, "ytick.minor.width": 0.4, "xtick.major.size": 2.5, "ytick.major.size": 2.5}
+    | {"lines.markersize": 3.2, "patch.linewidth": 0.5, "hatch.linewidth": 0.5, "grid.linewidth": 0.4}
+    | {"axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False, "legend.handlelength": 2.2}
+    | {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "tacevo", "image.interpolation": "none"},
+]
+
+
+@contextlib.contextmanager
+def house_style() -> Iterator[None]:
+    """Draw in the style of this project; also a decorator."""
+    with style.context(_STYLE):
+        yield
+
+
+def new_figure(width: str, height: float, *, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """Begin a figure of even panels.
+
+    Args:
+        width: `single` or `double`, columns of a paper (3.5 or 7.16 inches).
+        height: in inches.
+        rows: panels below each other.
+        columns: panels beside each other.
+
+    Returns:
+        The figure and its axes, row by row.
+    """
+    figure = Figure(figsize=(WIDTHS[width], height), layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
+
+
+@house_style()
+def render(figure: Figure, ending: str) -> bytes:
+    """Give the content of a figure's file.
+
+    Args:
+        figure: the figure.
+        ending: `.pdf`, `.svg` or `.png`.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=ending.removeprefix("."), dpi=DOTS_PER_INCH, metadata=FORMATS[ending])
+    return buffer.getvalue()

@@ -1,0 +1,1 @@
+"""What networks have in common, read from what they do."""

@@ -1,0 +1,231 @@
+"""Motifs: what networks have that the baseline lacks or has otherwise, found in how they are built (docs/motifs.md)."""
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
+
+from analysis.motifs.attention import AttentionKind
+from analysis.motifs.structure import Anatomy, read_anatomy
+from analysis.runs.run import TOP, Run
+from analysis.statistics.tests import holm, hypergeometric_p
+from tacevo.errors import RunError
+from tacevo.profile import Profile
+
+#: Says whether a network has a motif: the network, then the baseline.
+Rule = Callable[[Anatomy, Anatomy], bool]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motif:
+    """One property of a network."""
+
+    name: str
+    has: Rule
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Count:
+    """How many networks of a group of the evaluated ones have a motif."""
+
+    number: int
+    #: Chance of at least as many if the group were drawn at random from all evaluated networks, in (0, 1]; None where
+    #: all or none of these have the motif, so that there is nothing to test.
+    p: float | None
+    #: The same after Holm's correction over all counts of the run that have a p.
+    p_holm: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """How often a motif occurs in a run."""
+
+    motif: str
+    baseline: bool
+    #: Of the best networks (`Run.best`), and of all elites.
+    top: Count
+    archive: Count
+    #: Of all evaluated networks.
+    evaluated: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotifCounts:
+    """The motifs of a run, with how many networks were looked at; each source counts once, the baseline's nowhere."""
+
+    top: int
+    archive: int
+    #: Networks that were trained, in whatever generation.
+    evaluated: int
+    #: How many counts have a p: the family of Holm's correction.
+    tested: int
+    found: tuple[Found, ...]
+
+
+def width_ratio(network: Anatomy, baseline: Anatomy) -> float:
+    """Compare channels convolution by convolution, in order, as far as both networks have them; 1 without any."""
+    pairs = list(zip(network.convolutions, baseline.convolutions, strict=False))
+    before = sum(theirs.channels for _, theirs in pairs)
+    return sum(ours.channels for ours, _ in pairs) / before if before else 1.0
+
+
+def _attends(kind: AttentionKind) -> Rule:
+    return lambda network, _: kind in network.attention
+
+
+def _normalises(operation: str, place: str) -> Rule:
+    return lambda network, _: (operation, place) in network.norms
+
+
+def _activates(name: str) -> Rule:
+    return lambda network, _: name in network.activations
+
+
+def _ends_in(name: str) -> Rule:
+    return lambda network, _: name in network.output
+
+
+def _kernel(network: Anatomy) -> int:
+    return max((convolution.kernel for convolution in network.convolutions), default=0)
+
+
+def _first_hidden(network: Anatomy) -> int:
+    return network.hidden[0] if network.hidden else 0
+
+
+def _highest_rate(network: Anatomy) -> float:
+    return max((rate for _, rate in network.dropouts), default=0.0)
+
+
+#: Every motif that is looked for, in the order of the tables.
+MOTIFS: tuple[Motif, ...] = tuple(
+    Motif(name=name, has=has)
+    for name, has in (
+        ("spatial attention", _attends(AttentionKind.spatial)),
+        ("channel attention", _attends(AttentionKind.channel)),
+        ("self-attention", _attends(AttentionKind.self)),
+        ("element-wise gate", _attends(AttentionKind.element)),
+        (
+            "strided convolution for max pooling",
+            lambda ours, base: ours.strided > base.strided and ours.max_pools < base.max_pools,
+        ),
+        (
+            "average pooling for max pooling",
+            lambda ours, base: ours.average_pools > base.average_pools and ours.max_pools < base.max_pools,
+        ),
+        ("average and max pooled together", lambda ours, _: ours.global_pools == {"average", "max"}),
+        ("wider convolutions", lambda ours, base: width_ratio(ours, base) > 1),
+        ("narrower convolutions", lambda ours, base: width_ratio(ours, base) < 1),
+        ("more convolutional blocks", lambda ours, base: ours.blocks > base.blocks),
+        ("fewer convolutional blocks", lambda ours, base: ours.blocks < base.blocks),
+        ("2 to 4 convolutional blocks", lambda ours, _: 2 <= ours.blocks <= 4),
+        ("1x1 convolution", lambda ours, _: ours.pointwise > 0),
+        ("depthwise convolution", lambda ours, _: any(layer.depthwise for layer in ours.convolutions)),
+        ("larger kernel", lambda ours, base: _kernel(ours) > _kernel(base)),
+        ("smaller kernel", lambda ours, base: _kernel(ours) < _kernel(base)),
+        ("deeper head", lambda ours, base: ours.head_depth > base.head_depth),
+        ("shallower head", lambda ours, base: ours.head_depth < base.head_depth),
+        ("wider hidden layer", lambda ours, base: _first_hidden(ours) > _first_hidden(base)),
+        ("narrower hidden layer", lambda ours, base: 0 < _first_hidden(ours) < _first_hidden(base)),
+        ("LeakyReLU", _activates("leaky_relu")),
+        ("GELU", _activates("gelu")),
+        ("SiLU", _activates("silu")),
+        ("ELU", _activates("elu")),
+        ("residual connection", lambda ours, _: ours.residuals > 0),
+        ("BatchNorm in the blocks", _normalises("batch_norm", "blocks")),
+        ("GroupNorm in the blocks", _normalises("group_norm", "blocks")),
+        ("InstanceNorm in the blocks", _normalises("instance_norm", "blocks")),
+        ("LayerNorm in the blocks", _normalises("layer_norm", "blocks")),
+        ("BatchNorm in the head", _normalises("batch_norm", "head")),
+        ("LayerNorm in the head", _normalises("layer_norm", "head")),
+        ("no dropout", lambda ours, _: not ours.dropouts),
+        ("more dropout layers", lambda ours, base: len(ours.dropouts) > len(base.dropouts)),
+        ("higher dropout rate", lambda ours, base: _highest_rate(ours) > _highest_rate(base)),
+        ("lower dropout rate", lambda ours, base: 0 < _highest_rate(ours) < _highest_rate(base)),
+        ("sigmoid output", _ends_in("sigmoid")),
+        ("tanh output", _ends_in("tanh")),
+        ("hardtanh output", _ends_in("hardtanh")),
+        ("softmax output", _ends_in("softmax")),
+    )
+)
+
+
+def motifs_of(network: Anatomy, baseline: Anatomy) -> frozenset[str]:
+    """Name the motifs of a network, measured against the baseline where a motif is a comparison."""
+    return frozenset(motif.name for motif in MOTIFS if motif.has(network, baseline))
+
+
+def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anatomy]:
+    """Read how every trained candidate of a run is built.
+
+    Args:
+        run: the run.
+        profiles: by candidate id; those of trained candidates are needed, of others not looked at.
+
+    Returns:
+        By candidate id, in the order of the run.
+
+    Raises:
+        RunError: a trained candidate has no profile, or one without steps.
+    """
+    found = {}
+    for candidate in run.candidates:
+        if candidate.trained is not None:
+            profile = profiles.get(candidate.id)
+            if profile is None or not profile.steps:
+                raise RunError(f"{candidate.id} of {run.path} has no recorded steps; probe its source anew")
+            found[candidate.id] = read_anatomy(profile)
+    return found
+
+
+def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
+    """Count the motifs of the best networks and of the archive, and test each count against all that was evaluated.
+
+    Args:
+        run: the run.
+        anatomies: of its trained candidates, by id.
+        top: how many of the best networks to count apart; see `Run.best`.
+    """
+    baseline = anatomies[run.baseline.id]
+    sources = {candidate.id: candidate.source for candidate in run.candidates}
+    motifs = {sources[name]: motifs_of(anatomy, baseline) for name, anatomy in anatomies.items()}
+    evaluated = motifs.keys() - {run.baseline.source}
+    archive = {sources[elite.id] for elite in run.elites} & evaluated
+    best = {candidate.source for candidate in run.best(top)}
+    having = {motif.name: {source for source in evaluated if motif.name in motifs[source]} for motif in MOTIFS}
+    counts = _counted([(group, of) for of in having.values() for group in (best, archive)], len(evaluated))
+    return MotifCounts(
+        top=len(best),
+        archive=len(archive),
+        evaluated=len(evaluated),
+        tested=sum(count.p is not None for count in counts),
+        found=tuple(
+            Found(
+                motif=name,
+                baseline=name in motifs[run.baseline.source],
+                top=in_top,
+                archive=in_archive,
+                evaluated=len(of),
+            )
+            for (name, of), in_top, in_archive in zip(having.items(), counts[::2], counts[1::2], strict=True)
+        ),
+    )
+
+
+def _counted(pairs: Sequence[tuple[Set[str | None], Set[str | None]]], population: int) -> list[Count]:
+    """Count the networks of each group that have a motif, and correct all p-values as one family.
+
+    Args:
+        pairs: of a group, and of all evaluated networks with a motif; sources each.
+        population: how many networks were evaluated.
+    """
+    p_values = [
+        hypergeometric_p(len(group & of), drawn=len(group), marked=len(of), population=population)
+        if 0 < len(of) < population
+        else None
+        for group, of in pairs
+    ]
+    tested = [p for p in p_values if p is not None]
+    corrected = iter(holm(tested) if tested else ())
+    return [
+        Count(number=len(group & of), p=p, p_holm=None if p is None else next(corrected))
+        for (group, of), p in zip(pairs, p_values, strict=True)
+    ]

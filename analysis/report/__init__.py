@@ -1,0 +1,1 @@
+"""All tables and figures of a run, a study or a sweep."""

@@ -1,0 +1,133 @@
+"""All that is known of a run: its niches, its studies and their comparisons; which tables and pictures that gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from analysis.motifs.motifs import read_anatomies
+from analysis.report.figure_list import Picture, run_pictures, study_pictures
+from analysis.runs.niches import Niches, load_niches
+from analysis.runs.run import Run, load_run
+from analysis.studies.comparison import Comparisons, compare
+from analysis.studies.scores import Study
+from analysis.studies.study import load_study
+from analysis.table import Table
+from analysis.tables.comparison import study_tables
+from analysis.tables.dynamics import (
+    costs_table,
+    gate_table,
+    generations_table,
+    improvement_table,
+    prompts_table,
+    temperatures_table,
+)
+from analysis.tables.health import health_table, niches_table
+from analysis.tables.lineage import lineage_table
+from analysis.tables.motifs import anatomies_table, motifs_table
+from tacevo.errors import RunError
+from tacevo.profile import Profile
+from tacevo.storage.study_directory import studies_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compared:
+    """A finished study and what its comparison says."""
+
+    #: Of its folder.
+    name: str
+    study: Study
+    #: None where it cannot be compared; its scores are shown all the same.
+    comparisons: Comparisons | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collection:
+    """A run with its studies."""
+
+    run: Run
+    niches: Niches
+    studies: tuple[Compared, ...]
+    #: Why other studies of the run, or the comparisons of these, are left out, a sentence each.
+    refused: tuple[str, ...]
+
+
+def collect(path: Path, store: Path | None = None) -> Collection:
+    """Read a finished run and its studies.
+
+    A study that is not finished or has holes is left out, and the reason kept: the search's own results do not
+    depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only.
+
+    Args:
+        path: the run directory.
+        store: where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: this is no finished run, or it was edited.
+    """
+    run = load_run(path)
+    studies, refused = [], []
+    for directory in studies_of(path):
+        try:
+            study = load_study(directory.path)
+            if study.run != run.digest:
+                raise RunError(f"{directory.path} studied the run before it was continued; study it again")
+        except RunError as error:
+            refused.append(str(error))
+            continue
+        comparisons, reasons = _compared(study, directory.path)
+        studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
+        refused += reasons
+    return Collection(run=run, niches=load_niches(run, store), studies=tuple(studies), refused=tuple(refused))
+
+
+def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
+    """Compare a study; where that cannot be, say why."""
+    try:
+        return compare(study), []
+    except RunError as error:
+        return None, [f"the comparison of {path}: {error}"]
+
+
+def with_one_study(found: Collection) -> Collection:
+    """Keep the largest study of a run: the most epochs, then seeds, then networks; never the better results."""
+    largest = sorted(
+        found.studies,
+        key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
+    )
+    return replace(found, studies=tuple(largest[-1:]))
+
+
+def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
+    """Give every table of a run and its studies; the names of a study's tables end in its own.
+
+    Args:
+        found: the run.
+        profiles: of its trained candidates, by id; None where they cannot be had, and there are no tables of motifs.
+    """
+    run = found.run
+    tables = [
+        improvement_table(run),
+        generations_table(run, found.niches.networks),
+        gate_table(run),
+        prompts_table(run),
+    ]
+    tables += [temperatures_table(run), costs_table(run)]
+    tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]
+    if run.elites:
+        tables.append(lineage_table(run, run.ranked()[0].id))
+    if profiles is not None:
+        anatomies = read_anatomies(run, profiles)
+        tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
+    for compared in found.studies:
+        of_study = study_tables(compared.study, compared.comparisons)
+        tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
+    return tuple(tables)
+
+
+def pictures_of(found: Collection) -> tuple[Picture, ...]:
+    """List every figure of a run and its studies; the names of a study's figures end in its own."""
+    pictures = list(run_pictures(found.run, found.niches))
+    for compared in found.studies:
+        of_study = study_pictures(compared.study, compared.comparisons)
+        pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
+    return tuple(pictures)

@@ -1,0 +1,133 @@
+"""Which pictures a run and its studies give, with the names of their files and the words below them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from matplotlib.figure import Figure
+
+from analysis.figures.candidates import lineage, training_curves
+from analysis.figures.maps import network_map, prompt_map
+from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
+from analysis.figures.prompts import prompt_productivity
+from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.rounding import shown
+from analysis.runs.archive_history import archive_medians
+from analysis.runs.dynamics import by_prompt, progress
+from analysis.runs.lineage import lineage as find_lineage
+from analysis.runs.niches import Niches
+from analysis.runs.prompt_niches import reachable_prompt_niches
+from analysis.runs.run import Run
+from analysis.studies.comparison import Comparisons
+from analysis.studies.scores import Study
+from analysis.table import PValue
+from tacevo.choices import PromptPolicy
+from tacevo.records import Kind
+from tacevo.search.unsent import TEMPERATURE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A figure that can be drawn."""
+
+    #: Of its files, without an ending.
+    name: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
+    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+    unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
+    drawn: list[tuple[str, Callable[[], Figure], str]] = [
+        (
+            "fitness_evolution",
+            partial(fitness_evolution, run, archive_medians(run, niches.networks)),
+            "Best and median fitness of the network archive after each generation, and the median of its new "
+            "candidates.",
+        ),
+        (
+            "trainable",
+            partial(trainable, progress(run)),
+            "First answers that were trained, and what became of the others.",
+        ),
+        ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
+        ("temperature", partial(temperature, run), f"Temperature of each generation, and of its requests{unsent}."),
+    ]
+    if _has_map(run):
+        words = "The network archive; each cell is a niche."
+        drawn.append(("network_map", partial(network_map, run, niches.networks), words))
+    if run.config["prompts"]["policy"] != PromptPolicy.none:
+        reached = reachable_prompt_niches(run, niches.prompts)
+        words = (
+            f"The prompt archive; each cell is a niche{unsent}. Shaded ones could not be reached, whatever the search "
+            "found: the temperature rule leads to no temperature in them."
+        )
+        drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
+    if run.instructions:
+        words = "Children of each instruction that entered the network archive."
+        drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
+    if run.elites:
+        drawn += _of_elites(run)
+    return tuple(
+        Picture(name=f"{name}_{run.task}", caption=f"{words[:-1]} ({run.name}).", draw=draw)
+        for name, draw, words in drawn
+    )
+
+
+def undrawn(run: Run) -> tuple[str, ...]:
+    """Say which figures of a run would mean nothing, and why, a sentence each."""
+    said = []
+    if not run.has_niches:
+        said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
+    elif not _has_map(run):
+        said.append(f"no network_map: archive.axes has {run.axes[0]} only, and a map needs two axes")
+    if run.config["prompts"]["policy"] == PromptPolicy.none:
+        said.append("no prompt_map: prompts.policy=none keeps no prompt archive")
+    return tuple(said)
+
+
+def _has_map(run: Run) -> bool:
+    """Say whether the network archive is a map: has niches, over two axes."""
+    return run.has_niches and len(run.axes) == 2
+
+
+def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:
+    """List the figures of a study; without comparisons its boxes have no verdicts."""
+    variants = () if comparisons is None else comparisons.variants
+    verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
+    ending = "; p is Holm's." if verdicts else "."
+    words = (
+        f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
+        f"quartiles, the dotted line is the baseline's median{ending}"
+    )
+    pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
+    if study.kind is Kind.classification:
+        words = (
+            "Test images of each network by true and predicted class: counts, and below them per cent of the true "
+            f"class. Of its {study.seeds} training seeds, each network is shown at the one whose accuracy is the "
+            "median: the lower one of two in the middle, and the first where several seeds have it."
+        )
+        draw = partial(confusion_matrices, study)
+        pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
+    return tuple(pictures)
+
+
+def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:
+    """List the figures of the best networks."""
+    first = run.ranked()[0].id
+    networks = [run.baseline, *run.best()]
+    return [
+        ("lineage", partial(lineage, find_lineage(run, first)), f"The ancestors of {first}, the best network."),
+        (
+            "training_curves",
+            partial(training_curves, networks),
+            "Short training of the baseline and the best networks.",
+        ),
+    ]
+
+
+def _p_value(value: float) -> str:
+    """Write a p-value with its name and relation: `Holm's p = 0.012`, `< 0.001`; broken, since boxes stand close."""
+    text = shown(PValue(value))
+    return f"Holm's p\n< {text[1:]}" if text.startswith("<") else f"Holm's p\n= {text}"

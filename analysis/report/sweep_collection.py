@@ -1,0 +1,102 @@
+"""All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables and pictures."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.figures.ablations import curves, final_values
+from analysis.report.figure_list import Picture
+from analysis.runs.niches import load_niches
+from analysis.runs.run import Run
+from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.sweeps.common_archive import Extent, common_archive, extents
+from analysis.sweeps.sweep import REFERENCE, Finished, HashOf, Sweep, load_sweep
+from analysis.sweeps.sweep_checks import check_sweep
+from analysis.table import Table
+from analysis.tables.ablation import ablation_tables, common_note, extents_note
+from tacevo.errors import IncomparableError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepCollection:
+    """A sweep with its comparison."""
+
+    sweep: Sweep
+    found: Ablation
+    #: Name of the job whose niches the common archive has.
+    niches_of: str
+    #: Of the common archive, by axis.
+    extents: tuple[Extent, ...]
+
+
+def collect_sweep(path: Path, store: Path | None, hash_of: HashOf) -> SweepCollection:
+    """Read the finished jobs of a sweep and compare its arms.
+
+    Args:
+        path: the folder of the sweep.
+        store: where the stores of its runs lie, if not where the runs had them.
+        hash_of: as `analysis.sweeps.sweep.load_sweep` takes it.
+
+    Raises:
+        IncomparableError: its jobs are no comparison, or none has niches over both descriptors.
+        RunError: this is no sweep with a finished job, or one of them was edited.
+    """
+    sweep = load_sweep(path, hash_of)
+    check_sweep(sweep)
+    measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks)
+    runs = [one.run for one in sweep.finished]
+    common = common_archive(runs, measure.run, centroids)
+    found = compare_arms([outcome(one, common) for one in sweep.finished])
+    return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name, extents=extents(runs, common))
+
+
+def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) -> tuple[Finished, NDArray[np.float64]]:
+    """Choose the job in whose niches all are measured: the first that has some over both descriptors, `none` first.
+
+    Args:
+        sweep: the sweep.
+        centroids_of: gives the centroids of a run's network archive, shape (niches, axes), in [0, 1].
+
+    Returns:
+        The job, and its centroids.
+
+    Raises:
+        IncomparableError: there is none.
+    """
+    for one in sorted(sweep.finished, key=lambda one: one.job.arm != REFERENCE):
+        centroids = centroids_of(one.run)
+        if len(centroids) and centroids.shape[1] == 2:
+            return one, centroids
+    raise IncomparableError(
+        f"no finished job of {sweep.path} has an archive over both descriptors, in whose niches all could be measured; "
+        f"add the arm {REFERENCE} to the sweep"
+    )
+
+
+def tables_of(collected: SweepCollection) -> tuple[Table, ...]:
+    """Give every table of a sweep."""
+    archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
+    return ablation_tables(collected.sweep, collected.found, archive)
+
+
+def pictures_of(collected: SweepCollection) -> tuple[Picture, ...]:
+    """List the figures of a sweep."""
+    sweep, found = collected.sweep, collected.found
+    note = common_note(collected.niches_of)
+    return (
+        Picture(
+            name=f"ablation_curves_{sweep.task}",
+            caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
+            draw=partial(curves, found),
+        ),
+        Picture(
+            name=f"ablation_finals_{sweep.task}",
+            caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds, "
+            f"the dotted line is the median of {REFERENCE}. {note}",
+            draw=partial(final_values, found),
+        ),
+    )

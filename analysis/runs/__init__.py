@@ -1,0 +1,1 @@
+"""What runs recorded, and how a search went."""

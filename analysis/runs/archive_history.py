@@ -1,0 +1,53 @@
+"""The network archive after each generation, computed by replaying the insertions of a ledger.
+
+A line of the ledger names the niche that a candidate had when it came. Where bounds move later, niches change and the
+archive is rebuilt, so the elites of an earlier generation follow from the candidates only.
+"""
+
+import statistics
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.runs.coverage_map import descriptors
+from analysis.runs.run import Run
+from tacevo.choices import BoundsRule
+from tacevo.search.archive import Archive, Bounds, Elite, NetworkArchive, Placed, Places, Tessellation
+
+
+def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:
+    """Return the elites of the network archive after each generation, in order.
+
+    Args:
+        run: the run.
+        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
+    """
+    niches = Tessellation(centroids) if run.has_niches else Places(niches=run.places)
+    arrivals = iter(descriptors(run).tolist())
+    archive, found = _empty(run), []
+    for line in run.generations:
+        for candidate in run.candidates:
+            if candidate.generation == line.generation and candidate.trained:
+                elite = Elite(name=candidate.id, objective=-candidate.trained.fitness)
+                archive, _, _ = archive.offer(niches, Placed(elite=elite, point=tuple(next(arrivals))))
+        found.append(archive.archive)
+    return tuple(found)
+
+
+def archive_medians(run: Run, centroids: NDArray[np.float64]) -> tuple[float | None, ...]:
+    """Return the median fitness of the elites after each generation; None before anything was trained.
+
+    Args:
+        run: the run.
+        centroids: as in `archive_history`.
+    """
+    fitnesses = [[-elite.objective for elite in it.elites.values()] for it in archive_history(run, centroids)]
+    return tuple(statistics.median(values) if values else None for values in fitnesses)
+
+
+def _empty(run: Run) -> NetworkArchive:
+    """Make the archive that the search began with."""
+    if run.bounds is None or run.config["archive"]["bounds"] != BoundsRule.fixed:
+        return NetworkArchive()
+    low, high = zip(*run.bounds, strict=True)
+    return NetworkArchive(bounds=Bounds(low=low, high=high), fixed=True)

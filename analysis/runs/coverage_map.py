@@ -1,0 +1,117 @@
+"""Where the candidates of a run lie in behaviour space, under the bounds that its archive ended with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from analysis.runs.run import Run
+from tacevo.choices import Axis, BoundsRule, Scale
+from tacevo.rounding import rounded
+from tacevo.search.archive import Bounds, Tessellation
+from tacevo.search.descriptors import scaled
+
+#: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
+LATTICE = 200
+
+#: The names of the descriptors.
+AXES = {Axis.arch_div: "ArchDiv", Axis.eff_ratio: "EffRatio"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Occupation:
+    """What was found about a run's trained candidates, in the order of the run."""
+
+    #: Normalised descriptors, shape (candidates, axes), in [0, 1].
+    points: NDArray[np.float64]
+    #: Niche of each of them, shape (candidates,).
+    niches: NDArray[np.int64]
+    #: Part of them that lies outside the bounds and was clipped, in [0, 1]; 0 under bounds that adapt.
+    clipped: float
+    #: Generation of each candidate that moved the bounds after the first one, in order.
+    moved: tuple[int, ...]
+
+
+def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
+    """Place the trained candidates of a run.
+
+    Args:
+        run: a run with at least one trained candidate.
+        centroids: of its network archive, shape (niches, axes), in [0, 1].
+
+    Raises:
+        ValueError: nothing was trained, or its archive has no niches.
+    """
+    if run.bounds is None:
+        raise ValueError(f"{run.path} has no bounds, because nothing was trained or there are no niches")
+    raw = descriptors(run)
+    low, high = zip(*run.bounds, strict=True)
+    bounds = Bounds(low=low, high=high)
+    points = np.array([bounds.normalise(tuple(point)) for point in raw.tolist()])
+    outside = ((raw < np.array(low)) | (raw > np.array(high))).any(axis=1)
+    tessellation = Tessellation(centroids)
+    return Occupation(
+        points=points,
+        niches=np.array([tessellation.niche_of(point) for point in points.tolist()], dtype=np.int64),
+        clipped=float(outside.mean()),
+        moved=() if run.config["archive"]["bounds"] == BoundsRule.fixed else _moves(run, raw),
+    )
+
+
+def descriptors(run: Run) -> NDArray[np.float64]:
+    """Give the descriptors of the trained candidates as the archive's axes have them, shape (candidates, axes)."""
+    scale = Scale(run.config["archive"]["eff_ratio_scale"])
+    measured = [candidate.measured for candidate in run.candidates if candidate.trained]
+    both = np.array([(it.arch_div, scaled(it.eff_ratio, scale)) for it in measured if it is not None]).reshape(-1, 2)
+    return both[:, [list(Axis).index(axis) for axis in run.axes]]
+
+
+def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[int]:
+    """Find the niches that networks between those of the run would fall into.
+
+    A niche counts as reachable if a candidate fell into it, or if a point of a fine lattice does that lies in the
+    convex hull of the candidates; with one axis, between the lowest and the highest. The hull is a generous guess, as
+    mixtures of two networks need not exist; what lies outside of it, no network of the run suggests.
+
+    Args:
+        found: the candidates.
+        centroids: shape (niches, axes), in [0, 1].
+    """
+    between = _between(found.points)
+    return frozenset(found.niches.tolist()) | frozenset(np.atleast_1d(cKDTree(centroids).query(between)[1]).tolist())
+
+
+def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
+    side = (np.arange(LATTICE) + 0.5) / LATTICE
+    if points.shape[1] == 1:
+        line: NDArray[np.float64] = side[(side >= points.min()) & (side <= points.max())]
+        return line.reshape(-1, 1)
+    lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    try:
+        hull = Delaunay(np.unique(points, axis=0))
+    except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
+        return lattice[:0]
+    inside: NDArray[np.float64] = lattice[hull.find_simplex(lattice) >= 0]
+    return inside
+
+
+def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> float:
+    """Return the part of values, shape (n,), that lies in the fullest of ten equal parts of a span, in [0.1, 1]."""
+    return rounded(np.histogram(values, bins=10, range=span)[0].max() / len(values))
+
+
+def effective_niches(found: Occupation) -> float:
+    """Give the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
+    counts = np.unique(found.niches, return_counts=True)[1]
+    shares = counts / counts.sum()
+    return rounded(2.0 ** -(shares * np.log2(shares)).sum())
+
+
+def _moves(run: Run, raw: NDArray[np.float64]) -> tuple[int, ...]:
+    """Find the candidates outside all before them; each rebuilt the archive."""
+    generations = [candidate.generation for candidate in run.candidates if candidate.trained]
+    low, high = np.minimum.accumulate(raw), np.maximum.accumulate(raw)
+    moved = ((low[1:] != low[:-1]) | (high[1:] != high[:-1])).any(axis=1)
+    return tuple(generation for generation, moves in zip(generations[1:], moved.tolist(), strict=True) if moves)

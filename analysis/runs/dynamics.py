@@ -1,0 +1,270 @@
+"""How a search went, generation by generation: figures from its ledger, and nothing but counting.
+
+A rate counts first answers, as the paper does: one that was turned away and then repaired counts as turned away.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+from statsmodels.stats.proportion import proportion_confint
+
+from analysis.runs.run import Candidate, Generation, Run
+from tacevo.costs import Spending, total
+from tacevo.records import Operator, Reason, Stage
+from tacevo.rounding import DIGITS
+
+#: Confidence of every interval here.
+LEVEL = 0.95
+
+#: The part of the whole improvement that counts as most of it.
+MOST = 0.9
+
+#: By when the paper had most of its improvement (within the first 7 to 10 generations).
+PUBLISHED_GENERATIONS = (7, 10)
+
+#: Bands of equal width over the temperatures [0, 1]; one is as wide as the noise of a request's temperature is on
+#: either side (docs/paper.md).
+BANDS = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """One generation."""
+
+    #: What its ledger line says: temperature, best, median, coverage, QD-score.
+    line: Generation
+    #: Occupied niches, or places, after it.
+    elites: int
+    #: How many more these are than before it; negative where moved bounds made niches fall together.
+    growth: int
+    #: Candidates that found their niche empty, and those that beat its elite.
+    new: int
+    improved: int
+    #: First answers that were turned away, by stage; every stage has an entry.
+    rejected: Mapping[Stage, int]
+    #: Slots whose evaluation was asked for by an earlier slot of this or an earlier generation.
+    repeated: int
+    #: Slots whose source is that of a parent, to the letter.
+    unchanged: int
+    #: What its answers cost; None unless that is known of every answer.
+    spent: Spending | None
+
+    @property
+    def lost(self) -> int:
+        """How many occupied niches were empty after bounds moved, less those that were occupied then."""
+        return self.new - self.growth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GateStage:
+    """One stage of the gate over a whole run."""
+
+    stage: Stage
+    rejected: int
+    #: First answers that passed it and all stages before it; the baseline is nobody's answer.
+    left: int
+    #: Of all first answers, in [0, 1]; None where nothing was asked.
+    left_share: float | None
+    #: Most frequent first.
+    reasons: tuple[tuple[Reason, int], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Productivity:
+    """What came of the mutations that have something in common: their instruction, or their temperature."""
+
+    name: str
+    #: Slots that were asked; a child that the gate turned away was tried, too, and inserted nowhere.
+    tried: int
+    trained: int
+    #: Children that the network archive took: the sum of the paper's r(s).
+    inserted: int
+    #: Wilson's interval of inserted / tried; None where nothing was tried.
+    interval: tuple[float, float] | None
+
+    @property
+    def rate(self) -> float | None:
+        """Inserted / tried, in [0, 1]."""
+        return self.inserted / self.tried if self.tried else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Improvement:
+    """How far a run came; fitness is a loss, so improvement is the part of it that is gone."""
+
+    baseline: float
+    #: Best of generation 0.
+    first: float
+    #: Best of the last generation.
+    last: float
+    #: (first - last) / first and (baseline - last) / baseline; 0 where the reference is 0 already.
+    over_first: float
+    over_baseline: float
+    #: First generation that had `MOST` of the whole improvement over `first`; None without any improvement.
+    settled: int | None
+    #: Part of the whole improvement that was had by each of `PUBLISHED_GENERATIONS` that the run reached.
+    by_generation: tuple[tuple[int, float], ...]
+    #: Mean of the trainable share over generations 1 to G; None where there is generation 0 only.
+    trainable: float | None
+    #: Occupied part of the niches at the end.
+    coverage: float
+
+
+def progress(run: Run) -> tuple[Progress, ...]:
+    """Give the figures of every generation, in order."""
+    repeated, unchanged = repeats(run), copies(run)
+    found: list[Progress] = []
+    for line in run.generations:
+        slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]
+        elites = round(line.coverage * run.places)
+        statuses = Counter(candidate.trained.status for candidate in slots if candidate.trained)
+        stages = Counter(first[0] for first in map(first_rejection, slots) if first)
+        found.append(
+            Progress(
+                line=line,
+                elites=elites,
+                growth=elites - (found[-1].elites if found else 0),
+                new=statuses["new"],
+                improved=statuses["improved"],
+                rejected={stage: stages[stage] for stage in Stage},
+                repeated=sum(candidate.id in repeated for candidate in slots),
+                unchanged=sum(candidate.id in unchanged for candidate in slots),
+                spent=_spent(slots),
+            )
+        )
+    return tuple(found)
+
+
+def first_rejection(candidate: Candidate) -> tuple[Stage, Reason] | None:
+    """Say where and why a candidate's first answer was turned away; None where it was trained."""
+    if candidate.sent_back:
+        return candidate.sent_back[0]
+    if candidate.stage is None or candidate.reason is None:
+        return None
+    return candidate.stage, candidate.reason
+
+
+def repeats(run: Run) -> frozenset[str]:
+    """Find the candidates whose evaluation an earlier slot had asked for, by id."""
+    seen: set[str] = set()
+    found: set[str] = set()
+    for candidate in run.candidates:
+        if candidate.evaluation in seen:
+            found.add(candidate.id)
+        if candidate.evaluation is not None:
+            seen.add(candidate.evaluation)
+    return frozenset(found)
+
+
+def copies(run: Run) -> frozenset[str]:
+    """Find the candidates whose source equals that of one of their parents, by id."""
+    sources = {candidate.id: candidate.source for candidate in run.candidates}
+    return frozenset(
+        candidate.id
+        for candidate in run.candidates
+        if candidate.source is not None and candidate.source in {sources.get(parent) for parent in candidate.parents}
+    )
+
+
+def gate_stages(run: Run) -> tuple[GateStage, ...]:
+    """Count where first answers were turned away; what the last stage leaves was trained."""
+    answers = [candidate for candidate in run.candidates if candidate.operator is not Operator.baseline]
+    counts = Counter(first for first in map(first_rejection, answers) if first)
+    left = len(answers)
+    found = []
+    for stage in Stage:
+        reasons = Counter({reason: count for (where, reason), count in counts.items() if where is stage})
+        left -= reasons.total()
+        found.append(
+            GateStage(
+                stage=stage,
+                rejected=reasons.total(),
+                left=left,
+                left_share=left / len(answers) if answers else None,
+                reasons=tuple(sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))),
+            )
+        )
+    return tuple(found)
+
+
+def by_prompt(run: Run) -> tuple[Productivity, ...]:
+    """Give the productivity of every instruction of the library, tried or not, in the library's order."""
+    asked = _mutations(run)
+    return tuple(
+        _productivity(name, [candidate for candidate in asked if candidate.prompt == index])
+        for index, name in enumerate(run.instructions)
+    )
+
+
+def by_temperature(run: Run) -> tuple[Productivity, ...]:
+    """Give the productivity of every band of the requests' temperatures in which something was asked, rising."""
+    bands: dict[int, list[Candidate]] = {}
+    for candidate in _mutations(run):
+        if candidate.temperature is not None:
+            band = min(int(candidate.temperature * BANDS), BANDS - 1)  # the last band holds its upper end
+            bands.setdefault(band, []).append(candidate)
+    return tuple(_productivity(f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
+
+
+def temperature_follows_age(run: Run) -> bool:
+    """Say whether T is a strictly monotone function of the generation, so that neither's effect can be told apart.
+
+    Generations that stand at a limit of 0 or 1, beyond which T cannot move, do not count against it.
+    """
+    temperatures = [line.temperature for line in run.generations if line.generation > 0]
+    steps = [after - before for before, after in pairwise(temperatures) if after != before or after not in {0, 1}]
+    return bool(steps) and (min(steps) > 0 or max(steps) < 0)
+
+
+def improvement(run: Run) -> Improvement | None:
+    """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
+    bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
+    if run.baseline.trained is None or not bests:
+        return None
+    baseline, first, last = run.baseline.trained.fitness, bests[0][1], bests[-1][1]
+    gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
+    later = [line for line in run.generations if line.generation > 0]
+    return Improvement(
+        baseline=baseline,
+        first=first,
+        last=last,
+        over_first=(first - last) / first if first else 0.0,
+        over_baseline=(baseline - last) / baseline if baseline else 0.0,
+        settled=next((generation for generation, share in gained.items() if share >= MOST), None),
+        by_generation=tuple((number, gained[number]) for number in PUBLISHED_GENERATIONS if number in gained),
+        trainable=sum(line.trainable for line in later) / len(later) if later else None,
+        coverage=run.generations[-1].coverage,
+    )
+
+
+def _mutations(run: Run) -> list[Candidate]:
+    """Give the mutations that count for a prompt: those of generation 0 fill an empty archive, whoever asked."""
+    return [
+        candidate
+        for candidate in run.candidates
+        if candidate.operator is Operator.mutation and candidate.generation > 0 and candidate.prompt is not None
+    ]
+
+
+def _productivity(name: str, asked: list[Candidate]) -> Productivity:
+    inserted = sum(candidate.trained is not None and candidate.trained.inserted for candidate in asked)
+    interval = None
+    if asked:
+        low, high = proportion_confint(inserted, len(asked), alpha=1 - LEVEL, method="wilson")
+        interval = round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
+    return Productivity(
+        name=name,
+        tried=len(asked),
+        trained=sum(candidate.trained is not None for candidate in asked),
+        inserted=inserted,
+        interval=interval,
+    )
+
+
+def _spent(slots: Iterable[Candidate]) -> Spending | None:
+    """Add up what answers cost; a sum with gaps would pass for the whole, so one gap makes it unknown."""
+    asked = [candidate.spent for candidate in slots if candidate.operator is not Operator.baseline]
+    known = [spent for spent in asked if spent is not None]
+    return total(known) if len(known) == len(asked) else None

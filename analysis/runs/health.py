@@ -1,0 +1,231 @@
+"""Alarms: what is wrong with a search whose figures may look fine, each with the figures behind it (docs/analysis.md).
+
+An alarm is a hint, not a verdict; its threshold stands here with its reason.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.runs.coverage_map import AXES, Occupation, effective_niches, fullest_tenth, occupation, reachable
+from analysis.runs.dynamics import by_prompt, copies, gate_stages, progress, repeats
+from analysis.runs.run import Run
+from tacevo.choices import Axis, BoundsRule, PromptPolicy, Scale, TemperatureRule
+from tacevo.search.descriptors import scaled
+from tacevo.search.unsent import TEMPERATURE
+from tacevo.text import counted
+
+#: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs
+#: filled 88 % and 92 %.
+REACHABLE = 0.5
+
+#: Where a fifth of the candidates lies outside fixed bounds, niches at the border hold unlike networks.
+CLIPPED = 0.2
+
+#: A niche with half of all candidates is where the search took place; the others were visited.
+CROWDED = 0.5
+
+#: Moves of the bounds in the last half of a search are late: elites were compared under other niches until then.
+LATE = 0.5
+
+#: An axis whose middle nine tenths of candidates fill less than this of it tells hardly any two of them apart.
+NARROW = 0.05
+
+_MIDDLE = (0.05, 0.95)
+
+#: Where a tenth of an axis holds half of the candidates, the niches of its other nine tenths tell only the rest apart.
+CONCENTRATED = 0.5
+
+#: Every fourth answer brought what was known already; a quarter of the price is worth a word.
+REPEATED = 0.25
+
+#: The paper lost 4 % and 5.5 % of its candidates at the whole gate.
+REJECTED = 0.2
+
+#: Generations at a limit after which the temperature no longer counts as moving.
+STUCK = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alarm:
+    """One thing that may be wrong."""
+
+    #: What it is about, e.g. `few reachable niches`.
+    name: str
+    #: What was found and why that matters, for a person.
+    sentence: str
+    #: The figures behind it, by name.
+    figures: tuple[tuple[str, float], ...]
+
+
+def alarms(run: Run, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
+    """Look for everything that may be wrong with a run.
+
+    Args:
+        run: the run.
+        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
+
+    Returns:
+        What was found; niches and descriptors first, then candidates, prompts and temperature.
+    """
+    found: list[Alarm] = []
+    if run.bounds is not None:
+        placed = occupation(run, centroids)
+        found += _of_niches(placed, centroids)
+        found += _of_descriptors(run, placed)
+    return (*found, *_of_candidates(run), *_of_prompts(run), *_of_temperature(run))
+
+
+def _of_niches(placed: Occupation, centroids: NDArray[np.float64]) -> Iterator[Alarm]:
+    reached, total = len(reachable(placed, centroids)), len(centroids)
+    if reached / total < REACHABLE:
+        yield Alarm(
+            name="few reachable niches",
+            sentence=f"Only {reached} of {counted(total, 'niche')} lie where the run's networks lie or between them, "
+            "so coverage cannot come near 100 %; a few unusual networks may stretch the bounds.",
+            figures=(("reachable", reached), ("niches", total), ("share", reached / total)),
+        )
+    share = np.unique(placed.niches, return_counts=True)[1].max() / len(placed.niches)
+    if share > CROWDED and len(placed.niches) > 1:
+        yield Alarm(
+            name="crowded niche",
+            sentence=f"One niche drew {100 * share:.0f} % of the trained candidates; the archive keeps one network of "
+            "them.",
+            figures=(("share", float(share)), ("effective niches", effective_niches(placed))),
+        )
+
+
+def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
+    if placed.clipped > CLIPPED:
+        yield Alarm(
+            name="clipped descriptors",
+            sentence=f"{100 * placed.clipped:.0f} % of the trained candidates lie outside the fixed bounds and were "
+            "moved to their edge; widen archive.arch_div_bounds or archive.eff_ratio_bounds.",
+            figures=(("share", placed.clipped),),
+        )
+    last = run.generations[-1].generation
+    late = [generation for generation in placed.moved if generation > LATE * last]
+    if late:
+        lost = sum(entry.lost for entry in progress(run))
+        yield Alarm(
+            name="late bounds",
+            sentence=f"The bounds of the descriptors moved {counted(len(late), 'time')} in the last half of the run, "
+            f"lastly in generation {late[-1]}; each time the archive was rebuilt. All moves of the run together "
+            f"emptied {counted(lost, 'niche')}; archive.bounds=fixed loses none.",
+            figures=(
+                ("late moves", len(late)),
+                ("moves", len(placed.moved)),
+                ("last", late[-1]),
+                ("lost niches", lost),
+            ),
+        )
+    if len(placed.points) > 1:
+        for axis, values in zip(run.axes, placed.points.T, strict=True):
+            yield from _of_axis(run, axis, values)
+
+
+def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alarm]:
+    """Look at how the candidates lie along an axis; `values`, shape (candidates,), are normalised."""
+    low, high = np.quantile(values, _MIDDLE)
+    extent, share = float(high - low), fullest_tenth(values, (0.0, 1.0))
+    if extent < NARROW:
+        yield Alarm(
+            name=f"constant {AXES[axis]}",
+            sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
+            f"{AXES[axis]}, which therefore tells few networks apart.",
+            figures=(("extent", extent),),
+        )
+    if share > CONCENTRATED:
+        remedy, figures = _remedy(run, axis)
+        yield Alarm(
+            name=f"concentrated {AXES[axis]}",
+            sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {AXES[axis]}, "
+            f"where few niches tell them apart; {remedy}.",
+            figures=(("share", share), *figures),
+        )
+
+
+def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
+    """Say what would spread the candidates along an axis; of a logarithm, with the share that is left then."""
+    settings = run.config["archive"]
+    adaptive = settings["bounds"] == BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
+    if adaptive and axis is Axis.eff_ratio and settings["eff_ratio_scale"] == Scale.linear:
+        measured = [candidate.measured for candidate in run.candidates if candidate.trained]
+        logarithms = np.array([scaled(it.eff_ratio, Scale.log) for it in measured if it is not None])
+        after = fullest_tenth(logarithms, (logarithms.min(), logarithms.max()))
+        if after <= CONCENTRATED:
+            words = f"under archive.eff_ratio_scale=log the fullest tenth would hold {100 * after:.0f} %"
+            return words, (("share under log", after),)
+    return f"archive.bounds=fixed with narrower archive.{axis}_bounds would spread them", ()
+
+
+def _of_candidates(run: Run) -> Iterator[Alarm]:
+    asked = [candidate for candidate in run.candidates if candidate.parents]
+    known = (repeats(run) | copies(run)) & {candidate.id for candidate in asked}
+    if asked and len(known) / len(asked) > REPEATED:
+        yield Alarm(
+            name="many duplicates",
+            sentence=f"{len(known)} of {counted(len(asked), 'answer')} brought a source that was evaluated before.",
+            figures=(("duplicates", len(known)), ("answers", len(asked)), ("share", len(known) / len(asked))),
+        )
+    for stage in gate_stages(run):
+        share = stage.rejected / len(asked) if asked else 0.0
+        if share > REJECTED:
+            reason, count = stage.reasons[0]
+            yield Alarm(
+                name=f"strict gate: {stage.stage}",
+                sentence=f"The stage {stage.stage} turned away {100 * share:.0f} % of all first answers, most often "
+                f"for {reason} ({count}).",
+                figures=(("rejected", stage.rejected), ("share", share)),
+            )
+
+
+def _of_prompts(run: Run) -> Iterator[Alarm]:
+    """Look at instructions, unless the run ended before any mutation of generation 1."""
+    found = by_prompt(run)
+    if not any(prompt.tried for prompt in found):
+        return
+    untried = [prompt.name for prompt in found if not prompt.tried]
+    if untried:
+        policy = PromptPolicy(run.config["prompts"]["policy"])
+        yield Alarm(
+            name="untried prompts",
+            sentence=f"Never drawn (prompts={policy}): {', '.join(untried)}.",
+            figures=(("untried", len(untried)), ("prompts", len(found))),
+        )
+    inserted, tried = sum(prompt.inserted for prompt in found), sum(prompt.tried for prompt in found)
+    for prompt in found:
+        others = inserted / (tried - prompt.tried) if tried > prompt.tried else 0.0
+        # Without the interval, an instruction that was drawn twice would be blamed for bad luck.
+        if not prompt.inserted and prompt.interval is not None and prompt.interval[1] < others:
+            yield Alarm(
+                name="fruitless prompt",
+                sentence=f"{prompt.name} was tried {prompt.tried} times, and no child of it entered the archive; "
+                f"of all other instructions {100 * others:.0f} % of the children did.",
+                figures=(("tried", prompt.tried), ("trained", prompt.trained), ("others", others)),
+            )
+
+
+def _of_temperature(run: Run) -> Iterator[Alarm]:
+    if TEMPERATURE in run.not_sent:
+        missed = sum(TEMPERATURE in candidate.dropped for candidate in run.candidates)
+        yield Alarm(
+            name="temperature not sent",
+            sentence=f"{run.not_sent[TEMPERATURE]}. The temperatures of generations and of the prompt archive are what "
+            "was planned; they explain no answer.",
+            figures=(("requests", missed),),
+        )
+        return
+    if run.config["temperature"]["rule"] == TemperatureRule.fixed:
+        return
+    for limit, count in Counter(line.temperature for line in run.generations if line.temperature in (0, 1)).items():
+        if count >= STUCK and run.generations[-1].temperature == limit:
+            yield Alarm(
+                name="stuck temperature",
+                sentence=f"The temperature ended at its limit of {limit:g} and was there for {count} generations; the "
+                "paper's own rule can only raise it (docs/paper.md).",
+                figures=(("limit", limit), ("generations", count)),
+            )

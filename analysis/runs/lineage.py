@@ -1,0 +1,57 @@
+"""Where a network comes from: its ancestors, step by step, back to the baseline."""
+
+from dataclasses import dataclass
+
+from analysis.runs.run import Candidate, Run
+from tacevo.errors import RunError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ancestor:
+    """One network of a lineage."""
+
+    #: With its id, generation, operator, prompt, parents and fitness.
+    candidate: Candidate
+    #: Id of its instruction; None for the baseline and a crossover.
+    instruction: str | None
+    #: How much less loss it has than the better of its parents; negative where it has more, None without parents.
+    gain: float | None
+
+
+def ancestors(run: Run, name: str) -> tuple[Candidate, ...]:
+    """Give a candidate's ancestors in the order of the search, each once, and itself last.
+
+    Raises:
+        RunError: the run has no such candidate.
+    """
+    known = {candidate.id: candidate for candidate in run.candidates}
+    if name not in known:
+        raise RunError(f"{run.path} has no candidate {name!r}; ids look like g02s03")
+    found: dict[str, Candidate] = {}
+    waiting = [name]
+    while waiting:
+        candidate = known[waiting.pop()]
+        if candidate.id not in found:
+            found[candidate.id] = candidate
+            waiting += candidate.parents
+    return tuple(sorted(found.values(), key=lambda candidate: (candidate.generation, candidate.slot)))
+
+
+def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
+    """Give a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
+    found = ancestors(run, name)
+    fitness = {candidate.id: candidate.trained.fitness for candidate in found if candidate.trained}
+    return tuple(
+        Ancestor(
+            candidate=candidate,
+            instruction=None if candidate.prompt is None else run.instructions[candidate.prompt],
+            gain=_gain(candidate, fitness),
+        )
+        for candidate in found
+    )
+
+
+def _gain(candidate: Candidate, fitness: dict[str, float]) -> float | None:
+    if candidate.trained is None or not candidate.parents:
+        return None
+    return min(fitness[parent] for parent in candidate.parents) - candidate.trained.fitness

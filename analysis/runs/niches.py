@@ -1,0 +1,90 @@
+"""The niches of a run's archives: their centroids, and the cells of the unit square that belong to them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Voronoi
+
+from analysis.runs.run import Run
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.search.archive import find_centroids
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import Store
+
+#: Corners of a convex polygon in order, shape (corners, 2).
+Polygon = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Niches:
+    """The centroids of both archives, each shape (niches, axes), in [0, 1]; none where there are no niches."""
+
+    networks: NDArray[np.float64]
+    prompts: NDArray[np.float64]
+
+
+def load_niches(run: Run, store: Path | None = None) -> Niches:
+    """Find the centroids that a run was searched with; where its store has none, they are computed as they were.
+
+    Args:
+        run: the run.
+        store: where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: they are not those of the run's ledger.
+        StoreError: the store's entry is damaged.
+    """
+    root = store or Path(run.config["store"]["root"])
+    archive = run.config["archive"]
+    networks = _centroids(root, archive, archive["niches"], len(run.axes)) if run.has_niches else []
+    prompts = _centroids(root, archive, archive["prompt_niches"], 2)
+    if content_hash([networks, prompts]) != run.centroids:
+        raise RunError(
+            f"the niches in {root} are not those that {run.path} was searched with, and computing them on this "
+            "machine gives others; name the run's own stores with --store"
+        )
+    return Niches(networks=np.array(networks).reshape(-1, len(run.axes)), prompts=np.array(prompts))
+
+
+def cells(centroids: NDArray[np.float64]) -> tuple[Polygon, ...]:
+    """Cut the unit square into the Voronoi cells of points in it.
+
+    Each point is mirrored at the four sides, so that the sides become borders between a point and its image, and
+    no cell of a point itself goes beyond them.
+
+    Args:
+        centroids: shape (niches, 2), inside (0, 1).
+
+    Returns:
+        One polygon for each point, in their order; together they cover the square once.
+    """
+    mirrored = [centroids * flip + shift for flip, shift in _MIRRORS]
+    diagram = Voronoi(np.concatenate([centroids, *mirrored]))
+    return tuple(
+        _in_order(np.clip(diagram.vertices[diagram.regions[diagram.point_region[number]]], 0.0, 1.0), centroid)
+        for number, centroid in enumerate(centroids)
+    )
+
+
+#: What mirrors a point at the left, right, lower and upper side: a factor and a shift.
+_MIRRORS = [
+    (np.array([-1.0, 1.0]), np.array([0.0, 0.0])),
+    (np.array([-1.0, 1.0]), np.array([2.0, 0.0])),
+    (np.array([1.0, -1.0]), np.array([0.0, 0.0])),
+    (np.array([1.0, -1.0]), np.array([0.0, 2.0])),
+]
+
+
+def _centroids(root: Path, archive: Json, niches: int, dimensions: int) -> list[list[float]]:
+    shape = {"niches": niches, "dimensions": dimensions, "samples": archive["samples"], "seed": archive["seed"]}
+    found: list[list[float]] | None = Store(root, "centroids").read(shape)
+    return find_centroids(**shape) if found is None else found
+
+
+def _in_order(corners: Polygon, centre: NDArray[np.float64]) -> Polygon:
+    """Sort the corners of a convex polygon around a point in it."""
+    across, up = (corners - centre).T
+    return corners[np.argsort(np.arctan2(up, across))]

@@ -1,0 +1,43 @@
+"""Which niches of the prompt archive a run could reach: its temperature rule leads to few of the temperatures."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.runs.run import Run
+from tacevo.choices import TemperatureRule
+from tacevo.search.archive import Tessellation
+from tacevo.search.prompts import prompt_point
+from tacevo.search.temperature import next_temperature
+
+
+def reachable_temperatures(run: Run) -> frozenset[float]:
+    """Return every T_g that a trial of the run could have had, whatever its generations found.
+
+    A generation either brings a better best or the same; an archive's best never gets worse. Trials begin with
+    generation 1, at T_1; the noise of a request does not enter the prompt archive.
+    """
+    settings = run.config["temperature"]
+    rule, step = TemperatureRule(settings["rule"]), settings["step"]
+    found: set[float] = set()
+    current = {float(settings["start"])}
+    for _ in range(run.generations[-1].generation):
+        found |= current
+        outcomes = [(before, best) for before in current for best in (0.5, 1.0)]
+        current = {next_temperature(rule, before, best=best, best_before=1.0, step=step) for before, best in outcomes}
+    return frozenset(found)
+
+
+def reachable_prompt_niches(run: Run, centroids: NDArray[np.float64]) -> frozenset[int]:
+    """Return the niches that hold some instruction at one of `reachable_temperatures`.
+
+    Args:
+        run: a run that keeps a prompt archive.
+        centroids: of its prompt archive, shape (niches, 2), in [0, 1].
+    """
+    prompts = len(run.instructions)
+    points = [
+        prompt_point(prompt, temperature, prompts=prompts)
+        for prompt in range(prompts)
+        for temperature in reachable_temperatures(run)
+    ]
+    return frozenset(Tessellation(centroids).niches_of(points))

@@ -1,0 +1,1 @@
+"""Tests, effect sizes, equivalence and power; pure."""

@@ -1,0 +1,52 @@
+"""What a study of so many seeds can see at all: the smallest effect it detects, by Noether's formula (1987)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from tacevo.rounding import rounded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detectable:
+    """The smallest effect that is found with the stated power."""
+
+    #: Level of the two-sided test.
+    alpha: float
+    #: The chance of finding it.
+    power: float
+    #: P(x > y), in (0.5, 1); its mirror image below 0.5 is found as often.
+    a12: float
+    #: The shift of a normal distribution that makes this A12, in standard deviations.
+    shift: float
+
+
+def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | None:
+    """Give the smallest effect that a two-sided Mann-Whitney test detects.
+
+    Noether approximates the deviation of U by the one it has without any effect. Of a shifted normal distribution a
+    large effect makes U vary less, so the true power is somewhat higher than stated; under unequal spreads U may vary
+    more, and the power be lower.
+
+    Args:
+        seeds: in each of the two samples, at least 2.
+        alpha: level of the test, in (0, 1); divided by the number of variants for Holm's first step, the strictest.
+        power: wanted chance of detection, in (0, 1).
+
+    Returns:
+        None where the formula gives no effect: it needs an A12 of 1 or more for so few seeds. Effects near full
+        separation may be detected all the same, unless no outcome of so few seeds is significant
+        (`analysis.statistics.tests.smallest_p`).
+
+    Raises:
+        ValueError: an argument is out of its range.
+    """
+    if seeds < 2 or not 0 < alpha < 1 or not 0 < power < 1:
+        raise ValueError(f"power needs seeds >= 2, alpha and power in (0, 1); got {seeds}, {alpha}, {power}")
+    reach = float(ndtri(1 - alpha / 2) + ndtri(power))
+    effect = 0.5 + reach / float(np.sqrt(6 * seeds))  # N = reach² / (12 c (1 - c) (A12 - 1/2)²), N = 2 seeds, c = 1/2
+    if effect >= 1:
+        return None
+    shift = float(np.sqrt(2) * ndtri(effect))
+    return Detectable(alpha=rounded(alpha), power=power, a12=rounded(effect), shift=rounded(shift))

@@ -1,0 +1,154 @@
+"""Is there a difference: the tests of Mann and Whitney (1947) and of a hypergeometric count, Holm's (1979) correction.
+
+Pure functions; docs/statistics.md says why these. The distribution of U is exact wherever it can be counted, with
+ties too; the result says how its p came about.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import hypergeom, mannwhitneyu, rankdata
+from statsmodels.stats.multitest import multipletests
+
+from analysis.statistics.samples import Sample, checked
+from tacevo.rounding import rounded
+
+#: What the test looks for: values of the first sample that differ from, or lie above or below, the second's.
+Alternative = Literal["two-sided", "greater", "less"]
+
+
+class Method(StrEnum):
+    """How a p came about; the values are what a table says."""
+
+    #: Every arrangement of ranks without ties, counted by SciPy.
+    exact = "exact"
+    #: Every arrangement of the midranks, counted here.
+    exact_ties = "exact, ties"
+    #: Too many arrangements to count: normal, with corrections for ties and continuity.
+    normal = "normal"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MannWhitney:
+    """What the test found."""
+
+    #: Pairs (x, y) with x > y, where x = y counts a half; in [0, n m].
+    u: float
+    #: In (0, 1].
+    p: float
+    method: Method
+    #: Values that equal another one of either sample.
+    ties: int
+
+
+def mann_whitney(x: ArrayLike, y: ArrayLike, *, alternative: Alternative = "two-sided") -> MannWhitney:
+    """Test whether values of two samples tend to differ.
+
+    Without further assumptions this is a test of stochastic dominance, P(x > y) + P(x = y) / 2 = 1/2, and of equal
+    medians only where the two distributions differ by nothing but a shift.
+
+    Args:
+        x: shape (n,), n >= 2.
+        y: shape (m,), m >= 2.
+        alternative: as seen from x.
+
+    Raises:
+        ValueError: a sample has another shape, or values that are not finite.
+    """
+    first, second = checked(x, name="x"), checked(y, name="y")
+    ranks = rankdata(np.concatenate([first, second]))
+    u = float(ranks[: len(first)].sum()) - len(first) * (len(first) + 1) / 2
+    ties = _tied(first, second)
+    if math.comb(len(ranks), len(ranks) // 2) >= 2**63:  # the counts are 64-bit integers
+        method, p = Method.normal, _library_p(first, second, alternative, "asymptotic")
+    elif ties:
+        method, p = Method.exact_ties, _counted_p(ranks, len(first), alternative)
+    else:
+        method, p = Method.exact, _library_p(first, second, alternative, "exact")
+    return MannWhitney(u=u, p=rounded(p), method=method, ties=ties)
+
+
+def holm(p_values: Sequence[float]) -> tuple[float, ...]:
+    """Correct a family of p-values for their number, after Holm (1979), by statsmodels.
+
+    The k-th smallest of m is multiplied by m - k + 1, and is at least as large as every smaller one's result.
+
+    Returns:
+        In the given order, each in [0, 1].
+
+    Raises:
+        ValueError: there is none, or one is not in [0, 1].
+    """
+    if not p_values or not all(0 <= p <= 1 for p in p_values):
+        raise ValueError(f"Holm's correction needs one or more p-values in [0, 1]; got {list(p_values)}")
+    return tuple(rounded(p) for p in multipletests(p_values, method="holm")[1])
+
+
+def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) -> float:
+    """Return the chance that a draw without replacement holds at least as many marked ones as were found.
+
+    This is Fisher's exact test, one-sided.
+
+    Args:
+        found: marked ones in the draw, in [0, min(drawn, marked)].
+        drawn: size of the draw, in [0, population].
+        marked: marked ones in the population, in [0, population].
+        population: its size.
+
+    Returns:
+        In (0, 1].
+
+    Raises:
+        ValueError: there is no such draw.
+    """
+    if not max(0, drawn + marked - population) <= found <= min(drawn, marked) <= max(drawn, marked) <= population:
+        raise ValueError(
+            f"expected the counts of a draw; got {found} marked of {drawn} drawn, {marked} of {population} in all"
+        )
+    return rounded(float(hypergeom.sf(found - 1, population, marked, drawn)))
+
+
+def smallest_p(n: int, m: int) -> float:
+    """Give the smallest two-sided p that samples of n and m values can reach: the two extreme orders of all."""
+    return rounded(2 / math.comb(n + m, n))
+
+
+def _tied(x: Sample, y: Sample) -> int:
+    _, counts = np.unique(np.concatenate([x, y]), return_counts=True)
+    return int(counts[counts > 1].sum())
+
+
+def _library_p(x: Sample, y: Sample, alternative: Alternative, method: Literal["exact", "asymptotic"]) -> float:
+    if np.ptp(np.concatenate([x, y])) == 0:  # SciPy would divide by a deviation of 0
+        return 1.0
+    return float(mannwhitneyu(x, y, alternative=alternative, method=method).pvalue)
+
+
+def _counted_p(ranks: Sample, n: int, alternative: Alternative) -> float:
+    """Count the arrangements of the midranks that are at least as extreme as this one."""
+    doubled = np.rint(2 * ranks).astype(np.int64)  # midranks are halves
+    sums = _sums_of(doubled, n)
+    here, total = int(doubled[:n].sum()), int(sums.sum())
+    less, greater = int(sums[: here + 1].sum()) / total, int(sums[here:].sum()) / total
+    match alternative:
+        case "less":
+            return less
+        case "greater":
+            return greater
+        case "two-sided":
+            return min(1.0, 2 * min(less, greater))
+
+
+def _sums_of(doubled: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """Count, for every sum, the choices of n of the doubled ranks that add up to it (Streitberg & Röhmel 1986)."""
+    counts = np.zeros((n + 1, int(doubled.sum()) + 1), dtype=np.int64)
+    counts[0, 0] = 1
+    for rank in doubled:
+        counts[1:, rank:] = counts[1:, rank:] + counts[:-1, :-rank]  # without it, and with it
+    chosen: NDArray[np.int64] = counts[n]
+    return chosen

@@ -1,0 +1,1 @@
+"""What studies recorded, and how networks compare."""

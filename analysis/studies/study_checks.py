@@ -1,0 +1,55 @@
+"""Is a study whole: every network with every seed, once, and with numbers; otherwise the rows are named."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+
+from analysis.statistics.samples import not_finite
+from analysis.studies.scores import Network, Study
+from tacevo.errors import RunError
+from tacevo.text import counted
+
+BASELINE = "baseline"
+
+
+def check_study(study: Study) -> None:
+    """Refuse a study that statistics cannot be made of.
+
+    Raises:
+        RunError: the baseline is not the first network, or scores are missing, there twice, of no network, not finite,
+            or of unlike metrics; the message names the rows.
+    """
+    names = [network.name for network in study.networks]
+    if names[:1] != [BASELINE] or len(set(names)) < len(names):
+        raise RunError(f"a study needs the baseline, then variants of different names; got {names}")
+    strangers = sorted({score.network for score in study.scores} - set(names))
+    if strangers:
+        raise RunError(f"the study of {study.task} has scores of {strangers}, which are none of its networks {names}")
+    metrics = {metric for score in study.scores for metric in score.metrics}
+    faults = [fault for network in study.networks for fault in _faults(study, network, sorted(metrics))]
+    if faults:
+        raise RunError(
+            f"the study of {study.task} is not whole, {counted(len(faults), 'fault')}: {'; '.join(faults)}. "
+            "Delete its folder, and `tacevo study` writes it anew from the store"
+        )
+
+
+def _faults(study: Study, network: Network, metrics: Collection[str]) -> Iterator[str]:
+    """Say what is wrong with the scores of a network."""
+    scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
+    counts = Counter(score.seed for score in scores)
+    expected = range(study.seeds)
+    for words, seeds in (
+        ("no score for", [seed for seed in expected if seed not in counts]),
+        ("more than one score for", [seed for seed, times in counts.items() if times > 1]),
+        (f"scores beyond the {study.seeds} seeds of the study, for", [seed for seed in counts if seed not in expected]),
+    ):
+        if seeds:
+            yield f"{network.name} has {words} seeds {seeds}"
+    for metric in metrics:
+        without = [score.seed for score in scores if metric not in score.metrics]
+        present = [score for score in scores if metric in score.metrics]
+        broken = not_finite([score.metrics[metric] for score in present])
+        if without:
+            yield f"{network.name} has no {metric} for seeds {without}"
+        if broken:
+            yield f"{network.name} has a {metric} that is not finite for seeds {[present[at].seed for at in broken]}"

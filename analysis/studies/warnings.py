@@ -1,0 +1,83 @@
+"""What to beware of when a comparison is read: assumptions that a pair of samples, or a study, does not meet."""
+
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from analysis.statistics.samples import Sample, checked
+from analysis.statistics.tests import Method, mann_whitney
+from tacevo.text import listed
+
+#: Interquartile ranges further apart than this count as very different; equal normal spreads of 20 seeds are further
+#: apart about once in twenty.
+SPREADS = 2.0
+
+
+class Caution(StrEnum):
+    """An assumption that fails; the values are what a table says."""
+
+    identical = "all values of a sample are equal, so its seeds show no spread"
+    ties = "values tie, so p is counted over midranks"
+    approximate = "p is a normal approximation, since there are too many values to count"
+    spreads = (
+        "the quartiles lie more than twice as far apart in one sample, so the test is one of dominance, not of medians"
+    )
+    separated = "the samples do not overlap, so the intervals of A12 and Cliff's delta have no width"
+    few_seeds = "no result of so few seeds is significant after Holm's correction"
+
+
+def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tuple[Caution, ...]:
+    """List what a reader of a comparison of two samples has to beware of.
+
+    Args:
+        x: shape (n,), n >= 2.
+        y: shape (m,), m >= 2.
+        least_p: the smallest p that so many values can reach, after its correction.
+        alpha: the level that a corrected p is held to.
+
+    Raises:
+        ValueError: a sample has another shape, or values that are not finite.
+    """
+    first, second = checked(x, name="x"), checked(y, name="y")
+    test = mann_whitney(first, second)
+    found = {
+        Caution.identical: min(np.ptp(first), np.ptp(second)) == 0,
+        Caution.ties: test.method is Method.exact_ties,
+        Caution.approximate: test.method is Method.normal,
+        Caution.spreads: _far_apart(_spread(first), _spread(second)),
+        Caution.separated: test.u in {0, len(first) * len(second)},
+        Caution.few_seeds: least_p > alpha,
+    }
+    return tuple(caution for caution, holds in found.items() if holds)
+
+
+def caution_notes(given: Iterable[tuple[str, Iterable[Caution]]]) -> tuple[str, ...]:
+    """Write a sentence for each caution, with the names of all that it concerns."""
+    concerned: dict[Caution, list[str]] = {}
+    for name, found in given:
+        for caution in found:
+            concerned.setdefault(caution, []).append(name)
+    return tuple(f"{listed(names)}: {caution.value}." for caution, names in concerned.items())
+
+
+def late_share(chosen: Sequence[int], *, epochs: int) -> float:
+    """Return the part of a network's trainings whose best epoch lies in the last tenth of all.
+
+    Such a training may not have converged: against it, a network that is called better may only be faster.
+
+    Args:
+        chosen: the best epoch of each training, from 1; at least one.
+        epochs: of each training.
+    """
+    return sum(10 * epoch > 9 * epochs for epoch in chosen) / len(chosen)  # in integers: 0.9 is not a binary number
+
+
+def _spread(sample: Sample) -> float:
+    low, high = np.quantile(sample, [0.25, 0.75])
+    return float(high - low)
+
+
+def _far_apart(one: float, other: float) -> bool:
+    return max(one, other) > SPREADS * min(one, other)

@@ -1,0 +1,1 @@
+"""What sweeps recorded, and how arms compare."""

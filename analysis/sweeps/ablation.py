@@ -1,0 +1,309 @@
+"""The arms of a sweep: what each run came to, what an arm came to over its seeds, and how it differs from `none`.
+
+Every arm is held against the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
+Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
+one seed. A run that is the reference's own, candidate by candidate, says nothing of its arm and enters neither.
+docs/ablation_study.md says why these.
+"""
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from analysis.runs.dynamics import improvement
+from analysis.runs.run import Candidate, Run
+from analysis.statistics.effects import Effects, Interval, effects, median
+from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
+from analysis.studies.warnings import Caution, cautions
+from analysis.sweeps.common_archive import CommonArchive, Filled, filled
+from analysis.sweeps.sweep import REFERENCE, Finished
+from tacevo.costs import Spending, total
+from tacevo.randomness import stream
+from tacevo.records import Operator
+from tacevo.rounding import rounded
+
+#: The level that cautions are judged at, after Holm's correction.
+ALPHA = 0.05
+
+#: Below this many seeds there is neither an interval nor a test.
+FEWEST_SEEDS = 2
+
+
+class Metric(StrEnum):
+    """What a run is measured by; the values are what a table says."""
+
+    best_fitness = "best fitness"
+    improvement = "improvement over generation 0"
+    improvement_over_baseline = "improvement over the baseline"
+    qd_score = "QD-score"
+    coverage = "coverage"
+    trainable = "trainable"
+    evaluations = "evaluations"
+    tokens = "tokens"
+    cost = "cost (USD)"
+
+
+#: Metrics that are fractions.
+FRACTIONS = frozenset([Metric.improvement, Metric.improvement_over_baseline, Metric.coverage, Metric.trainable])
+
+#: Metrics of which less is better; of what a search used, less is better only where it came as far.
+LESS_IS_BETTER = frozenset([Metric.best_fitness, Metric.evaluations, Metric.tokens, Metric.cost])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What one run came to."""
+
+    job: str
+    arm: str
+    seed: int
+    #: Of every metric; None where the run's files do not tell.
+    values: Mapping[Metric, float | None]
+    #: Best fitness by generation; None before anything was trained.
+    best: tuple[float | None, ...]
+    #: The common archive by generation.
+    filled: tuple[Filled, ...]
+    #: What was asked and what came of it, slot by slot, without costs: equal in runs that are one and the same search.
+    slots: tuple[Candidate, ...]
+
+
+class Comparability(StrEnum):
+    """Whether there is anything to test between two arms; the values are what a table says."""
+
+    comparable = "comparable"
+    #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
+    identical = "identical"
+    #: One of both arms has fewer than two runs that differ from the other's of the same seed.
+    too_few_differ = "too few runs differ"
+    #: One of both arms has values of fewer than two seeds.
+    too_few_seeds = "too few seeds"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paired:
+    """An arm against the reference, seed by seed, where their runs differ."""
+
+    #: Of the differences arm - reference; None below two shared seeds.
+    difference: Interval | None
+    #: Shared seeds on which the arm was better, equal and worse.
+    better: int
+    equal: int
+    worse: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contrast:
+    """An arm against the reference in one metric; runs of both that are one and the same are not compared."""
+
+    comparability: Comparability
+    #: Runs of the arm that are not the reference's of the same seed.
+    differing: int
+    paired: Paired
+    #: These are None unless the arms are `comparable`.
+    test: MannWhitney | None
+    #: After Holm's correction over all arms but those of too few seeds.
+    p_holm: float | None
+    effects: Effects | None
+    cautions: tuple[Caution, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """An arm in one metric."""
+
+    #: Values by seed, those that are known.
+    values: Mapping[int, float]
+    #: None where no value is known.
+    median: float | None
+    #: Of the median; None below two seeds.
+    interval: Interval | None
+    #: None of the reference itself, and where there is none.
+    contrast: Contrast | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """One arm of a sweep."""
+
+    name: str
+    seeds: tuple[int, ...]
+    metrics: Mapping[Metric, Summary]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ablation:
+    """A sweep, compared."""
+
+    #: The arm that others are compared with; None where it has no finished run.
+    reference: str | None
+    #: The reference first.
+    arms: tuple[Arm, ...]
+    outcomes: tuple[Outcome, ...]
+
+
+def outcome(one: Finished, common: CommonArchive) -> Outcome:
+    """Measure a finished run."""
+    places = filled(one.run, common)
+    return Outcome(
+        job=one.job.name,
+        arm=one.job.arm,
+        seed=one.job.seed,
+        values=_values(one.run, places[-1]),
+        best=_best_so_far(one.run),
+        filled=places,
+        slots=tuple(replace(candidate, spent=None) for candidate in one.run.candidates),
+    )
+
+
+def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
+    """Summarise every arm, and compare it with the reference.
+
+    Args:
+        outcomes: of all finished runs, each seed of an arm once.
+        seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
+            whatever other arms there are.
+    """
+    names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != REFERENCE)
+    summaries = {metric: _summaries(metric, names, outcomes, seed) for metric in Metric}
+    return Ablation(
+        reference=REFERENCE if REFERENCE in names else None,
+        arms=tuple(
+            Arm(
+                name=name,
+                seeds=tuple(one.seed for one in outcomes if one.arm == name),
+                metrics={metric: summaries[metric][name] for metric in Metric},
+            )
+            for name in names
+        ),
+        outcomes=tuple(outcomes),
+    )
+
+
+def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
+    found, spent = improvement(run), _spent(run)
+    return {
+        Metric.best_fitness: None if found is None else found.last,
+        Metric.improvement: None if found is None else rounded(found.over_first),
+        Metric.improvement_over_baseline: None if found is None else rounded(found.over_baseline),
+        Metric.qd_score: end.qd_score,
+        Metric.coverage: end.coverage,
+        Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
+        Metric.evaluations: len({one.evaluation for one in run.candidates} - {None}),
+        Metric.tokens: None if spent is None else spent.input_tokens + spent.output_tokens,
+        Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
+    }
+
+
+def _best_so_far(run: Run) -> tuple[float | None, ...]:
+    return tuple(line.best for line in run.generations)
+
+
+def _spent(run: Run) -> Spending | None:
+    """Add up what a run's answers cost; a sum with gaps would pass for the whole, so one gap makes it unknown."""
+    asked = [one.spent for one in run.candidates if one.operator is not Operator.baseline]
+    known = [spent for spent in asked if spent is not None]
+    return total(known) if len(known) == len(asked) else None
+
+
+def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], seed: int) -> dict[str, Summary]:
+    """Summarise all arms in one metric."""
+    samples = {name: _known(metric, name, outcomes) for name in names}
+    contrasts: dict[str, Contrast] = {}
+    if REFERENCE in samples:
+        same = {name: _same_runs(name, outcomes) for name in names if name != REFERENCE}
+        contrasts = _contrasts(metric, samples, same, seed)
+    return {
+        name: Summary(
+            values=sample,
+            median=rounded(float(np.median(list(sample.values())))) if sample else None,
+            interval=_interval(list(sample.values())),
+            contrast=contrasts.get(name),
+        )
+        for name, sample in samples.items()
+    }
+
+
+def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, float]:
+    """Give an arm's known values by seed, in the order of the seeds."""
+    values = {one.seed: one.values[metric] for one in outcomes if one.arm == name}
+    return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
+
+
+def _same_runs(name: str, outcomes: Sequence[Outcome]) -> frozenset[int]:
+    """Find the seeds of which an arm's run is the reference's, candidate by candidate."""
+    reference = {one.seed: one.slots for one in outcomes if one.arm == REFERENCE}
+    return frozenset(one.seed for one in outcomes if one.arm == name and one.slots == reference.get(one.seed))
+
+
+def _contrasts(
+    metric: Metric, samples: Mapping[str, Mapping[int, float]], same: Mapping[str, Set[int]], seed: int
+) -> dict[str, Contrast]:
+    """Compare the samples of all other arms with the reference's, and correct the family's p-values.
+
+    An arm that has seeds enough and is not tested counts in the family with p = 1, so that the family's size does not
+    depend on what the runs found.
+
+    Args:
+        metric: what the samples are of.
+        samples: by arm and seed, those of the reference among them.
+        same: by every other arm, the seeds of which its run is the reference's.
+        seed: of the bootstrap.
+    """
+    ours = {name: _without(samples[name], seeds) for name, seeds in same.items()}
+    theirs = {name: _without(samples[REFERENCE], seeds) for name, seeds in same.items()}
+    enough = {name: min(len(samples[name]), len(samples[REFERENCE])) >= FEWEST_SEEDS for name in same}
+    kinds = {
+        name: _comparability(ours[name], theirs[name]) if enough[name] else Comparability.too_few_seeds for name in same
+    }
+    family = [name for name in same if enough[name]]
+    pairs = {name: (list(ours[name].values()), list(theirs[name].values())) for name in family}
+    tests = {name: mann_whitney(*pairs[name]) for name in family if kinds[name] is Comparability.comparable}
+    p_holm = _corrected({name: tests[name].p if name in tests else 1.0 for name in family})
+    least = _corrected({name: smallest_p(*map(len, pairs[name])) if name in tests else 1.0 for name in family})
+    return {
+        name: Contrast(
+            comparability=kind,
+            differing=len(ours[name]),
+            paired=_paired(metric, ours[name], theirs[name]),
+            test=tests.get(name),
+            p_holm=p_holm[name] if name in tests else None,
+            effects=effects(*pairs[name], rng=stream(seed, "effects", name, metric.name)) if name in tests else None,
+            cautions=cautions(*pairs[name], least_p=least[name], alpha=ALPHA) if name in tests else (),
+        )
+        for name, kind in kinds.items()
+    }
+
+
+def _corrected(p_values: Mapping[str, float]) -> dict[str, float]:
+    """Correct p-values by arm after Holm; of none there are none."""
+    return dict(zip(p_values, holm(list(p_values.values())), strict=True)) if p_values else {}
+
+
+def _without(sample: Mapping[int, float], seeds: Set[int]) -> Mapping[int, float]:
+    return {seed: value for seed, value in sample.items() if seed not in seeds}
+
+
+def _comparability(sample: Mapping[int, float], reference: Mapping[int, float]) -> Comparability:
+    """Say whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
+    if sample == reference or len({*sample.values(), *reference.values()}) == 1:
+        return Comparability.identical
+    few = min(len(sample), len(reference)) < FEWEST_SEEDS
+    return Comparability.too_few_differ if few else Comparability.comparable
+
+
+def _paired(metric: Metric, sample: Mapping[int, float], reference: Mapping[int, float]) -> Paired:
+    differences = [sample[seed] - reference[seed] for seed in sorted(sample.keys() & reference.keys())]
+    lower, higher = sum(value < 0 for value in differences), sum(value > 0 for value in differences)
+    better, worse = (lower, higher) if metric in LESS_IS_BETTER else (higher, lower)
+    return Paired(
+        difference=_interval(differences),
+        better=better,
+        equal=len(differences) - better - worse,
+        worse=worse,
+    )
+
+
+def _interval(values: Sequence[float]) -> Interval | None:
+    return median(values) if len(values) >= FEWEST_SEEDS else None

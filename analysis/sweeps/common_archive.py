@@ -1,0 +1,135 @@
+"""One archive for all runs of a sweep, so that their coverage and QD-score can be compared.
+
+A run's own archive has bounds that follow its own candidates, and arms may have archives of other kinds: what each
+ledger says of coverage and QD-score counts other niches. Here every trained candidate of a run is put, in order, into
+one and the same tessellation under one and the same bounds. No search saw this archive; it only measures, as the
+passive archives of quality-diversity studies do.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.runs.run import Candidate, Run
+from tacevo.choices import BoundsRule, Scale
+from tacevo.rounding import rounded
+from tacevo.search.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score, quality
+from tacevo.search.descriptors import scaled
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommonArchive:
+    """What all runs are measured in."""
+
+    tessellation: Tessellation
+    bounds: Bounds
+    #: Of the Efficiency Ratio.
+    scale: Scale
+    #: Whether the bounds are a setting, and no candidate's.
+    fixed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extent:
+    """What decides one axis of the common archive, and how the candidates lie along it."""
+
+    #: Name of the descriptor, as its axis has it.
+    axis: str
+    low: float
+    high: float
+    #: Candidates that have the least and the greatest value, as RUN/NAME; none where the bounds are fixed.
+    lowest: tuple[str, ...]
+    highest: tuple[str, ...]
+    #: Part of all trained candidates in the fullest of ten equal parts of the axis, in [0.1, 1].
+    fullest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filled:
+    """The common archive after a generation of a run."""
+
+    #: Occupied part of its niches, in [0, 1].
+    coverage: float
+    #: Sum of 1 / (1 + f) over its elites.
+    qd_score: float
+
+
+def common_archive(runs: Sequence[Run], reference: Run, centroids: NDArray[np.float64]) -> CommonArchive:
+    """Make the archive that all runs are measured in.
+
+    Args:
+        runs: of the sweep, with at least one trained candidate together.
+        reference: whose settings of the archive hold. Where its bounds are fixed, these are the common ones, too; else
+            they are the least and greatest descriptors of all runs.
+        centroids: of its network archive, shape (niches, 2), in [0, 1].
+    """
+    settings = reference.config["archive"]
+    scale = Scale(settings["eff_ratio_scale"])
+    given = reference.bounds if settings["bounds"] == BoundsRule.fixed else None
+    if given is not None:
+        low, high = zip(*given, strict=True)
+    else:
+        points = [_point(candidate, scale) for run in runs for candidate in run.candidates if candidate.trained]
+        low, high = (tuple(map(end, zip(*points, strict=True))) for end in (min, max))
+    bounds = Bounds(low=low, high=high)
+    return CommonArchive(tessellation=Tessellation(centroids), bounds=bounds, scale=scale, fixed=given is not None)
+
+
+def extents(runs: Sequence[Run], common: CommonArchive) -> tuple[Extent, ...]:
+    """Name the candidates at the bounds of the common archive, and the crowd between them.
+
+    Bounds stay those from the least to the greatest, as in the archives of the searches; no quantile has to be chosen,
+    and none hides what a search found. So one outlier can decide the coverage of all: this says which, and how much.
+    """
+    places = {
+        f"{run.name}/{one.id}": _point(one, common.scale) for run in runs for one in run.candidates if one.trained
+    }
+    names = ("architecture diversity", f"efficiency ratio ({common.scale.value})")
+    return tuple(_extent(names[axis], axis, places, common) for axis in range(2))
+
+
+def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArchive) -> Extent:
+    low, high = common.bounds.low[axis], common.bounds.high[axis]
+    tenths = Counter(min(int(10 * common.bounds.normalise(place)[axis]), 9) for place in places.values())
+    return Extent(
+        axis=name,
+        low=rounded(low),
+        high=rounded(high),
+        lowest=() if common.fixed else tuple(one for one, place in places.items() if place[axis] == low),
+        highest=() if common.fixed else tuple(one for one, place in places.items() if place[axis] == high),
+        fullest=rounded(max(tenths.values()) / len(places)),
+    )
+
+
+def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
+    """Put the candidates of a run into the common archive; give what it holds after each generation."""
+    archive, found = Archive(), []
+    for line in run.generations:
+        arrived = (one for one in run.candidates if one.generation == line.generation)
+        archive = _with(archive, arrived, common)
+        found.append(
+            Filled(
+                coverage=rounded(coverage(archive, common.tessellation.niches)),
+                qd_score=rounded(qd_score(archive, quality)),
+            )
+        )
+    return tuple(found)
+
+
+def _with(archive: Archive, candidates: Iterable[Candidate], common: CommonArchive) -> Archive:
+    """Offer trained candidates to an archive, in their order."""
+    for candidate in candidates:
+        if candidate.trained is not None:
+            niche = common.tessellation.niche_of(common.bounds.normalise(_point(candidate, common.scale)))
+            archive, _ = insert(archive, niche, Elite(name=candidate.id, objective=-candidate.trained.fitness))
+    return archive
+
+
+def _point(candidate: Candidate, scale: Scale) -> tuple[float, float]:
+    """Give the descriptors of a trained candidate as the common axes have them."""
+    if candidate.measured is None:
+        raise ValueError(f"{candidate.id} was trained and has no descriptors")
+    return candidate.measured.arch_div, scaled(candidate.measured.eff_ratio, scale)

@@ -1,0 +1,289 @@
+"""The tables of a sweep: all arms in all metrics, each metric against the reference, and every run."""
+
+import json
+from collections.abc import Collection, Sequence
+
+from analysis.rounding import shown
+from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, median_confidence
+from analysis.studies.warnings import caution_notes
+from analysis.sweeps.ablation import (
+    ALPHA,
+    FEWEST_SEEDS,
+    FRACTIONS,
+    LESS_IS_BETTER,
+    Ablation,
+    Arm,
+    Comparability,
+    Contrast,
+    Metric,
+)
+from analysis.sweeps.common_archive import Extent
+from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
+from analysis.sweeps.sweep_checks import arm_settings
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from tacevo.records import Json
+from tacevo.rounding import rounded
+from tacevo.storage.canonical import leaves
+from tacevo.text import counted, listed
+
+#: What a contrast has, in the order of its columns.
+_TESTED = ("U", "p", "p, Holm", "method", "A12", "Cliff's delta")
+
+#: Said of what answers cost.
+_SHARED = "Arms share recorded answers, so that a sweep paid less than the sum of its runs."
+
+#: What a metric counts, where its name does not say it.
+_MEANINGS = {
+    Metric.best_fitness: "Fitness is a validation loss in the units of training.",
+    Metric.improvement: "The part of generation 0's best fitness that is gone at the end.",
+    Metric.improvement_over_baseline: "The part of the baseline's fitness that is gone at the end.",
+    Metric.trainable: "First answers that were trained, mean over the generations from 1 on.",
+    Metric.evaluations: "Different sources that were trained, failed trainings among them.",
+    Metric.tokens: f"Read and written, of all answers. {_SHARED}",
+    Metric.cost: f"Of all answers, by the prices recorded with them. {_SHARED}",
+}
+
+
+def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table, ...]:
+    """Give all tables of a sweep.
+
+    Args:
+        sweep: what was compared, and what is missing of it.
+        found: what `analysis.sweeps.ablation.compare_arms` says of it.
+        archive: what is to be said of the common archive.
+    """
+    metrics = (metric_table(sweep, found, metric, archive) for metric in Metric)
+    return arms_table(sweep, found, archive), settings_table(sweep), *metrics, runs_table(sweep, found, archive)
+
+
+def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
+    """Show every arm in every metric: median and interval."""
+    return Table(
+        name=f"ablation_{sweep.task}",
+        caption=f"The arms ({sweep.task}).",
+        columns=("arm", "seeds", *(metric.value for metric in Metric)),
+        rows=tuple((arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in Metric)) for arm in found.arms),
+        notes=(
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in Metric]),
+            archive,
+            *(f"{metric.value}: {_lower_first(words)}" for metric, words in _MEANINGS.items()),
+            *_reference_note(found),
+            *_missing_note(sweep.missing),
+        ),
+    )
+
+
+def settings_table(sweep: Sweep) -> Table:
+    """Show the settings in which the recorded configurations of the arms differ."""
+    arms = {one.job.arm: dict(leaves(arm_settings(one))) for one in reversed(sweep.finished)}
+    names = list(dict.fromkeys(one.job.arm for one in sweep.finished))
+    keys = dict.fromkeys(key for name in names for key in arms[name])
+    differing = [key for key in keys if len({json.dumps(arms[name].get(key)) for name in names}) > 1]
+    return Table(
+        name=f"ablation_settings_{sweep.task}",
+        caption=f"The settings in which the arms differ ({sweep.task}).",
+        columns=("setting", *names),
+        rows=tuple((key, *(_setting(arms[name].get(key)) for name in names)) for key in differing),
+        notes=("As the runs recorded them; all other settings that may change a result are equal.",),
+    )
+
+
+def _setting(value: Json) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:
+    """Show every arm in one metric, and how it differs from the reference."""
+    unit = " (percentage points)" if metric in FRACTIONS else ""
+    counts = ("better", "equal", "worse")
+    return Table(
+        name=f"ablation_{metric.name}_{sweep.task}",
+        caption=f"The arms ({sweep.task}): {metric.value}.",
+        columns=(
+            *("arm", "seeds", "median", "runs that differ", *_TESTED),
+            *(f"difference of medians{unit}", f"median difference by seed{unit}"),
+            *(f"seeds {word}" for word in counts),
+        ),
+        rows=tuple(_row(arm, metric) for arm in found.arms),
+        notes=(
+            *([_MEANINGS[metric]] if metric in _MEANINGS else []),
+            *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
+            f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms], _pairs(found, metric)),
+            *_test_notes(found, metric),
+            *_reference_note(found),
+            *_missing_note(sweep.missing),
+        ),
+    )
+
+
+def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
+    """Show every run in every metric."""
+    return Table(
+        name=f"ablation_runs_{sweep.task}",
+        caption=f"The runs ({sweep.task}).",
+        columns=("run", "arm", "seed", *(metric.value for metric in Metric)),
+        rows=tuple(
+            (one.job, one.arm, one.seed, *(_value(metric, one.values[metric]) for metric in Metric))
+            for one in found.outcomes
+        ),
+        notes=(archive, *_missing_note(sweep.missing)),
+    )
+
+
+def common_note(niches_of: str) -> str:
+    """Say what coverage and QD-score were counted in."""
+    return (
+        "QD-score and coverage are those of one common archive: every trained candidate of a run, in order, in the "
+        f"niches of {niches_of} under bounds common to all runs. They are not those of a run's own ledger."
+    )
+
+
+def extents_note(extents: Sequence[Extent]) -> str:
+    """Say who decided the bounds of the common archive, and how close together they leave the candidates."""
+    told = (
+        f"{one.axis} from {_end(one.low, one.lowest)} to {_end(one.high, one.highest)}, with "
+        f"{shown(Percent(one.fullest))} of all candidates in the fullest tenth"
+        for one in extents
+    )
+    return (
+        f"Its bounds: {'; '.join(told)}. A single candidate may decide a bound, and with it how many niches all fill."
+    )
+
+
+def _end(value: float, candidates: Sequence[str]) -> str:
+    """Write a bound with the candidates that it is due to, or that it was fixed."""
+    if not candidates:
+        return f"{shown(value)} (fixed)"
+    more = f" and {len(candidates) - 1} more" if len(candidates) > 1 else ""
+    return f"{shown(value)} ({candidates[0]}{more})"
+
+
+def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
+    summary = arm.metrics[metric]
+    contrast = summary.contrast
+    return (
+        arm.name,
+        len(summary.values),
+        _summary(arm, metric),
+        *((None,) * (len(_TESTED) + 6) if contrast is None else _contrast(contrast, metric)),
+    )
+
+
+def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
+    paired = contrast.paired
+    differences: tuple[Cell, ...] = (_difference(metric, paired.difference), paired.better, paired.equal, paired.worse)
+    test, p_holm, effects = contrast.test, contrast.p_holm, contrast.effects
+    if test is None or p_holm is None or effects is None:
+        word = contrast.comparability.value
+        return (contrast.differing, None, word, None, None, None, None, None, *differences)
+    return (
+        contrast.differing,
+        Halves(test.u),
+        PValue(test.p),
+        PValue(p_holm),
+        test.method.value,
+        _between(effects.a12),
+        _between(effects.cliffs_delta),
+        _difference(metric, effects.median_difference),
+        *differences,
+    )
+
+
+def _summary(arm: Arm, metric: Metric) -> Cell:
+    """Show the median of an arm, with its interval where there is one."""
+    summary = arm.metrics[metric]
+    if summary.interval is None:
+        return _value(metric, summary.median)
+    shape = PercentBetween if metric in FRACTIONS else Between
+    return shape(summary.interval.estimate, summary.interval.low, summary.interval.high)
+
+
+def _value(metric: Metric, value: float | None) -> Cell:
+    if value is None:
+        return None
+    return Percent(value) if metric in FRACTIONS else value
+
+
+def _difference(metric: Metric, interval: Interval | None) -> Cell:
+    return None if interval is None else _between(interval, 100 if metric in FRACTIONS else 1)
+
+
+def _between(interval: Interval, factor: int = 1) -> Between:
+    return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+
+
+def _pairs(found: Ablation, metric: Metric) -> list[int]:
+    """Count the differences by seed that each arm has."""
+    contrasts = [contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None]
+    return [one.paired.better + one.paired.equal + one.paired.worse for one in contrasts]
+
+
+def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
+    """Say what the intervals of medians are, by the numbers of values that there are, and of differences by seed."""
+    words = (
+        "Median over the seeds whose value is known; in brackets two of their values, equally far from either end. The "
+        f"median of all seeds lies between them with a chance of {100 * LEVEL:g} % at least"
+    )
+    weak = [n for n in sorted({*counts, *pairs}, reverse=True) if n >= FEWEST_SEEDS and median_confidence(n) < LEVEL]
+    if weak:
+        words += "; of few seeds their range, with less: " + listed(
+            f"{shown(Percent(median_confidence(n)))} for {n} seeds" for n in weak
+        )
+    few = min(counts) < FEWEST_SEEDS
+    return (
+        f"{words}. A single value has neither interval nor test, and where none is known the cell is empty."
+        if few
+        else f"{words}."
+    )
+
+
+def _test_notes(found: Ablation, metric: Metric) -> list[str]:
+    """Say how the columns beside the median came about; nothing where there is no reference."""
+    contrasts = {arm.name: contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None}
+    if not contrasts:
+        return []
+    family = sum(contrast.comparability is not Comparability.too_few_seeds for contrast in contrasts.values())
+    same = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.identical]
+    few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
+    notes = [
+        f"Runs that differ: those that are not the run of {REFERENCE} of the same seed, candidate by candidate. All "
+        "columns behind are of these runs: what is one and the same run in both arms says nothing of the arm.",
+        f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
+        f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
+        f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
+        f"resamples, whose {100 * LEVEL:g} % is approximate, and the more so the fewer seeds there are.",
+        f"A12: the chance that a run of the arm has more than one of {REFERENCE}. Differences are arm less "
+        f"{REFERENCE}; by seed: of the runs that share a seed, and so their streams.",
+    ]
+    if same:
+        notes.append(
+            f"Identical: {listed(same)}. No run of such an arm differs from that of {REFERENCE} of the same seed, or "
+            "those that do have the same values: there is nothing to test. In Holm's correction it counts as p = 1."
+        )
+    if few:
+        notes.append(
+            f"Too few runs differ: {listed(few)}. A test needs two in either arm. In Holm's correction such an arm "
+            "counts as p = 1."
+        )
+    return [*notes, *caution_notes((name, contrast.cautions) for name, contrast in contrasts.items())]
+
+
+def _reference_note(found: Ablation) -> list[str]:
+    if found.reference is not None:
+        return []
+    return [f"There is no test: the sweep has no finished run of the arm {REFERENCE}, which others are compared with."]
+
+
+def _missing_note(missing: Sequence[Missing]) -> list[str]:
+    if not missing:
+        return []
+    names = listed(one.job.name for one in missing)
+    return [
+        f"Missing, {counted(len(missing), 'job')}: {names}. When they are there, the family of Holm's correction "
+        "may be larger, and every value of the common archive another.",
+    ]
+
+
+def _lower_first(words: str) -> str:
+    return words[0].lower() + words[1:]

@@ -1,0 +1,310 @@
+"""The tables of a study: scores, metrics, verdicts and effect sizes."""
+
+import numpy as np
+
+from analysis.rounding import shown
+from analysis.statistics.effects import LEVEL, RESAMPLES, Interval
+from analysis.statistics.power import Detectable
+from analysis.statistics.samples import Sample
+from analysis.statistics.tests import smallest_p
+from analysis.studies.comparison import Comparison, Comparisons
+from analysis.studies.metrics import SHARES, metric_name, named_metrics
+from analysis.studies.scores import LOWER_IS_BETTER, Network, Study
+from analysis.studies.warnings import caution_notes
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from tacevo.choices import MarginKind
+from tacevo.records import Kind
+from tacevo.rounding import rounded
+from tacevo.text import counted, listed
+
+
+def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
+    """Give all tables of a study.
+
+    Args:
+        study: whole, as `analysis.studies.study.load_study` gives it.
+        found: what `analysis.studies.comparison.compare` says of it; None where it cannot be compared.
+    """
+    described = scores_table(study), metrics_table(study)
+    if found is None:
+        return described
+    compared = verdicts_table(study, found), effects_table(study, found)
+    return (*described, *compared, outputs_table(study, found)) if found.outputs else (*described, *compared)
+
+
+def scores_table(study: Study) -> Table:
+    """Show each network, its cost, and how its seeds spread in the primary metric."""
+    spread = ("median", "lower quartile", "upper quartile", "least", "most")
+    return Table(
+        name=f"scores_{study.task}",
+        caption=f"Test {metric_name(study.primary)} of the networks of {study.task}.",
+        columns=("network", "candidate", "parameters", "FLOPs", *spread, "chosen epoch"),
+        rows=tuple(
+            (
+                network.name,
+                network.id,
+                network.parameters,
+                network.flops,
+                *_scores(study, network),
+                _epochs(study, network),
+            )
+            for network in study.networks
+        ),
+        notes=(
+            *_scale_note(study),
+            "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",
+            _training(study),
+        ),
+    )
+
+
+def metrics_table(study: Study) -> Table:
+    """Show every metric of every network, one a row: a task of three outputs has 22."""
+    return Table(
+        name=f"metrics_{study.task}",
+        caption=f"Test metrics of the networks of {study.task}.",
+        columns=("metric", *(network.name for network in study.networks)),
+        rows=tuple(
+            (name, *(_median(study, network, metric) for network in study.networks))
+            for metric, name in named_metrics(study)
+        ),
+        notes=(
+            "Median of the seeds, with their lower and upper quartile in brackets.",
+            *_scale_note(study),
+            _training(study),
+        ),
+    )
+
+
+def verdicts_table(study: Study, found: Comparisons) -> Table:
+    """Show the tests of every variant against the baseline."""
+    return Table(
+        name=f"verdicts_{study.task}",
+        caption=f"The variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
+        columns=(
+            *("network", "median", "U", "p", "p, Holm", "method"),
+            *("p, equivalence", "p, equivalence, Holm", "method, equivalence", "verdict"),
+        ),
+        rows=(
+            ("baseline", _value(found.metric, found.baseline_median), *(None,) * 8),
+            *(_verdict_cells(variant, found.metric) for variant in found.variants),
+        ),
+        notes=(
+            *_scale_note(study),
+            *_mean_note(found),
+            *_method_notes(found),
+            *caution_notes((variant.network, variant.cautions) for variant in found.variants),
+            *_image_note(found),
+            *_late_note(study, found),
+        ),
+    )
+
+
+def effects_table(study: Study, found: Comparisons) -> Table:
+    """Show how large every variant's difference from the baseline is."""
+    better = "below" if LOWER_IS_BETTER[found.metric] else "above"
+    return Table(
+        name=f"effects_{study.task}",
+        caption=f"Effect sizes of the variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
+        columns=("network", "A12", "Cliff's delta", f"difference of medians ({_unit(found.metric)})"),
+        rows=tuple(
+            (
+                variant.network,
+                _between(variant.effects.a12),
+                _between(variant.effects.cliffs_delta),
+                _between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
+            )
+            for variant in found.variants
+        ),
+        notes=(
+            *_scale_note(study),
+            f"In brackets: {100 * LEVEL:g} % percentile intervals of {RESAMPLES:,} bootstrap resamples of the seeds.",
+            f"A12 is the chance that a seed of the variant has a larger {metric_name(found.metric)} than one of the "
+            f"baseline: {better} 0.5 the variant is the better one.",
+            _power_note(found),
+        ),
+    )
+
+
+def outputs_table(study: Study, found: Comparisons) -> Table:
+    """Show how every variant does on each output: the primary metric is the mean over them."""
+    each = [(name, variant) for name, variants in found.outputs.items() for variant in variants]
+    metric = metric_name(found.metric)
+    return Table(
+        name=f"outputs_{study.task}",
+        caption=f"The variants of {study.task} against the baseline on each output, test {metric}.",
+        columns=(
+            *("output", "network", "median", "A12", "U", "p", "p, Holm"),
+            *("p, equivalence", "p, equivalence, Holm", "verdict"),
+        ),
+        rows=tuple(row for name in found.outputs for row in _output_rows(study, found, name)),
+        notes=(
+            *_scale_note(study),
+            f"p and p, equivalence: the tests of the verdicts on the mean; corrected after Holm over all "
+            f"{counted(len(each), 'pair')} of output and variant, because a reader may pick any of them. The margin is "
+            f"{_margin_of_outputs(found)}.",
+            f"A12: in brackets its {100 * LEVEL:g} % percentile interval; below 0.5 the variant is the better one.",
+            *_left_out_note(study, found),
+            *caution_notes((f"{variant.network} on {name}", variant.cautions) for name, variant in each),
+            *_late_note(study, found),
+        ),
+    )
+
+
+def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell, ...]]:
+    baseline = study.networks[0].name
+    median = _spread(study.values(baseline, f"{found.metric}_{name}"))[0]
+    return [
+        (name, baseline, median, *(None,) * 7),
+        *(
+            (
+                *(name, variant.network, variant.median, _between(variant.effects.a12), Halves(variant.test.u)),
+                *(PValue(variant.test.p), PValue(variant.p_holm)),
+                *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
+            )
+            for variant in found.outputs[name]
+        ),
+    ]
+
+
+def _verdict_cells(variant: Comparison, metric: str) -> tuple[Cell, ...]:
+    return (
+        variant.network,
+        _value(metric, variant.median),
+        Halves(variant.test.u),
+        PValue(variant.test.p),
+        PValue(variant.p_holm),
+        variant.test.method.value,
+        PValue(variant.equivalence.p),
+        PValue(variant.equivalence_p_holm),
+        variant.equivalence.method.value,
+        variant.verdict.value,
+    )
+
+
+def _value(metric: str, value: float) -> Cell:
+    """Show a score: shares of images as percentages, as the paper does."""
+    return Percent(value) if metric in SHARES else value
+
+
+def _unit(metric: str) -> str:
+    """Name what a difference of a metric is counted in."""
+    return "percentage points" if metric in SHARES else metric_name(metric)
+
+
+def _scores(study: Study, network: Network) -> tuple[Cell, ...]:
+    return tuple(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary)))
+
+
+def _epochs(study: Study, network: Network) -> Between:
+    epochs = [score.epoch for score in study.scores if score.network == network.name]
+    return Between(*_spread(np.array(epochs, dtype=np.float64))[:3])
+
+
+def _spread(values: Sample) -> tuple[float, ...]:
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return tuple(rounded(float(value)) for value in (middle, low, high, values.min(), values.max()))
+
+
+def _median(study: Study, network: Network, metric: str) -> Cell:
+    shape = PercentBetween if metric in SHARES else Between
+    return shape(*_spread(study.values(network.name, metric))[:3])
+
+
+def _between(interval: Interval, factor: int = 1) -> Between:
+    return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+
+
+def _scale_note(study: Study) -> tuple[str, ...]:
+    """Say what an error is counted in; a share of images needs no unit."""
+    if study.kind is Kind.classification:
+        return ()
+    return ("Errors without a unit are in the scaled units of training.",)
+
+
+def _training(study: Study) -> str:
+    return (
+        f"{counted(study.seeds, 'training seed')} of each network, {study.recipe.epochs} epochs, weights of the best "
+        "validation epoch."
+    )
+
+
+def _method_notes(found: Comparisons) -> tuple[str, ...]:
+    return (
+        f"p: two-sided Mann-Whitney U of {counted(found.seeds, 'seed')} against as many of the baseline, at "
+        f"alpha {found.terms.alpha:g}; corrected over {counted(len(found.variants), 'variant')} after Holm.",
+        f"p, equivalence: two one-sided Mann-Whitney tests against a margin of {_margin(found)}, as the study's "
+        "header states it.",
+        "Better and worse: p after Holm is at most alpha. Equivalent: it is not, and p of equivalence after Holm is. "
+        "Undecided: neither.",
+    )
+
+
+def _margin(found: Comparisons) -> str:
+    """Write the margin as it was stated, and as wide as it is."""
+    width = found.variants[0].equivalence.margin
+    wide = f"{shown(100.0 * width if found.metric in SHARES else width)} {_unit(found.metric)}"
+    if found.terms.margin.kind is MarginKind.absolute:
+        return wide
+    return f"{shown(Percent(found.terms.margin.value))} of the baseline's median, {wide}"
+
+
+def _margin_of_outputs(found: Comparisons) -> str:
+    """Write the margin of every output: a relative one is as wide as the output's own error makes it."""
+    if found.terms.margin.kind is MarginKind.absolute:
+        return f"that of the mean, {_margin(found)}"
+    return f"{shown(Percent(found.terms.margin.value))} of the baseline's median on that output"
+
+
+def _mean_note(found: Comparisons) -> tuple[str, ...]:
+    if not found.outputs:
+        return ()
+    return (
+        f"{metric_name(found.metric)} is the mean over the outputs; verdicts on each stand in the table of outputs.",
+    )
+
+
+def _left_out_note(study: Study, found: Comparisons) -> tuple[str, ...]:
+    left_out = [name for name in study.names if name not in found.outputs]
+    if not left_out:
+        return ()
+    return (f"Not compared on {listed(left_out)}: the baseline's median error is 0, so there is no relative margin.",)
+
+
+def _image_note(found: Comparisons) -> tuple[str, ...]:
+    """Warn of a margin that no change of a score fits in."""
+    if found.image is None or found.variants[0].equivalence.margin >= found.image:
+        return ()
+    return (
+        f"The margin of equivalence is less than one test image, {shown(100 * found.image)} percentage points: a "
+        "network that errs on one image more or less lies outside it.",
+    )
+
+
+def _late_note(study: Study, found: Comparisons) -> tuple[str, ...]:
+    """Warn of trainings that may have ended too early, with their share of each network's."""
+    if not any(found.late.values()):
+        return ()
+    shares = listed(f"{name} {shown(Percent(share))}" for name, share in found.late.items())
+    return (
+        f"Best epoch in the last tenth of {study.recipe.epochs}, by share of the trainings: {shares}. These may not "
+        "have converged, so better may only mean faster, and worse only slower.",
+    )
+
+
+def _power_note(found: Comparisons) -> str:
+    alpha = found.terms.alpha
+    one = _detected(found.detectable, alpha, found.seeds)
+    strictest = _detected(found.detectable_holm, alpha / len(found.variants), found.seeds)
+    head = f"Detected by {counted(found.seeds, 'seed')} with a power of 80 %, in a single test"
+    if one == strictest:
+        return f"{head} and in the strictest step of Holm's correction: {one}."
+    return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
+
+
+def _detected(effect: Detectable | None, alpha: float, seeds: int) -> str:
+    if effect is not None:
+        return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
+    if smallest_p(seeds, seeds) > alpha:
+        return "no effect at all"
+    return "effects near full separation only, since Noether's formula gives none for so few"

@@ -1,0 +1,77 @@
+"""The health page: what may be wrong with a run, and how its niches are filled."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.rounding import shown
+from analysis.runs.coverage_map import effective_niches, occupation, reachable
+from analysis.runs.dynamics import progress
+from analysis.runs.health import alarms
+from analysis.runs.niches import Niches
+from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
+from analysis.runs.run import Run
+from analysis.table import Cell, Percent, Table, percent
+from tacevo.choices import PromptPolicy
+from tacevo.text import counted
+
+
+def health_table(run: Run, centroids: NDArray[np.float64]) -> Table:
+    """Show every alarm of a run; see `analysis.runs.health.alarms`."""
+    found = alarms(run, centroids)
+    return Table(
+        name=f"health_{run.task}",
+        caption=f"What may be wrong with {run.name}.",
+        columns=("alarm", "finding", "figures"),
+        rows=tuple(
+            (alarm.name, alarm.sentence, ", ".join(f"{name}: {shown(value)}" for name, value in alarm.figures))
+            for alarm in found
+        ),
+        notes=() if found else ("No alarm.",),
+    )
+
+
+def niches_table(run: Run, niches: Niches) -> Table:
+    """Show how the niches of both archives are filled, of all and of those that could be reached.
+
+    An archive that the run does not have, or that has no niches, has no row.
+    """
+    rows: list[tuple[Cell, ...]] = []
+    notes: list[str] = []
+    if run.bounds is not None:
+        placed = occupation(run, niches.networks)
+        filled = _filled(len(run.elites), len(reachable(placed, niches.networks)), run.places)
+        rows.append(("networks", *filled, effective_niches(placed), sum(entry.lost for entry in progress(run))))
+        notes += [
+            "Networks: a niche counts as reachable if a trained candidate lies in it, or between trained candidates.",
+            "Effective: exp of the entropy of the trained candidates over the niches; so many equally full niches "
+            "would be as uneven. Lost: niches that emptied as bounds moved, less those that filled so.",
+        ]
+    if run.config["prompts"]["policy"] != PromptPolicy.none:
+        reached = len(reachable_prompt_niches(run, niches.prompts))
+        rows.append(("prompts", *_filled(len(run.prompt_trials), reached, len(niches.prompts)), None, None))
+        notes.append(_reach(run))
+    return Table(
+        name=f"niches_{run.task}",
+        caption=f"How the niches of {run.name} are filled at its end.",
+        columns=("archive", "niches", "occupied", "coverage", "reachable", "coverage of these", "effective", "lost"),
+        rows=tuple(rows),
+        notes=tuple(notes),
+    )
+
+
+def _filled(occupied: int, reached: int, total: int) -> tuple[Cell, ...]:
+    """Return the cells that both archives have."""
+    return total, occupied, Percent(occupied / total), reached, percent(occupied / reached if reached else None)
+
+
+def _reach(run: Run) -> str:
+    """Say which niches of the prompt archive could be reached."""
+    temperatures = reachable_temperatures(run)
+    if not temperatures:
+        return "Prompts: trials begin with generation 1, which the run does not have."
+    rule, generations = run.config["temperature"]["rule"], counted(run.generations[-1].generation, "generation")
+    return (
+        "Prompts: a niche counts as reachable if it holds an instruction at a temperature that "
+        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), whatever "
+        "they find."
+    )

@@ -1,0 +1,228 @@
+"""Tables as Markdown, LaTeX and CSV, from the same record.
+
+Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. What is no finite number is refused.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from analysis.rounding import finite, shown
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from tacevo.storage.files import write_durably
+
+#: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
+NARROW, WIDE = 52, 112
+
+#: Characters of a text that LaTeX sets in one line; an em is about two of them.
+LONG = 40
+
+#: What the space between two columns takes, in characters.
+GAP = 2
+
+_MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "*": "\\*", "`": "\\`", "\n": " "})
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": "$<$",
+        ">": "$>$",
+        "|": "$|$",
+        '"': "''",
+        "\n": " ",
+        "\N{MINUS SIGN}": "$-$",
+        "\N{EN DASH}": "--",
+        "±": r"$\pm$",
+        "\N{MULTIPLICATION SIGN}": r"$\times$",
+        "·": r"$\cdot$",
+        "≤": r"$\leq$",
+        "≥": r"$\geq$",
+        "²": r"\textsuperscript{2}",
+    }
+    | {special: f"\\{special}" for special in "{}$&#%_"}
+)
+
+
+def as_markdown(table: Table) -> str:
+    """Write a table as GitHub's Markdown: caption, aligned columns, notes."""
+    lines = [_escaped(table.columns, _in_markdown), *(_escaped(row, _in_markdown) for row in table.rows)]
+    right = numeric_columns(table)
+    widths = [max(3, *map(len, column)) for column in zip(*lines, strict=True)]
+    rule = ["-" * (width - 1) + (":" if number else "-") for width, number in zip(widths, right, strict=True)]
+    rows = [_padded(lines[0], widths, right), rule, *(_padded(line, widths, right) for line in lines[1:])]
+    body = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return "\n\n".join([f"**{_in_markdown(table.caption)}**", body, *map(_in_markdown, table.notes)]) + "\n"
+
+
+def as_latex(table: Table, *, prefix: str = "") -> str:
+    r"""Write a table for LaTeX, which needs `booktabs` and `array`.
+
+    Text of more than `LONG` characters is broken into lines. The table spans both columns of a paper (`table*`) where a
+    row has more than `NARROW` characters; where it has more than `WIDE`, its columns stand in several parts below each
+    other, each of which begins with the first column. Its label is `tab:`, the prefix, and its name.
+    """
+    columns = _columns(table)
+    parts = _parts([column.width for column in columns])
+    width = sum(column.width for column in columns) + GAP * (len(columns) - 1)
+    floating = "table" if width <= NARROW else "table*"
+    tabulars = "\n\\par\\medskip\n".join(_tabular([columns[place] for place in part]) for part in parts)
+    notes = [rf"\par\smallskip\parbox{{\linewidth}}{{\raggedright {in_latex(note)}}}" for note in table.notes]
+    head = [rf"\begin{{{floating}}}[htbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
+    label = rf"\label{{tab:{prefix}{table.name}}}"
+    return "\n".join([*head, label, r"\footnotesize", tabulars, *notes, rf"\end{{{floating}}}"]) + "\n"
+
+
+def as_csv(table: Table) -> str:
+    """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer)
+    spread = [
+        any(isinstance(row[place], Between | PercentBetween) for row in table.rows)
+        for place in range(len(table.columns))
+    ]
+    names = [[name, f"{name} low", f"{name} high"][: 3 if wide else 1] for name, wide in _pairs(table.columns, spread)]
+    writer.writerow([name for group in names for name in group])
+    for row in table.rows:
+        writer.writerow([value for cell, wide in _pairs(row, spread) for value in _exact(cell, 3 if wide else 1)])
+    return buffer.getvalue()
+
+
+def numeric_columns(table: Table) -> list[bool]:
+    """Say which columns hold numbers; they stand flush right."""
+    return [not any(isinstance(row[place], str) for row in table.rows) for place in range(len(table.columns))]
+
+
+def in_latex(text: str) -> str:
+    """Escape text, so that LaTeX sets it and obeys none of it."""
+    return text.translate(_LATEX)
+
+
+#: How each kind of file is written, by its ending.
+WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_latex, ".csv": as_csv}
+
+
+def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
+    """Write a table in every format, by the name of its file.
+
+    Args:
+        table: what to write.
+        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
+
+    Raises:
+        ValueError: a cell is NaN or infinite.
+    """
+    writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
+    return {f"{table.name}{ending}": write(table) for ending, write in writers.items()}
+
+
+def write_table(table: Table, folder: Path, *, prefix: str = "") -> tuple[Path, ...]:
+    """Write a table in every format, each file whole; older ones are replaced.
+
+    Args:
+        table: what to write.
+        folder: where to.
+        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
+
+    Raises:
+        StoreError: a file cannot be written.
+        ValueError: a cell is NaN or infinite; nothing was written.
+    """
+    texts = table_texts(table, prefix=prefix)
+    for name, text in texts.items():
+        write_durably(folder / name, text)
+    return tuple(folder / name for name in texts)
+
+
+def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bool]]:
+    return list(zip(cells, spread, strict=True))
+
+
+def _exact(cell: Cell, places: int) -> list[str | int | float]:
+    """Give a cell unrounded, filled up to its column's places."""
+    match cell:
+        case None:
+            values: list[str | int | float] = [""]
+        case Between(estimate, low, high) | PercentBetween(estimate, low, high):
+            values = [estimate, low, high]
+        case PValue(value) | Halves(value) | Percent(value):
+            values = [value]
+        case _:
+            values = [cell]
+    for number in values:
+        if not isinstance(number, str):
+            finite(number)
+    return values + [""] * (places - len(values))
+
+
+def _escaped(cells: Sequence[Cell], escape: Callable[[str], str]) -> list[str]:
+    return [escape(shown(cell)) for cell in cells]
+
+
+def _padded(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
+    columns = zip(cells, widths, right, strict=True)
+    return [cell.rjust(width) if number else cell.ljust(width) for cell, width, number in columns]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Column:
+    """A column as LaTeX sets it."""
+
+    #: Its name and its cells, escaped.
+    cells: tuple[str, ...]
+    #: In characters, at most.
+    width: int
+    #: For `tabular`: numbers flush right, long text in lines.
+    how: str
+
+
+def _columns(table: Table) -> list[_Column]:
+    found = []
+    for place, number in enumerate(numeric_columns(table)):
+        texts = [table.columns[place], *(shown(row[place]) for row in table.rows)]
+        width, how = max(map(len, texts)), "r" if number else "l"
+        if width > LONG and not number:
+            width, how = LONG, rf">{{\raggedright\arraybackslash}}p{{{LONG // 2}em}}"
+        found.append(_Column(cells=tuple(map(in_latex, texts)), width=width, how=how))
+    return found
+
+
+def _parts(widths: Sequence[int]) -> list[list[int]]:
+    """Share columns out to parts of at most `WIDE` characters; each part begins with the first column."""
+    parts, used = [[0]], widths[0]
+    for place, width in enumerate(widths[1:], start=1):
+        if used + GAP + width > WIDE and parts[-1] != [0]:
+            parts.append([0])
+            used = widths[0]
+        parts[-1].append(place)
+        used += GAP + width
+    return parts
+
+
+def _tabular(columns: Sequence[_Column]) -> str:
+    names, *rows = zip(*(column.cells for column in columns), strict=True)
+    return "\n".join(
+        [
+            rf"\begin{{tabular}}{{{''.join(column.how for column in columns)}}}",
+            r"\toprule",
+            f"{' & '.join(names)} \\\\",
+            r"\midrule",
+            *(f"{_begun(' & '.join(row))} \\\\" for row in rows),
+            r"\bottomrule",
+            r"\end{tabular}",
+        ]
+    )
+
+
+def _begun(line: str) -> str:
+    r"""Keep the `\\` of the line before from taking a bracket or a star for its option."""
+    return f"{{}}{line}" if line.startswith(("[", "*")) else line
+
+
+def _in_markdown(text: str) -> str:
+    return re.sub(r"<(?=[A-Za-z/!?])", r"\<", text.translate(_MARKDOWN))  # `<0.001` begins no tag

@@ -1,0 +1,158 @@
+"""`tacevo continue RUN search.generations=30`: a published run taken up where it ended.
+
+What it promises: the published run is replayed and compared before anything is asked; the ledger of the new run begins
+with its very lines, and the search is held against each of them; nothing is written to the published run or its stores.
+"""
+
+import json
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from pathlib import Path
+
+from tacevo.bundles.open import Opened, insist_on_walls
+from tacevo.config.compose import compose, from_plain, to_plain
+from tacevo.config.identity import identity
+from tacevo.config.recorded import read_run
+from tacevo.config.schema import RunConfig
+from tacevo.environment import deviations
+from tacevo.errors import ConfigError, RunError
+from tacevo.records import Json, Mode
+from tacevo.rules import CURRENT, Era, Rules, eras_of
+from tacevo.runs.datasets import load_same
+from tacevo.runs.progress import View
+from tacevo.runs.session import Result, record, require_means
+from tacevo.runs.wiring import open_tools
+from tacevo.sandbox.client import Notice
+from tacevo.search.development import Tools
+from tacevo.storage.canonical import differences, readable, shown
+from tacevo.storage.listing import take_in
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.text import counted
+
+#: Groups that say where and how safely a run is computed and written: those of the published run are another machine's.
+_HERE = ("store", "run", "tracking", "executor", "sandbox")
+
+#: Holds a published run against what its stores give, and names the store entries that it needs.
+Check = Callable[[Opened], Collection[Path]]
+
+
+def continue_run(
+    published: Opened, overrides: Sequence[str], view: View, *, check: Check, mix_rules: bool = False
+) -> Result:
+    """Take up a finished run where it ended, in a run directory of its own.
+
+    Args:
+        published: the run.
+        overrides: settings as `tacevo search` takes them, among them `search.generations`.
+        view: who is told.
+        check: raises where the published run is not as it should be.
+        mix_rules: whether generations under the current rules may follow those under others.
+
+    Raises:
+        ConfigError: an override would make it another run, or not a longer one.
+        RunError: it is a sweep; or its rules are not the current ones, and they must not be mixed.
+        DataError: the data set is not there, or is another one.
+        TacevoError: what `check` raises, and as `tacevo.runs.session.search`.
+    """
+    run = published.one_run(
+        "give the folder of one of its jobs, or a file into which that was published by itself: `tacevo publish "
+        "SWEEP/JOB -o FILE.zip`"
+    )
+    insist_on_walls(published)
+    directory = RunDirectory(run)
+    settings, task, facts = read_run(directory)
+    recorded = directory.read_finished()
+    config = continued(settings, overrides)
+    with directory.believed():
+        eras = _eras(recorded, settings.search.generations, mix_rules, view)
+    _refuse_same_folder(config, run)
+    require_means(config)
+    read = sorted(check(published))
+    data = load_same(config, facts, view)
+    entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
+    written, _ = take_in(published.store, entries, Path(config.store.root))
+    view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
+
+    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
+        return open_tools(config, task, facts, data, Mode.record, rules=rules, notice=notice)
+
+    return record(config, task, facts, tools, view, begun=recorded, eras=eras)
+
+
+def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool, view: View) -> tuple[Era, ...]:
+    """List the eras of a continued run: those of the published one and, where its rules are old, one more.
+
+    Raises:
+        RunError: they are old, and the user did not ask for a mix.
+    """
+    eras = eras_of(recorded)
+    last = eras[-1].rules
+    if last == CURRENT:
+        return eras
+    others = ", ".join(deviations(asdict(last), asdict(CURRENT)))
+    if not mix_rules:
+        raise RunError(
+            f"expected a run under the current rules; got one under others ({others}). Its candidates and new ones "
+            "would be judged differently; continue all the same with --rules current, which the ledger records"
+        )
+    view.say(f"from generation {generations + 1} on, the current rules apply: {others}")
+    return (*eras, Era(generation=generations + 1, rules=CURRENT))
+
+
+def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Lay overrides over a run's configuration.
+
+    What belongs to a machine (store, run directory, tracking, workers, walls), and of the model's settings whatever
+    does not decide what it answers (server, price table, mode), is not the published run's but the default here: a
+    stranger's run must not choose whom a key is sent to.
+
+    Args:
+        published: the run's configuration.
+        overrides: as `tacevo search` takes them.
+
+    Raises:
+        ConfigError: an override would make it another run, or not a longer one; the message names the key.
+    """
+    chosen, plain = to_plain(compose(overrides)), to_plain(published)
+    plain |= {group: chosen[group] for group in _HERE}
+    plain["llm"] = chosen["llm"] | {key: plain["llm"][key] for key in identity(published)["llm"]}
+    for override in overrides:
+        _lay(override, chosen, plain)
+    config = from_plain(plain)
+    changed = differences(identity(published), identity(config))
+    if changed:
+        raise ConfigError(f"{shown(changed[0])} decides what a run finds; continued with another, it is another run")
+    if config.search.generations <= published.search.generations:
+        raise ConfigError(
+            f"search.generations needs more than the {published.search.generations} that the run has; got "
+            f"{config.search.generations}"
+        )
+    return config
+
+
+def _readable(entry: Path) -> bytes:
+    """Write an entry as a store does; a bundle's are unpacked without line breaks."""
+    return readable(json.loads(entry.read_bytes())).encode()
+
+
+def _refuse_same_folder(config: RunConfig, published: Path) -> None:
+    if config.run.dir is not None and Path(config.run.dir).resolve() == published.resolve():
+        raise ConfigError(f"run.dir={config.run.dir} is the published run, which is left as it is; name another folder")
+
+
+def _lay(override: str, chosen: dict[str, Json], plain: dict[str, Json]) -> None:
+    """Take what an override sets, a key or a group, from the composed settings.
+
+    Raises:
+        ConfigError: it sets something that a continued run takes from the published one.
+    """
+    key = override.partition("=")[0]
+    *groups, name = key.split(".")
+    if (groups or [name])[0] not in plain or key == "task" or groups[:1] == ["task"]:
+        raise ConfigError(
+            f"{key} cannot be set here: a continued run has the task and the experiment of the published one"
+        )
+    for group in groups:
+        chosen, plain = chosen[group], plain[group]
+    plain[name] = chosen[name]

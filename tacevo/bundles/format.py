@@ -1,0 +1,134 @@
+"""A published run, or a sweep of runs: one zip file with their folders, store entries, studies, tables and figures.
+
+docs/publishing.md describes it member by member. What unpacking promises: every member is where it belongs and is what
+the manifest says, and no other is there. What it does not: a manifest can be written anew by whoever edits a member, so
+only a replay (`tacevo.bundles.verify`) tells whether the records follow from each other.
+"""
+
+import hashlib
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from tacevo.bundles import entries
+from tacevo.bundles.zipfiles import Budget, packed, unpack
+from tacevo.errors import BundleError, RunError
+
+#: The digests of all other members, in the form that `sha256sum --check` reads.
+MANIFEST = "manifest-sha256.txt"
+
+#: The store entries (`tacevo.bundles.entries`).
+STORE = "store.jsonl.xz"
+
+#: What describes the bundle to people and to archives.
+PAPERS = ("CITATION.cff", "LICENSE.txt", "README.md", "ro-crate-metadata.json")
+
+#: A run's own files.
+RUN_FILES = ("archive.json", "ledger.jsonl", "prompts.json", "run.json", "summary.md", "timings.jsonl")
+
+#: The environment, where it was known.
+LOCK = "requirements.lock"
+
+#: Of a run's own files, those that a bundle may lack.
+_OPTIONAL = {"timings.jsonl"}
+
+#: The folder of a sweep, and what it holds beside its runs.
+SWEEP = "sweep"
+
+JOBS = f"{SWEEP}/sweep.json"
+
+#: Members of every bundle.
+_ALWAYS = {MANIFEST, STORE, *PAPERS}
+
+_WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
+
+#: The name of every member: those of one run lie in `run`, those of a sweep's runs in the folders of its jobs.
+_PLACES = re.compile(
+    "|".join(map(re.escape, sorted({LOCK, JOBS} | _ALWAYS)))
+    + rf"|(run|{SWEEP}/(?!sweep\.json/){_WORD})/("
+    + "|".join(map(re.escape, RUN_FILES))
+    + r"|candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
+    + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"
+    + rf"|tables/{_WORD}\.(csv|md|tex)"
+    + rf"|figures/{_WORD}\.pdf"
+)
+
+_MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+
+
+def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
+    """Write a bundle from its members, without the manifest; equal members give equal bytes.
+
+    Returns:
+        The file, and the bundle's digest.
+
+    Raises:
+        RunError: a member's name is none that a bundle may have, e.g. since a task's name holds strange letters.
+    """
+    for name in members:
+        if _PLACES.fullmatch(name) is None:
+            raise RunError(f"{name!r} cannot be published; names may hold the letters A-Z, a-z, 0-9, '.', '_' and '-'")
+    lines = [f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(members.items())]
+    manifest = "".join(lines).encode()
+    return packed({**members, MANIFEST: manifest}), hashlib.sha256(manifest).hexdigest()
+
+
+def unpack_verified(source: Path, folder: Path) -> str:
+    """Unpack a bundle into an empty folder, its store entries into `store`, and hold it against its manifest.
+
+    Args:
+        source: the file.
+        folder: the caller's to remove, also where this fails.
+
+    Returns:
+        The bundle's digest.
+
+    Raises:
+        BundleError: it is damaged, or holds what none should; the message names the place.
+    """
+    budget = Budget(source, source.stat().st_size)
+    digests = unpack(source, folder, _PLACES, budget)
+    _check_layout(source, digests)
+    digest = digests.pop(MANIFEST)
+    _check_manifest(source, (folder / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
+    entries.unpack(folder / STORE, folder / "store", budget)
+    return digest
+
+
+def _check_layout(source: Path, names: Collection[str]) -> None:
+    """See that every file that a bundle needs is there, and that it is either one run or a sweep.
+
+    Raises:
+        BundleError: a file is missing, or one is there that belongs to neither.
+    """
+    is_sweep = any(name.startswith(f"{SWEEP}/") for name in names)
+    runs = {name.split("/")[1] for name in names if name.startswith(f"{SWEEP}/") and name != JOBS}
+    folders = [f"{SWEEP}/{run}" for run in sorted(runs)] if is_sweep else ["run"]
+    needed = {f"{folder}/{name}" for folder in folders for name in set(RUN_FILES) - _OPTIONAL}
+    missing = sorted((_ALWAYS | needed | ({JOBS} if is_sweep else set())) - set(names))
+    if missing:
+        raise BundleError(f"{source} lacks {', '.join(missing)}; it is no published run, or was damaged")
+    foreign = sorted(name for name in names if is_sweep and name.startswith("run/"))
+    if foreign:
+        raise BundleError(f"{source}: {foreign[0]!r} has no place in a published sweep")
+
+
+def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> None:
+    """Hold the members against the manifest.
+
+    Raises:
+        BundleError: a member is not what it says, or one of the two has a member more.
+    """
+    listed: dict[str, str] = {}
+    for number, line in enumerate(manifest.splitlines(), start=1):
+        match = _MANIFEST_LINE.fullmatch(line)
+        if match is None or match[2] in listed:
+            raise BundleError(f"{source}: {MANIFEST}, line {number} is no digest of a member, or one given twice")
+        listed[match[2]] = match[1]
+    for name in sorted(listed.keys() | digests.keys()):
+        if name not in digests:
+            raise BundleError(f"{source}: {name!r} stands in {MANIFEST} but is not there")
+        if name not in listed:
+            raise BundleError(f"{source}: {name!r} is there but does not stand in {MANIFEST}")
+        if listed[name] != digests[name]:
+            raise BundleError(f"{source}: {name!r} is not what {MANIFEST} says: it was edited or damaged")

@@ -1,0 +1,280 @@
+"""`tacevo publish`: a finished run or sweep, its studies and all that follows from them, gathered into one bundle.
+
+Equal runs give equal bytes wherever, whenever and by whomever they are published, under one version of this package, of
+Matplotlib and of the libraries that compress. Nothing in a bundle names a folder or a host of the machine.
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from tacevo.bundles import entries
+from tacevo.bundles.crate import metadata
+from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
+from tacevo.bundles.open import Opened, located, over_runs, private_folder, standing_for
+from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
+from tacevo.bundles.verify import Rerun, rerun
+from tacevo.config.folder import conf_root
+from tacevo.config.identity import config_hash
+from tacevo.config.recorded import read_run
+from tacevo.environment import PACKAGES
+from tacevo.errors import ConfigError, RunError
+from tacevo.records import Json
+from tacevo.rules import FIRST_PAGES, PAGES
+from tacevo.runs.progress import View
+from tacevo.runs.publishable import published_config, published_overrides
+from tacevo.runs.summary import summarise
+from tacevo.storage.files import write_durably
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.study_directory import StudyDirectory, studies_of
+from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
+from tacevo.sweeps.check import check_jobs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a user wants published, and how."""
+
+    #: The folder of the run, or of the sweep.
+    run: Path
+    #: Folders of its studies; none for all that are finished. Those of a sweep are not chosen.
+    studies: tuple[Path, ...] = ()
+    #: Where the stores lie, if not where the run had them.
+    store: Path | None = None
+    #: SPDX identifier.
+    licence: str = "CC-BY-4.0"
+    authors: tuple[str, ...] = field(default=())
+    #: As YYYY-MM-DD; None for the day on which the run, or the last one of the sweep, ended.
+    published: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Published:
+    """A bundle that was written."""
+
+    #: `run` or `sweep`.
+    what: str
+    #: The digest of the run's ledger, or of the sweep.
+    content: str
+    #: Of the bundle: SHA-256 of its manifest.
+    digest: str
+    #: Files in it, and its size in bytes.
+    files: int
+    size: int
+
+
+def publish(
+    request: Request,
+    target: Path,
+    *,
+    make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
+    view: View,
+) -> Published:
+    """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
+
+    Args:
+        request: what to publish.
+        target: the file to write; one that stands there is replaced.
+        make_pages: gives the files of every table, and those of every figure, from the folders of a run or a sweep and
+            of its stores.
+        view: who is told.
+
+    Raises:
+        DivergenceError: a run is not what its stores give, or not what its sweep says.
+        CacheMissError: a store lacks an answer.
+        RunError: this is no finished run or sweep, or a study is none of its finished ones.
+        ConfigError: licence, date or an author cannot be used.
+    """
+    found = located(request.run)
+    terms = Terms(licence=request.licence, authors=request.authors, published=_day(request, found))
+    store = request.store or found.store
+    with private_folder(request.run.parent) as folder:
+        staged = _staged(request, found, folder, view)
+        read: set[Path] = set()
+        with standing_for(staged.folder, request.run):
+            runs = over_runs(staged, lambda run: rerun(run, str(store), view, seen=read.add), view.say)
+            if staged.jobs is not None:
+                check_jobs(SweepDirectory(staged.folder))
+        tables, figures = make_pages(staged.folder, store)
+        members = {
+            **_members(staged, runs),
+            STORE: entries.pack(json.loads(path.read_bytes()) for path in read),
+            **_in_folder("tables", tables),
+            **_in_folder("figures", figures),
+        }
+        subject = _subject(staged, runs)
+    members |= _papers(subject, terms, members)
+    data, digest = sealed(members)
+    write_durably(target, data)
+    return Published(what=subject.what, content=subject.digest, digest=digest, files=len(members) + 1, size=len(data))
+
+
+def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened:
+    """Lay what is to be published of a run or a sweep into a folder whose name tables and figures may bear.
+
+    Raises:
+        DivergenceError: the sweep's jobs are not what its sweep.json says.
+        RunError: a run is not finished, or a study is none of its finished ones.
+    """
+    if found.jobs is None:
+        run = _publishable(RunDirectory(found.folder))
+        _stage(found.folder, run, folder / run["name"], _studies(request, found.folder, run["digest"], view))
+        return replace(found, folder=folder / run["name"])
+    if request.studies:
+        raise RunError("a sweep is published with every finished study of its runs; name none")
+    directory = SweepDirectory(found.folder)
+    check_jobs(directory)
+    staged = replace(found, folder=folder / SWEEP)
+    for source, target in zip(found.runs, staged.runs, strict=True):
+        run = _publishable(RunDirectory(source))
+        _stage(source, run, target, _studies(request, source, run["digest"], view))
+    _, jobs = directory.read()
+    SweepDirectory(staged.folder).write((), [_published_job(staged.folder, job) for job in jobs])
+    return staged
+
+
+def _published_job(folder: Path, job: Job) -> Job:
+    """Give a job without its overrides: the run that was staged records all settings, and no path of the machine."""
+    config, _, _ = read_run(RunDirectory(folder / job.name))
+    arm = name_arm(published_overrides(job.overrides))
+    return replace(job, arm=arm, overrides=(), config=config_hash(config))
+
+
+def _publishable(directory: RunDirectory) -> dict[str, Json]:
+    """Read run.json of a finished run without what belongs to one machine: paths, addresses, a tracker.
+
+    None of it is part of the run's identity (`tacevo.config.identity.identity`).
+    """
+    directory.read_finished()
+    run = directory.read_run()
+    with directory.believed():
+        return {**run, "name": run["name"] or "run", "config": published_config(run["config"]), "pages": PAGES}
+
+
+def _day(request: Request, found: Opened) -> str:
+    """Give the day of publication: by default the last one in the runs' timings, so that it is their own.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    return request.published or max(_last_day(run) for run in found.runs)
+
+
+def _last_day(run: Path) -> str:
+    path = run / "timings.jsonl"
+    try:
+        last = path.read_text(encoding="utf-8").splitlines()[-1]
+        return str(json.loads(last)["at"])[: len("YYYY-MM-DD")]
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise ConfigError(f"{path} does not say when the run ended; give the day with --date YYYY-MM-DD") from error
+
+
+def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[StudyDirectory]) -> None:
+    """Lay what is to be published of a run into another folder."""
+    shutil.copytree(source / "candidates", staged / "candidates")
+    for name in RUN_FILES:
+        if (source / name).exists() and name != "run.json":
+            shutil.copy(source / name, staged / name)
+    directory = RunDirectory(staged)
+    if RunDirectory(source).read_run().get("pages", FIRST_PAGES) != PAGES:  # by another release
+        summary = summarise(run, directory.read_ledger(), directory.read_elites(), directory.read_spending())
+        directory.write_text("summary.md", summary)
+    directory.write_json("run.json", run)
+    for study in studies:
+        folder = staged / "studies" / study.path.name
+        folder.mkdir(parents=True)
+        for name in ("study.json", "scores.jsonl"):
+            shutil.copy(study.path / name, folder / name)
+
+
+def _studies(request: Request, run: Path, digest: str, view: View) -> list[StudyDirectory]:
+    """Choose the studies of a run: those that were named, or all that are finished.
+
+    Raises:
+        RunError: one that was named is not a finished study of this run.
+    """
+    every = studies_of(run)
+    whole = [study for study in every if _is_finished(study, digest)]
+    if not request.studies:
+        for study in every:
+            if study not in whole:
+                view.say(f"study {study.path.name} is not a finished one of the run as it is, and is left out")
+        return whole
+    by_place = {study.path.resolve(): study for study in whole}
+    for path in request.studies:
+        if path.resolve() not in by_place:
+            finished = ", ".join(str(study.path) for study in whole) or "none"
+            raise RunError(f"{path} is not the folder of a finished study of {run}; finished: {finished}")
+    return [by_place[place] for place in sorted({path.resolve() for path in request.studies})]
+
+
+def _is_finished(study: StudyDirectory, digest: str) -> bool:
+    recorded = study.read()
+    return recorded.get("digest") is not None and recorded.get("run") == digest
+
+
+def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
+    """Read the files of staged runs: those that were compared."""
+    if staged.jobs is None:
+        return _run_members("run", staged.folder, runs[0])
+    members = {JOBS: (staged.folder / "sweep.json").read_bytes()}
+    for folder, done in zip(staged.runs, runs, strict=True):
+        members |= _run_members(f"{SWEEP}/{folder.name}", folder, done)
+    return members
+
+
+def _run_members(place: str, staged: Path, done: Rerun) -> dict[str, bytes]:
+    paths = [staged / name for name in RUN_FILES if (staged / name).exists()]
+    paths += [staged / "candidates" / name for name in done.replayed.files]
+    paths += staged.glob("studies/*/*")
+    return {f"{place}/{path.relative_to(staged).as_posix()}": path.read_bytes() for path in paths}
+
+
+def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
+    """Gather what the pages say of what is published."""
+    directories = [RunDirectory(path) for path in staged.runs]
+    jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
+    return Subject(
+        runs=tuple(directory.read_run() for directory in directories),
+        candidates=sum(line["kind"] == "candidate" for directory in directories for line in directory.read_ledger()),
+        studies=tuple(done.studies for done in runs),
+        jobs=jobs,
+    )
+
+
+def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
+    return {f"{folder}/{name}": content for name, content in files.items()}
+
+
+def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str, bytes]:
+    """Write what describes a bundle, the metadata last: it lists all others."""
+    lock = _lock(subject.first["versions"])
+    texts = {
+        "README.md": readme(subject, has_lock=lock is not None),
+        "LICENSE.txt": licence(terms),
+        "CITATION.cff": citation(subject, terms),
+        **({} if lock is None else {LOCK: lock}),
+    }
+    texts["ro-crate-metadata.json"] = metadata(subject, terms, [*members, *texts, MANIFEST])
+    return {name: text.encode() for name, text in texts.items()}
+
+
+def _lock(versions: Mapping[str, str]) -> str | None:
+    """Read the lock file of this package, if it came with one and it is of the versions that the run had."""
+    path = conf_root().parent / LOCK
+    if not path.exists():
+        return None
+    text = path.read_text(encoding="utf-8")
+    locked = dict(_pins(text.splitlines()))
+    compared = [name for name in PACKAGES if name != "tacevo" and versions.get(name, "absent") != "absent"]
+    agree = all(locked.get(name) == versions[name].partition("+")[0] for name in compared)  # torch adds its build
+    return text if agree else None
+
+
+def _pins(lines: Sequence[str]) -> Iterable[tuple[str, str]]:
+    for line in lines:
+        name, pinned, version = line.partition("==")
+        if pinned:
+            yield name.lower().replace("_", "-"), version.strip()

@@ -1,0 +1,296 @@
+"""Whether the records of a published run or sweep follow from each other: searches, studies, tables, a sweep's jobs.
+
+Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made anew from the records (figures,
+which depend on fonts and libraries, and the pages that describe the bundle) is held against its checksum only.
+"""
+
+import contextlib
+import csv
+import io
+from collections.abc import Callable, Collection, Iterator, Mapping, Set
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.bundles.open import Opened, over_runs
+from tacevo.config.recorded import doubting
+from tacevo.environment import deviations, versions
+from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
+from tacevo.reproduce.replay import Replayed, replay
+from tacevo.rules import FIRST_PAGES, PAGES
+from tacevo.runs.progress import View
+from tacevo.runs.summary import summarise
+from tacevo.storage.ledger import unsealed
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import EMPTY, OTHERWISE, Seen
+from tacevo.storage.study_directory import name_study, studies_of
+from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.studies.study import replay_studies
+from tacevo.sweeps.check import check_jobs
+
+#: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.
+MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
+
+#: What there is to say of a miss in a bundle, whose user has no other store and records nothing.
+_INCOMPLETE = "a bundle has every entry that its replay reads, so this one was edited, or this version asks otherwise"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rerun:
+    """A run whose search and studies were run again, and found to be as recorded."""
+
+    replayed: Replayed
+    #: Digest of each study, by name.
+    studies: Mapping[str, str]
+    #: Number of the summary, which was compared where it is the current one (`tacevo.rules.PAGES`).
+    pages: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verified:
+    """A bundle whose records were found to follow from each other."""
+
+    #: One, or those of a sweep's jobs in their order.
+    runs: tuple[Rerun, ...]
+    #: Store entries, all of which were read.
+    entries: int
+    #: Files of tables that were made anew; they were compared where all runs have the current number of pages.
+    tables: int
+    #: Of those, the files that would differ today; none where they were compared.
+    outdated: int
+    #: Files of figures; their checksums were right.
+    figures: int
+
+
+def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
+    """Replay a bundle from its own store entries, and hold everything that follows from them against it.
+
+    Args:
+        bundle: opened, hence complete and as its manifest says.
+        make_tables: makes the tables.
+        view: who is told.
+
+    Raises:
+        DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
+            job that is not what sweep.json says.
+        BundleError: its records do not suit each other, or hold something that no run writes.
+    """
+    if bundle.root is None:
+        raise ValueError(f"{bundle.folder} is no bundle")
+    read: set[Path] = set()
+
+    def check(run: Path) -> Rerun:
+        with _refusing(run):
+            checked = rerun(run, str(bundle.store), view, seen=read.add)
+            _check_files(run, checked)
+            return checked
+
+    runs = over_runs(bundle, check, view.say)
+    with _refusing(bundle.root):
+        _check_entries(bundle.store, read)
+        if bundle.jobs is not None:
+            check_jobs(SweepDirectory(bundle.folder))
+        made = make_tables(bundle.folder, bundle.store)
+        outdated = 0
+        if all(run.pages == PAGES for run in runs):
+            compare_tables(bundle.root / "tables", made)
+        else:
+            outdated = _count_outdated(bundle.root / "tables", made)
+    figures = len(list(bundle.root.glob("figures/*")))
+    return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
+
+
+def rerun(run: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Rerun:
+    """Run a search and its studies again, and hold all of its own files against that.
+
+    Args:
+        run: its folder.
+        store: where the stores lie, if not where the run had them.
+        view: who is told.
+        seen: told of every store entry that is read.
+
+    Raises:
+        TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
+    """
+    check_sizes(run)
+    replayed = replay(run, store, view, seen=seen)
+    studies = replay_studies(run, store, view, seen=seen)
+    with doubting(deviations(RunDirectory(run).read_run()["versions"], versions())):  # a summary is its version's
+        pages = check_records(run, replayed)
+    _check_names(run, studies)
+    return Rerun(replayed=replayed, studies=studies, pages=pages)
+
+
+def check_sizes(run: Path) -> None:
+    """See that a run's configuration and studies speak of as many candidates and scores as there are.
+
+    Otherwise a few digits could ask for more memory than there is.
+
+    Raises:
+        RunError: they do not.
+    """
+    directory = RunDirectory(run)
+    lines = directory.read_finished()
+    with directory.believed():
+        search = directory.read_run()["config"]["search"]
+        initial, generations, candidates = (int(search[key]) for key in ("initial", "generations", "candidates"))
+        changes = sum(line["kind"] == "rules" for line in lines)
+        expected = 1 + (1 + initial + 1) + generations * (candidates + 1) + changes
+    if len(lines) != expected:
+        raise RunError(f"{run}/ledger.jsonl has {len(lines)} lines; the configuration in run.json gives {expected}")
+    for study in studies_of(run):
+        recorded = study.read()
+        if recorded.get("digest") is None:
+            continue  # not finished, and not replayed either
+        scores = study.read_scores()
+        with directory.believed():
+            trainings = recorded["seeds"] * len(recorded["networks"])
+        if len(scores) != 1 + trainings:
+            raise RunError(f"{study.path}/study.json speaks of {trainings} trainings; it has {len(scores) - 1} scores")
+
+
+def check_records(run: Path, replayed: Replayed) -> int:
+    """Compare what stands beside a run's ledger and archives with its replay: costs, and a summary of this release.
+
+    Returns:
+        The number of the run's pages; the summary was compared where it is `tacevo.rules.PAGES`.
+
+    Raises:
+        DivergenceError: they are not what follows from the records.
+    """
+    directory = RunDirectory(run)
+    remedy = "the command that began the run writes it anew"
+    spending = directory.read_spending()
+    for name, spent in sorted(spending.items()):
+        if replayed.spending.get(name) != spent:
+            raise DivergenceError(
+                f"{run}/timings.jsonl: {name} was recorded with {spent} and its answers give "
+                f"{replayed.spending.get(name)}; {remedy}"
+            )
+    recorded_run = directory.read_run()
+    pages = int(recorded_run.get("pages", FIRST_PAGES))
+    if pages != PAGES:
+        return pages
+    summary = summarise(recorded_run, directory.read_ledger(), directory.read_elites(), spending)
+    path = run / "summary.md"
+    recorded = path.read_text(encoding="utf-8") if path.exists() else ""
+    found = _first_line(recorded, summary)
+    if found is not None:
+        raise DivergenceError(f"{path}, {found}; {remedy}")
+    return pages
+
+
+def _check_names(run: Path, replayed: Collection[str]) -> None:
+    """See that every replayed study is called what it is; tables and figures of it bear that name.
+
+    Raises:
+        DivergenceError: one is not.
+    """
+    for study in studies_of(run):
+        if study.path.name not in replayed:
+            continue
+        header = unsealed(study.read_scores()[0])
+        name = name_study(header, epochs=header["recipe"]["epochs"])
+        if {study.path.name, study.read()["name"]} != {name}:
+            raise DivergenceError(f"{study.path} and the name in its study.json must be {name}, which is what it is")
+
+
+def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
+    """Hold tables against those that were made anew.
+
+    Args:
+        folder: of the published ones.
+        made: contents by file name.
+
+    Raises:
+        DivergenceError: the first difference, with table, row and column.
+    """
+    there = {path.name for path in folder.glob("*")}
+    for name in sorted(there ^ made.keys()):
+        what = "is there, and does not follow from the records" if name in there else "is missing"
+        raise DivergenceError(f"table {name} {what}")
+    for name, content in sorted(made.items()):
+        found = table_difference((folder / name).read_bytes(), content, is_csv=name.endswith(".csv"))
+        if found is not None:
+            raise DivergenceError(f"table {name}, {found}")
+
+
+def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
+    """Count the files of tables that this release would write otherwise, or not at all."""
+    there = {path.name: path.read_bytes() for path in folder.glob("*")}
+    return sum(there.get(name) != made.get(name) for name in there.keys() | made.keys())
+
+
+def table_difference(recorded: bytes, made: bytes, *, is_csv: bool) -> str | None:
+    """Name the first difference of two files of one table: row and column of a CSV file, else the line.
+
+    Rows are counted from 1, below the names of the columns.
+    """
+    if recorded == made:
+        return None
+    was, now = (content.decode("utf-8", errors="replace") for content in (recorded, made))
+    return (_first_cell(was, now) if is_csv else None) or _first_line(was, now) or "its bytes are not UTF-8"
+
+
+def _first_cell(was: str, now: str) -> str | None:
+    """Name the first cell that differs; None where the files differ in more than cells."""
+    try:
+        old, new = (list(csv.reader(io.StringIO(text, newline=""), strict=True)) for text in (was, now))
+    except csv.Error:
+        return None
+    for row, (before, after) in enumerate(zip(old, new, strict=False)):
+        for column, (left, right) in enumerate(zip(before, after, strict=False)):
+            if left != right:
+                place = f"row {row}, column {new[0][column]!r}" if row else f"name of column {column + 1}"
+                return f"{place}: recorded {left!r}, replayed {right!r}"
+    return None
+
+
+def _first_line(was: str, now: str) -> str | None:
+    """Name the first line that differs."""
+    old, new = was.split("\n"), now.split("\n")
+    for number, (left, right) in enumerate(zip(old, new, strict=False), start=1):
+        if left != right:
+            return f"line {number}: recorded {left[:200]!r}, replayed {right[:200]!r}"
+    return None if len(old) == len(new) else f"recorded {len(old)} lines, replayed {len(new)}"
+
+
+def _check_files(run: Path, checked: Rerun) -> None:
+    """See that a run has no candidate or study beside those that were compared.
+
+    Raises:
+        BundleError: it has.
+    """
+    found = {
+        "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
+        "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
+    }
+    for what, (there, known) in found.items():
+        for name in sorted(there - known):
+            raise BundleError(f"{run}: {name} is there, and belongs to nothing of {what}")
+
+
+def _check_entries(store: Path, read: Set[Path]) -> None:
+    """See that every store entry of a bundle was needed by a run of it.
+
+    Raises:
+        BundleError: one was not.
+    """
+    names = {path.name for path in read}
+    for path in sorted(store.rglob("*.json")):
+        if path.name not in names:
+            raise BundleError(f"{store}: {path.name} is there, and belongs to nothing of the replay")
+
+
+@contextlib.contextmanager
+def _refusing(place: Path) -> Iterator[None]:
+    """Refuse a bundle whose records cannot be used at all, whatever is wrong with them."""
+    try:
+        yield
+    except CacheMissError as error:
+        message = str(error).replace(OTHERWISE, _INCOMPLETE).replace(EMPTY, _INCOMPLETE)
+        raise BundleError(message) from error
+    except (RunError, StoreError, ConfigError) as error:
+        raise BundleError(str(error)) from error
+    # Checksums can be written anew around any content, and the readers of records take the form of these for granted.
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise BundleError(f"{place} holds a record that no run writes: {type(error).__name__}: {error}") from error

@@ -1,0 +1,373 @@
+"""The commands that show what a run found: `tacevo tables | figures | report | paper`.
+
+What they do is imported when they run, so that help is quick.
+"""
+
+import argparse
+import contextlib
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
+from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, SandboxError
+
+if TYPE_CHECKING:
+    from analysis.report.collection import Collection
+    from analysis.report.document import Chapter
+    from analysis.report.figure_list import Picture
+    from analysis.runs.run import Run
+    from analysis.table import Table
+
+if TYPE_CHECKING:
+    from analysis.report.sweep_collection import SweepCollection
+
+
+_FORMATS = ("pdf", "svg", "png")
+
+#: What a user who gave a sweep may do.
+_ONE = "give the folder of one of its jobs; a published sweep has its own tables in it"
+
+
+def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe the commands on finished runs."""
+    tables = commands.add_parser(
+        "tables",
+        help="every table of a run, in LaTeX, Markdown and CSV",
+        description="Print every table of a finished run and its studies, and write them as .tex, .md and .csv.",
+    )
+    tables.add_argument(
+        "run", metavar="RUN", nargs="?", help="a run's folder or bundle; with --paper it may be left out"
+    )
+    tables.add_argument("--paper", action="store_true", help="the paper's own tables, beside corrected values and RUN")
+    tables.add_argument(
+        "-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/tables; with --paper: nowhere)"
+    )
+    tables.set_defaults(command=_tables)
+
+    figures = commands.add_parser(
+        "figures",
+        help="every figure of a run, for a paper",
+        description="Draw every figure of a finished run and its studies.",
+    )
+    figures.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
+    figures.add_argument("-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/figures)")
+    figures.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
+    figures.set_defaults(command=_figures)
+
+    report = commands.add_parser(
+        "report",
+        help="one page with every table and figure of a run",
+        description="Write one HTML file that holds every table and figure of a finished run and its studies.",
+    )
+    report.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
+    report.add_argument("-o", "--output", metavar="FILE", help="default of a folder: RUN/report.html")
+    report.set_defaults(command=_report)
+
+    paper = commands.add_parser(
+        "paper",
+        help="the pages of a paper: every table and figure of several runs",
+        description="Write every table and figure of finished runs and their studies, a LaTeX document that holds "
+        "them all, and its PDF where LaTeX is installed.",
+    )
+    paper.add_argument("runs", metavar="RUN", nargs="+", help="the folder of a run, or the file of a published one")
+    paper.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
+    paper.set_defaults(command=_paper)
+
+    for parser in (tables, figures, report, paper):
+        parser.add_argument("--store", metavar="DIR", help="where the stores of a run lie, if they were moved")
+        parser.set_defaults(interrupted="each file that was written is whole, and the same command makes the rest")
+
+
+def _tables(options: argparse.Namespace) -> int:
+    from analysis.report.writing import remove_outdated, write_tables
+    from analysis.tables.rendering import WRITERS, as_markdown
+
+    if options.paper:
+        return _paper_tables(options)
+    if options.run is None:
+        raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
+    place = _place(options, "tables")
+    with _collected(options.run, options.store) as gathered:
+        found, folder = gathered.found, output_folder(place)
+        tables, remarks = _own_tables(gathered)
+    print("\n".join(map(as_markdown, tables)))
+    write_tables(tables, folder)
+    gone = remove_outdated(folder, {table.name for table in tables}, task=found.run.task, endings=WRITERS)
+    _say([*remarks, *map(_removed, gone)])
+    print(f"tables: {folder}")
+    return _status([found])
+
+
+def _paper_tables(options: argparse.Namespace) -> int:
+    """Print the paper's own tables; beside them a run, whose studies they do not speak of."""
+    from analysis.report.writing import write_tables
+    from analysis.runs.run import load_run
+    from analysis.tables.rendering import as_markdown
+    from tacevo.bundles.open import opened
+
+    if options.run is None:
+        tables = _published([])
+    else:
+        with opened(Path(options.run)) as place:
+            tables = _published([load_run(place.one_run(_ONE))])
+    folder = None if options.output is None else output_folder(options.output)
+    print("\n".join(map(as_markdown, tables)))
+    if folder is not None:
+        write_tables(tables, folder)
+        print(f"tables: {folder}")
+    return DONE
+
+
+def _figures(options: argparse.Namespace) -> int:
+    from analysis.report.writing import remove_outdated, write_pictures
+
+    place = _place(options, "figures")
+    with _collected(options.run, options.store) as gathered:
+        found, folder = gathered.found, output_folder(place)
+        pictures, remarks = _pictures(gathered)
+    endings = [f".{name}" for name in dict.fromkeys(options.format)]
+    with _shown("figures", len(pictures)) as told:
+        write_pictures(pictures, folder, endings, told)
+    names = {picture.name for picture in pictures}
+    gone = remove_outdated(folder, names, task=found.run.task, endings=[f".{name}" for name in _FORMATS])
+    _say([*remarks, *map(_removed, gone)])
+    print(f"figures: {folder}")
+    return _status([found])
+
+
+def _report(options: argparse.Namespace) -> int:
+    from analysis.report.page import as_html, drawn
+    from tacevo.storage.files import write_durably
+
+    path = _place(options, "report.html")
+    with _collected(options.run, options.store) as gathered:
+        found = gathered.found
+        tables, untold = _own_tables(gathered)
+        pictures, undrawn = _pictures(gathered)
+    with _shown("figures", len(pictures)) as told:
+        images = [drawn(picture, told) for picture in pictures]
+    write_durably(path, as_html(found.run, tables, images, [*_remarks(gathered), *untold, *undrawn]))
+    _say([*untold, *undrawn])
+    print(f"report: {path}")
+    return _status([found])
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from analysis.report.document import ENGINES, make_pdf, write_document
+    from analysis.report.writing import write_chapter
+    from analysis.studies.study import refuse_mixed
+
+    with contextlib.ExitStack() as open_bundles:
+        gathered = [_for_paper(open_bundles.enter_context(_collected(run, options.store))) for run in options.runs]
+        found = [one.found for one in gathered]
+        _refuse_twice([one.run.name for one in found])
+        refuse_mixed([compared.study for one in found for compared in one.studies])
+        folder = output_folder(options.output)
+        published = _published([one.run for one in found])
+        chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
+        # LaTeX reads no file whose name holds certain characters, so runs are numbered.
+        chapters += [_chapter(one, folder / f"run{number}") for number, one in enumerate(gathered, start=1)]
+    document = write_document(chapters, folder)
+    print(f"document: {document}")
+    pdf = make_pdf(document, shutil.which)
+    engines = " or ".join(command[0] for command, _ in ENGINES)
+    print(f"PDF: {pdf}" if pdf else f"no PDF: no {engines} is installed; with one, this command makes it")
+    return _status(found)
+
+
+def _refuse_twice(names: Sequence[str]) -> None:
+    """See that each run has a name of its own, by which its pages are told apart."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
+
+
+def _for_paper(gathered: "_Gathered") -> "_Gathered":
+    """Take one study of a run, and say which are passed over."""
+    from analysis.report.collection import with_one_study
+
+    chosen = with_one_study(gathered.found)
+    names = {compared.name for compared in gathered.found.studies} - {compared.name for compared in chosen.studies}
+    _say(
+        f"passed over: {name}; the paper takes the run's largest study, {chosen.studies[0].name}"
+        for name in sorted(names)
+    )
+    return replace(gathered, found=chosen)
+
+
+def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
+    """Write the tables and figures of a run into a folder."""
+    from analysis.report.writing import write_chapter
+
+    name = gathered.found.run.name
+    tables, untold = _own_tables(gathered)
+    pictures, undrawn = _pictures(gathered)
+    with _shown(name, len(pictures)) as told:
+        chapter = write_chapter(name, tables, pictures, folder, told)
+    _say([*untold, *undrawn])
+    return chapter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Gathered:
+    """A run with its studies, wherever they lie."""
+
+    found: "Collection"
+    #: The folder of the stores that it is read with; None for the run's own.
+    store: str | None
+    is_bundle: bool
+
+
+@contextlib.contextmanager
+def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
+    """Read a run and its studies, from its folder or a bundle, and say what is missing."""
+    from analysis.report.collection import collect
+    from tacevo.bundles.open import opened
+
+    named = existing_store(store)
+    with opened(Path(run)) as place:
+        is_bundle = place.root is not None
+        used = str(place.store) if is_bundle and named is None else named
+        found = collect(place.one_run(_ONE), None if used is None else Path(used))
+        gathered = _Gathered(found=found, store=used, is_bundle=is_bundle)
+        _say(_remarks(gathered))
+        yield gathered
+
+
+def _place(options: argparse.Namespace, name: str) -> Path:
+    """Say where the results of a run go."""
+    return place_of_results(options.output, options.run, name, f"the {name} of a published run")
+
+
+def _remarks(gathered: _Gathered) -> list[str]:
+    """Say what the model refused to be sent, and which studies a run lacks, and how to have them."""
+    found = gathered.found
+    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.refused)]
+    if not found.studies and not found.refused:
+        make = f"`tacevo study run={found.run.path}` makes one, with its tables and figures"
+        remarks.append(f"no finished study yet: {'it was published without one' if gathered.is_bundle else make}")
+    return remarks
+
+
+def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
+    """Give the paper's own tables, and with runs the one that sets them beside it."""
+    from analysis.tables.published import beside_published, published_tables
+
+    return (*published_tables(), beside_published(runs)) if runs else published_tables()
+
+
+def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
+    """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing.
+
+    No code of a bundle's candidates runs: its own limits would confine them.
+    """
+    from analysis.report.collection import tables_of
+    from tacevo.records import Mode
+    from tacevo.runs.profiles import recall_profiles
+
+    found = gathered.found
+    mode = Mode.replay if gathered.is_bundle else Mode.record
+    try:
+        return tables_of(found, recall_profiles(found.run.path, gathered.store, mode=mode)), []
+    except (CacheMissError, RunError, SandboxError) as error:
+        return tables_of(found, None), [f"no tables of motifs: {error}"]
+
+
+def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
+    """List the pictures of a run, sample images first; where its data set cannot be had, say why they are missing."""
+    from rich.console import Console
+
+    from analysis.report.collection import pictures_of
+    from analysis.report.figure_list import Picture, undrawn
+    from tacevo.runs.data_check import samples_of_run
+
+    run = gathered.found.run
+    pictures, untold = list(pictures_of(gathered.found)), list(undrawn(run))
+    try:
+        figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
+    except (ConfigError, DataError) as error:
+        return pictures, [*untold, f"no sample images: {error}"]
+    caption = f"Training images of the data set ({run.name})."
+    return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], untold
+
+
+def _status(collections: "Sequence[Collection]") -> int:
+    """Give the exit status: studies that cannot be used are a failed check."""
+    return DIFFERENT if any(found.refused for found in collections) else DONE
+
+
+def _say(remarks: Iterable[str]) -> None:
+    for remark in remarks:
+        print(remark, file=sys.stderr)
+
+
+def _removed(name: str) -> str:
+    return f"removed {name}: its study is gone or left out"
+
+
+def _nobody(name: str) -> None:
+    """Take word of a picture, and tell nobody."""
+
+
+@contextlib.contextmanager
+def _shown(words: str, total: int) -> Iterator[Callable[[str], None]]:
+    """Show how many pictures are drawn, on a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task(words, total=total)
+        yield lambda name: bars.advance(task)
+
+
+def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe the command on sweeps."""
+    ablations = commands.add_parser(
+        "ablations",
+        help="the arms of a sweep, compared: tables and figures",
+        description="Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and "
+        ".csv, with figures as .pdf.",
+    )
+    ablations.add_argument("sweep", metavar="DIR", help="the folder of a sweep, or the file of a published one")
+    ablations.add_argument("-o", "--output", metavar="OUT", help="where they go (default of a folder: DIR/ablations)")
+    ablations.add_argument("--store", metavar="DIR", help="where the stores of the runs lie, if they were moved")
+    ablations.set_defaults(
+        command=_ablations, interrupted="each file that was written is whole, and the same command makes the rest"
+    )
+
+
+def _ablations(options: argparse.Namespace) -> int:
+    from analysis.report.sweep_collection import pictures_of, tables_of
+    from analysis.report.writing import write_pictures, write_tables
+    from analysis.tables.rendering import as_markdown
+
+    store = existing_store(options.store)
+    place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
+    found = _collected_sweep(Path(options.sweep), None if store is None else Path(store))
+    folder = output_folder(place)
+    tables = tables_of(found)
+    print("\n".join(map(as_markdown, tables)))
+    write_tables(tables, folder)
+    pictures = {picture.name: picture for picture in pictures_of(found)}
+    write_pictures(pictures.values(), folder, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
+    for missing in found.sweep.missing:
+        print(f"missing: {missing.job.name}: {missing.reason}", file=sys.stderr)
+    print(f"tables and figures: {folder}")
+    return DONE
+
+
+def _collected_sweep(path: Path, store: Path | None) -> "SweepCollection":
+    """Read a sweep from its folder or a bundle; from a bundle's own stores, unless others are named."""
+    from analysis.report.sweep_collection import collect_sweep
+    from tacevo.bundles.open import opened
+    from tacevo.config.identity import recorded_hash
+
+    if not path.is_file():
+        return collect_sweep(path, store, recorded_hash)
+    with opened(path) as published:
+        return collect_sweep(published.folder, store or published.store, recorded_hash)

@@ -1,0 +1,91 @@
+"""The commands `tacevo data ...`; what they do is imported when they run, so that help is quick."""
+
+import argparse
+
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+
+_EPILOG = """\
+examples:
+  tacevo data check task=force
+  tacevo data check task=force data=tacverse data.root=FOLDER
+  tacevo data show task=grating -o gratings.pdf
+  tacevo data simulate task=force n=3000 out=simulated
+"""
+
+
+def add_data(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe `tacevo data` and its commands."""
+    data = commands.add_parser(
+        "data",
+        help="look at a data set, or write a simulated one as files",
+        description="Look at a data set before a search, or write a simulated one as files.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    data.set_defaults(interrupted="nothing half-made is left")
+    choices = data.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    check = choices.add_parser(
+        "check",
+        help="load a data set as a search would, count it, and draw a contact sheet",
+        description="Load a data set as a search would, count it, and draw a contact sheet. "
+        "The exit status is 1 where equal images straddle the splits.",
+        fromfile_prefix_chars="@",
+    )
+    check.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
+    check.add_argument("-o", "--output", metavar="FILE", help="the contact sheet: .png, .pdf or .svg")
+    check.add_argument("--json", action="store_true", help="the findings as one JSON object")
+    check.set_defaults(command=_check)
+
+    show = choices.add_parser(
+        "show",
+        help="draw a few samples with their labels, for a paper",
+        description="Draw a few samples with their labels: one of each class or level, or from the least to the most.",
+        fromfile_prefix_chars="@",
+    )
+    show.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
+    show.add_argument("-o", "--output", metavar="FILE", required=True, help="the figure: .png, .pdf or .svg")
+    show.add_argument("--width", choices=["single", "double"], default="double", help="columns of a paper")
+    show.set_defaults(command=_show)
+
+    simulate = choices.add_parser(
+        "simulate",
+        help="write a simulated data set as images and labels, in TacVerse's layout",
+        description="Write a simulated data set as images and labels, in TacVerse's layout; the folder is whole or "
+        "absent.",
+        fromfile_prefix_chars="@",
+    )
+    settings = "out=FOLDER, n=IMAGES, or an override: " + OVERRIDE
+    simulate.add_argument("overrides", nargs="+", metavar="SETTING", help=settings)
+    simulate.set_defaults(command=_simulate)
+
+
+def _check(options: argparse.Namespace) -> int:
+    import json
+
+    from rich.console import Console
+
+    from tacevo.runs.data_check import check
+    from tacevo.runs.data_report import describe, report
+
+    found = check(options.overrides, options.output, Console(stderr=True))
+    print(json.dumps(describe(found), indent=2) if options.json else report(found))
+    return DIFFERENT if found.survey.leaks else DONE
+
+
+def _show(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.runs.data_check import show
+
+    print(f"look: {show(options.overrides, options.output, options.width, Console(stderr=True))}")
+    return DONE
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from tacevo.runs.data_check import simulate
+
+    print(simulate(options.overrides, Console(stderr=True)))
+    return DONE

@@ -1,0 +1,249 @@
+"""`tacevo check`: the gate on raw answers, as they come from a model."""
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from tacevo.choices import Numerics
+from tacevo.config.compose import compose
+from tacevo.config.folder import conf_root
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.environment import machine, versions
+from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
+from tacevo.profile import Admitted
+from tacevo.records import Completion, Json, Mode, Rejection
+from tacevo.rules import CURRENT
+from tacevo.runs.summary import summarise
+from tacevo.runs.wiring import ENTRIES, build_gate
+from tacevo.sandbox.client import Notice, Sandbox
+from tacevo.sandbox.confinement import in_force, report
+from tacevo.search.proposals import Task
+from tacevo.search.unsent import TEMPERATURE, sent_temperature
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.text import table
+from tacevo.training.numerics import environment
+
+
+def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_json: bool) -> Iterator[str]:
+    """Put answers through the gate of a task, one after another.
+
+    Args:
+        files: text files with an answer each, or JSON recordings with a `response` (and its `stop_reason`) or a
+            `source`.
+        task: the task's name.
+        image_size: in pixels; None for that of the task's data.
+        as_json: whether each verdict is a JSON object (file, verdict, stage, reason, detail, parameters), or words.
+
+    Yields:
+        One line a file.
+
+    Raises:
+        ConfigError: there is no such task, or a file cannot be read.
+    """
+    config, judged = task_without_data(task, image_size)
+    answers = [(file, _read(Path(file))) for file in files]
+    with contextlib.ExitStack() as stack:
+        config.store.root = stack.enter_context(tempfile.TemporaryDirectory())  # a check leaves nothing behind
+        sandbox = Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={})
+        gate = build_gate(config, judged.contract, stack.enter_context(sandbox).run, Mode.record, CURRENT)
+        for file, completion in answers:
+            verdict = _verdict(file, gate.admit(completion))
+            yield json.dumps(verdict) if as_json else _words(verdict)
+
+
+def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Task]:
+    """Give a task and its configuration as if its data set were there, for work that needs none.
+
+    Raises:
+        ConfigError: there is no such task, or it cannot have that image size.
+    """
+    config = compose([f"task={name}", *([] if image_size is None else [f"data.image_size={image_size}"])])
+    return config, load_task(config, facts_without_data(config))
+
+
+def _read(path: Path) -> Completion:
+    """Read a file as the answer of a model."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} cannot be read as an answer: {error}") from error
+    stop_reason = "end_turn"
+    if path.suffix == ".json":
+        text, stop_reason = _recorded(path, text)
+    return Completion(text=text, model="", stop_reason=stop_reason, input_tokens=0, output_tokens=0)
+
+
+def _recorded(path: Path, text: str) -> tuple[str, str]:
+    """Take answer and stop reason out of a JSON recording."""
+    try:
+        recording = json.loads(text)
+    except ValueError as error:
+        raise ConfigError(f"{path} is not JSON: {error}") from error
+    answer = recording.get("response", recording.get("source")) if isinstance(recording, dict) else None
+    if not isinstance(answer, str):
+        raise ConfigError(f"{path} needs a text `response` or `source`, as recordings have it")
+    return answer, str(recording.get("stop_reason", "end_turn"))
+
+
+def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
+    """Give a file's verdict as the fields of its line."""
+    if isinstance(admission, Admitted):
+        parameters = admission.profile.parameters
+        return {
+            "file": file,
+            "verdict": "admitted",
+            "stage": None,
+            "reason": None,
+            "detail": None,
+            "parameters": parameters,
+        }
+    return {
+        "file": file,
+        "verdict": "rejected",
+        "stage": admission.stage.value,
+        "reason": admission.reason.value,
+        "detail": admission.detail,
+        "parameters": None,
+    }
+
+
+def _words(verdict: dict[str, Json]) -> str:
+    if verdict["verdict"] == "admitted":
+        return f"{verdict['file']}: admitted, {verdict['parameters']:,} parameters"
+    return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
+
+
+#: Ledger fields of a candidate that are shown elsewhere, or to nobody.
+_HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses", "repairs"}
+
+
+def show_run(path: Path) -> str:
+    """Write the summary of a run, finished or not.
+
+    Raises:
+        RunError: this is no run directory, or it is damaged.
+    """
+    directory = RunDirectory(path)
+    run, lines = directory.read_run(), directory.read_ledger()
+    with directory.believed():
+        finished = bool(lines) and run["digest"] == lines[-1]["hash"]
+        state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
+        return f"{summarise(run, lines, directory.read_elites(), directory.read_spending())}\n{state}\n"
+
+
+def show_candidate(path: Path, name: str) -> str:
+    """Write down one candidate: what was asked, what became of it, its losses and its source or answer.
+
+    Raises:
+        RunError: this is no run directory, or it has no such candidate.
+    """
+    directory = RunDirectory(path)
+    run, lines = directory.read_run(), directory.read_ledger()
+    found = [line for line in lines if line.get("id") == name]
+    if not found:
+        last = next((line["id"] for line in reversed(lines) if "id" in line), "none yet")
+        raise RunError(f"{path} has no candidate {name!r}; ids look like g02s03, and the last one is {last}")
+    with directory.believed():
+        line = found[0]
+        parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
+        if "repairs" in line:
+            reasons = ", ".join(f"{sent['stage']}: {sent['reason']}" for sent in line["repairs"])
+            parts.append(f"Answers that were sent back before this one: {len(line['repairs'])} ({reasons})")
+        if "validation_losses" in line:
+            parts.append(_losses(line))
+        return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"
+
+
+def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:
+    """Give the words that the candidate was asked for with."""
+    if line["operator"] == "baseline":
+        return "none; this is the task's baseline"
+    if line["prompt"] is None:
+        return str(run["task"]["crossover"]).strip()
+    instruction = run["task"]["instructions"][line["prompt"]]
+    return f"{instruction['id']}: {instruction['text'].strip()}"
+
+
+def _fields(line: Mapping[str, Json]) -> str:
+    rows = [[key, _value(value)] for key, value in line.items() if key not in _HIDDEN and value is not None]
+    if line[TEMPERATURE] is not None and sent_temperature(line) is None:
+        planned = f"not sent: the model refuses it ({_value(line[TEMPERATURE])} was planned)"
+        rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
+    return table(["field", "value"], sorted(rows))
+
+
+def _value(value: Json) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _losses(line: Mapping[str, Json]) -> str:
+    pairs = zip(line["train_losses"], line["validation_losses"], strict=True)
+    rows = [[str(epoch), f"{train:.6g}", f"{validation:.6g}"] for epoch, (train, validation) in enumerate(pairs, 1)]
+    return table(["epoch", "training loss", "validation loss"], rows)
+
+
+def examine() -> tuple[str, bool]:
+    """Look at machine, packages, sandbox and folders.
+
+    The confinement is what held the candidate that was tried, or what the machine has, where none could be.
+
+    Returns:
+        The findings as text, and whether a search can run.
+    """
+    held: list[tuple[str, ...]] = []
+    checks: dict[str, Callable[[], str]] = {
+        "configs": _configs,
+        "sandbox": partial(_sandbox, held.append),
+        "current folder": _folder,
+    }
+    results = {name: _tried(check) for name, check in checks.items()}
+    confinement = in_force(held[0]) if held else report()
+    sections = [
+        ("machine", [f"{key}: {value}" for key, value in machine().items()]),
+        ("versions", [f"{key}: {value}" for key, value in versions().items()]),
+        ("confinement", [f"{key}: {value}" for key, value in confinement.items()]),
+        ("keys", [f"ANTHROPIC_API_KEY: {'set' if os.environ.get('ANTHROPIC_API_KEY') else 'not set'}"]),
+        ("checks", [f"{'ok  ' if good else 'FAIL'} {name}: {text}" for name, (good, text) in results.items()]),
+    ]
+    text = "\n".join("\n".join([f"{title}:", *(f"  {line}" for line in lines)]) for title, lines in sections)
+    return text, all(good for good, _ in results.values())
+
+
+def _tried(check: Callable[[], str]) -> tuple[bool, str]:
+    try:
+        return True, check()
+    except (TacevoError, OSError) as error:
+        return False, str(error)
+
+
+def _configs() -> str:
+    return str(conf_root())
+
+
+def _sandbox(notice: Notice) -> str:
+    """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
+    config, task = task_without_data("force", 32)
+    with tempfile.TemporaryDirectory() as store:
+        config.store.root = store  # nothing recorded may answer instead
+        with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}, notice=notice) as sandbox:
+            verdict = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
+    if isinstance(verdict, Rejection):
+        raise SandboxError(
+            f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"
+        )
+    return f"the baseline of task force is admitted, with {verdict.profile.parameters:,} parameters"
+
+
+def _folder() -> str:
+    """Write a file where runs and stores go by default."""
+    with tempfile.NamedTemporaryFile(dir=Path.cwd()) as file:
+        file.write(b"tacevo")
+    return f"writable, {shutil.disk_usage(Path.cwd()).free / 2**30:.1f} GiB free"

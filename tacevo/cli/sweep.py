@@ -1,0 +1,72 @@
+"""The commands of sweeps, `tacevo search -m` and `tacevo sweep status`; what they do is imported when they run."""
+
+import argparse
+from pathlib import Path
+
+from tacevo.cli.common import DIFFERENT, DONE, Parser
+
+_EPILOG = """\
+examples:
+  tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1
+  tacevo search -m experiment=demo ablation=none,stall_temperature 'seed=range(0,5)' hydra.launcher.n_jobs=4
+  tacevo search -m experiment=paper_force llm=anthropic ablation=none,no_qd seed=0,1,2 hydra/launcher=submitit_slurm
+  tacevo sweep status sweeps/NAME
+
+The command that began a sweep continues it: finished jobs are not repeated, stopped ones are taken up, failed ones are
+repeated. With more arms or seeds it adds jobs."""
+
+
+def add_sweep(commands: "argparse._SubParsersAction[Parser]") -> None:
+    """Describe `tacevo sweep`."""
+    parser = commands.add_parser(
+        "sweep",
+        help="how the jobs of a sweep stand (`tacevo search -m` runs them)",
+        description="Sweeps are begun and continued by `tacevo search -m`.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    status = actions.add_parser("status", help="list every job: finished, running, failed and why, stopped, not begun")
+    status.add_argument("sweep", metavar="DIR", help="the folder of a sweep")
+    status.set_defaults(command=_status)
+
+
+def add_multirun(search: argparse.ArgumentParser) -> None:
+    """Describe what `tacevo search` takes for a sweep."""
+    search.add_argument(
+        "-m",
+        "--multirun",
+        action="store_true",
+        help="run all combinations of overrides with several values, as in seed=0,1,2; Hydra's hydra/launcher= and "
+        "hydra.launcher.*= say how",
+    )
+    search.add_argument(
+        "--into",
+        metavar="DIR",
+        help="the folder of the sweep (default: one in sweeps/, named after what its jobs share)",
+    )
+
+
+def run_sweep(options: argparse.Namespace) -> int:
+    """Run the jobs of a sweep that are not finished; the status is 1 where one is not finished then."""
+    from rich.console import Console
+
+    from tacevo.runs.progress import make_sweep_view
+    from tacevo.sweeps.plan import sweep
+    from tacevo.sweeps.status import Standing, describe
+
+    with make_sweep_view(Console(stderr=True)) as view:
+        swept = sweep(options.overrides, options.into, view)
+    print(describe(swept.statuses))
+    print(f"\nsweep: {swept.directory}")
+    return DONE if all(status.standing is Standing.finished for status in swept.statuses) else DIFFERENT
+
+
+def _status(options: argparse.Namespace) -> int:
+    from tacevo.storage.sweep_directory import SweepDirectory
+    from tacevo.sweeps.status import describe, status_of
+
+    directory = SweepDirectory(Path(options.sweep))
+    shared, jobs = directory.read()
+    print(f"sweep over {' '.join(shared) or 'the defaults'}: {describe([status_of(directory, job) for job in jobs])}")
+    return DONE

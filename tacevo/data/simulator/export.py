@@ -1,0 +1,171 @@
+"""A simulated data set as files that anybody can read: images and labels in TacVerse's layout.
+
+Promises: `tacevo.data.sources.tacverse` reads the same images and labels back, in the same order; the folder is whole
+or absent (a kill leaves a hidden sibling, which nobody reads and anybody may delete). The layout is that of
+`tacevo.data.sources.tacverse`, which also names the folder and the columns of each task.
+"""
+
+import csv
+import json
+import shlex
+import shutil
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from tacevo.choices import SensorTask
+from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.source import Catalogue, Picture
+from tacevo.data.sources.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
+from tacevo.data.workers import CHUNK, Progress, mapper
+from tacevo.errors import ConfigError, DataError
+
+#: What the folder of the gratings' specimens is called.
+PATTERN = "Ridges"
+
+#: zlib's quickest: images with camera noise hardly get smaller with more, and take four times as long.
+COMPRESSION = 1
+
+_README = """\
+# Simulated tactile images
+
+{images} images of the task `{task}`, {size} x {size} pixels, computed by TacEvo's simulated ViTacTip. Nothing here
+was recorded with a real sensor. `simulation.json` holds every parameter; the same parameters give the same files
+under the same version of the simulator. TacEvo's licence is Apache-2.0.
+
+The layout is that of TacVerse. To search on it, with the same split as on the simulation itself:
+
+    tacevo search {overrides}
+"""
+
+
+def export(source: Simulated, out: Path, *, workers: int, progress: Progress | None = None) -> int:
+    """Write a simulated data set as PNG images and labels.
+
+    Args:
+        source: what to simulate.
+        out: the folder to make; it may exist if it is empty.
+        workers: processes that draw; 1, or a small data set, draws in this one.
+        progress: told after every chunk of images.
+
+    Returns:
+        The number of images.
+
+    Raises:
+        DataError: `out` exists and is no empty folder, or is the current one.
+        ConfigError: the gratings are not in ascending order, in which their classes would be read back.
+        OSError: the files cannot be written.
+    """
+    if list(source.spacings_mm) != sorted(source.spacings_mm):
+        raise ConfigError(f"an export needs data.spacings_mm in ascending order; got {list(source.spacings_mm)}")
+    catalogue = source.catalogue()
+    names = image_names(source, catalogue)
+    with _staged(_vacant(out)) as stage:
+        folder = stage / _place(source.task)
+        folder.mkdir(parents=True)
+        _write_images(catalogue, [folder / name for name in names], workers, progress)
+        if source.task is not SensorTask.grating:
+            _write_table(folder / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
+        (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
+        (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
+    return len(names)
+
+
+def overrides_for(source: Simulated, out: Path) -> list[str]:
+    """Name the settings with which `tacevo search` reads an exported folder."""
+    gratings = [f"data.pattern={PATTERN}", f"task.outputs={len(source.spacings_mm)}"]
+    return [
+        f"task={source.task}",
+        "data=tacverse",
+        f"data.root={out}",
+        f"data.sensor={SIMULATED_SENSOR}",
+        *(gratings if source.task is SensorTask.grating else []),
+        "data.split=random",
+        f"data.image_size={source.image_size}",
+    ]
+
+
+def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
+    """Name every image: by its number, or by size, press and frame, each press having one frame."""
+    if source.task is not SensorTask.grating:
+        return [f"image_{number:05d}.png" for number in range(1, len(catalogue.labels) + 1)]
+    presses = [0] * len(source.spacings_mm)
+    names = []
+    for kind in catalogue.labels.astype(np.int64):
+        presses[kind] += 1
+        size = np.format_float_positional(source.spacings_mm[kind], trim="-")
+        names.append(f"{size}_{presses[kind]:05d}_1.png")
+    return names
+
+
+def _place(task: SensorTask) -> Path:
+    """Find the folder of a task's images."""
+    folder = Path(FOLDERS[task]) / SIMULATED_SENSOR
+    return folder / PATTERN if task is SensorTask.grating else folder
+
+
+def _vacant(out: Path) -> Path:
+    """Find where a new folder is to stand, links and dots resolved; refuse what could not be replaced."""
+    place = out.resolve()
+    if place == Path.cwd():
+        raise DataError(f"out={out} is the current folder; name one to make, e.g. out=simulated")
+    if place.exists() and not (place.is_dir() and not any(place.iterdir())):
+        raise DataError(f"out={out} exists and is no empty folder; remove it or choose another name")
+    return place
+
+
+@contextmanager
+def _staged(out: Path) -> Iterator[Path]:
+    """Offer a hidden sibling to fill; on success it becomes `out` in one step, else it is removed.
+
+    Unlike the cache's, no lock file stays behind: this is the user's own folder.
+    """
+    stage = out.with_name(f".{out.name}-{uuid.uuid4().hex[:12]}")
+    stage.mkdir(parents=True)
+    try:
+        yield stage
+        stage.rename(out)  # atomic, and refused by the system where `out` has been filled in the meantime
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _write_images(catalogue: Catalogue, paths: Sequence[Path], workers: int, progress: Progress | None) -> None:
+    """Draw and write every image."""
+    count = len(paths)
+    starts = range(0, count, CHUNK)
+    pictures = [catalogue.pictures[start : start + CHUNK] for start in starts]
+    places = [paths[start : start + CHUNK] for start in starts]
+    with mapper(workers, count) as run:
+        for done, _ in enumerate(run(_write_chunk, places, pictures), start=1):
+            if progress is not None:
+                progress(min(done * CHUNK, count), count)
+
+
+def _write_chunk(paths: Sequence[Path], pictures: Sequence[Callable[[], Picture]]) -> None:
+    """Draw and write some images."""
+    for path, picture in zip(paths, pictures, strict=True):
+        pixels = np.ascontiguousarray(picture().transpose(1, 2, 0))
+        Image.fromarray(pixels).save(path, compress_level=COMPRESSION)
+
+
+def _write_table(path: Path, columns: Sequence[str], names: Sequence[str], catalogue: Catalogue) -> None:
+    """Write the labels so that every bit of them survives."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([IMAGE_COLUMN, *columns])
+        for name, labels in zip(names, catalogue.labels.tolist(), strict=True):
+            writer.writerow([name, *map(repr, labels)])
+
+
+def _readme(source: Simulated, catalogue: Catalogue, out: Path) -> str:
+    """Say what an exported folder is."""
+    return _README.format(
+        images=len(catalogue.labels),
+        task=source.task,
+        size=source.image_size,
+        overrides=shlex.join(overrides_for(source, Path(out.name))),
+    )

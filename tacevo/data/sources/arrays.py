@@ -1,0 +1,215 @@
+"""A NumPy archive (`.npz`) as a source: images and labels as arrays, made by a lab's own script.
+
+    images   uint8, (N, H, W), (N, H, W, 1) or (N, H, W, 3) in the order red, green, blue
+    labels   floats (N,) or (N, K): regression; whole numbers (N,) from 0 to K - 1: classification
+    names    text (K,), may be absent: names of the outputs or classes
+    groups   whole numbers (N,), may be absent: equal for rows that were recorded together
+
+The archive is read whole into memory, and nothing in it is ever unpickled.
+"""
+
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from tacevo.data.source import Catalogue, Picture, refuse
+from tacevo.data.sources.hints import require_file
+from tacevo.data.sources.images import DECODING, files_hash, square
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+
+#: What NumPy raises for an archive, or an array in it, that cannot be read.
+_BROKEN = (
+    OSError,
+    ValueError,
+    EOFError,
+    LookupError,
+    SyntaxError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    TokenError,
+)
+
+REQUIRED, OPTIONAL = frozenset({"images", "labels"}), frozenset({"names", "groups"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrays:
+    """A data set in one archive; the kind of its labels follows from their type."""
+
+    #: The archive.
+    root: Path
+    #: Height and width that images are resized to, in pixels.
+    image_size: int
+
+    def describe(self) -> Json:
+        """Name the content: the bytes of the archive, not where it lies.
+
+        Raises:
+            DataError: the archive is missing.
+        """
+        require_file(self.root, ".npz")
+        content = files_hash([self.root])
+        return {"source": "numpy", "decoding": DECODING, "archive": content, "image_size": self.image_size}
+
+    def catalogue(self) -> Catalogue:
+        """List labels and images in the order of the arrays.
+
+        Raises:
+            DataError: the archive is missing or broken, or an array has another shape, type or value than it may.
+        """
+        arrays = _read(self.root)
+        images, labels = arrays["images"], _in_64_bits(arrays["labels"])
+        _check_images(images)
+        count = len(images)
+        _check_length("labels", labels, count)
+        classified = labels.dtype.kind in "iu"
+        outputs = _count_classes(labels, arrays.get("names")) if classified else _count_values(labels)
+        return Catalogue(
+            kind=Kind.classification if classified else Kind.regression,
+            names=_names(arrays.get("names"), outputs, "{}" if classified else "label {}"),
+            labels=labels.astype(np.int64) if classified else labels.astype(np.float64).reshape(count, outputs),
+            image_size=self.image_size,
+            pictures=tuple(partial(resized, image, self.image_size) for image in images),
+            groups=_groups(arrays.get("groups"), count),
+            recorded_size=(images.shape[2], images.shape[1]),
+        )
+
+
+def resized(image: npt.NDArray[np.uint8], image_size: int) -> Picture:
+    """Resize one image as files are resized.
+
+    Args:
+        image: uint8, shape (H, W), (H, W, 1) or (H, W, 3).
+        image_size: height and width of the result, in pixels.
+
+    Returns:
+        uint8, shape (3, image_size, image_size).
+    """
+    flat = image[:, :, 0] if image.shape[2:] == (1,) else image
+    return square(Image.fromarray(flat).convert("RGB"), image_size)
+
+
+def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """Read all arrays of an archive."""
+    require_file(path, ".npz")
+    if not zipfile.is_zipfile(path):
+        found = "holds one array" if _begins_as_array(path) else "is no NumPy archive, or was cut off"
+        raise DataError(f"{path} {found}; save images and labels together with numpy.savez")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            _check_keys(path, archive)
+            return {name: _array(path, archive, name) for name in archive.files}
+    except _BROKEN as error:
+        raise DataError(f"{path} is damaged: its list of arrays cannot be read; save it again") from error
+
+
+def _begins_as_array(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX
+
+
+def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any]:
+    """Read one array; one of Python objects would have to be unpickled, which runs code of whoever wrote it."""
+    try:
+        array = archive[name]
+    except MemoryError as error:
+        raise DataError(f"array {name!r} of {path} needs more memory than there is; save fewer images") from error
+    except _BROKEN as error:
+        raise DataError(
+            f"array {name!r} of {path} is damaged, or holds Python objects; save numbers or texts with numpy.savez"
+        ) from error
+    if not isinstance(array, np.ndarray):
+        raise DataError(f"{name!r} of {path} is no array; save arrays with numpy.savez")
+    return array
+
+
+def _check_keys(path: Path, archive: Mapping[str, Any]) -> None:
+    """Refuse an archive that lacks an array, or has one whose meaning nobody knows: a slip in `groups` would leak."""
+    names = set(archive)
+    refuse(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"It has {sorted(names)}.")
+    unknown = sorted(names - REQUIRED - OPTIONAL)
+    refuse(f"{path.name} has unknown arrays", unknown, f"Remove them; known are {sorted(REQUIRED | OPTIONAL)}.")
+
+
+def _check_images(images: npt.NDArray[Any]) -> None:
+    if images.ndim > 2 and 0 in images.shape:
+        raise DataError(f"images is empty: it has shape {images.shape}; save at least 10 images")
+    shaped = images.ndim == 3 or (images.ndim == 4 and images.shape[3] in (1, 3))
+    if images.dtype != np.uint8 or not shaped:
+        raise DataError(
+            f"images must be uint8 of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3); got {images.dtype} of shape "
+            f"{images.shape}; convert them first"
+        )
+
+
+def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:
+    if array.ndim == 0 or len(array) != count:
+        raise DataError(f"{name} must have one row for each of the {count} images; got shape {array.shape}")
+
+
+def _in_64_bits(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Round wider floats to 64 bits; what they cannot hold becomes infinite, which is refused by row."""
+    if labels.dtype.kind != "f":
+        return labels
+    with np.errstate(over="ignore"):
+        return labels.astype(np.float64)
+
+
+def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> int:
+    """Count the classes; each must have images."""
+    if labels.ndim != 1:
+        raise DataError(
+            f"labels of whole numbers are classes, of shape (N,); got {labels.shape}; save values as floats"
+        )
+    present = np.unique(labels)
+    outputs = len(present) if names is None else names.size
+    faults = [f"row {row} is {labels[row]}" for row in np.flatnonzero((labels < 0) | (labels >= outputs))]
+    what = "classes" if names is None else "names"
+    refuse("class numbers must run from 0 without a gap", faults, f"There are {outputs} {what}; number them from 0.")
+    empty = [str(number) for number in sorted(set(range(outputs)) - set(present.tolist()))]
+    refuse("some classes have no images", empty, "Add images or remove their names.")
+    return outputs
+
+
+def _count_values(labels: npt.NDArray[Any]) -> int:
+    """Count the regressed values; all must be finite."""
+    if labels.dtype.kind != "f" or labels.ndim > 2 or labels.size == 0:
+        raise DataError(
+            f"labels must be floats of shape (N,) or (N, K), or whole numbers of shape (N,); got {labels.dtype} of "
+            f"shape {labels.shape}"
+        )
+    columns = labels.reshape(len(labels), -1)
+    rows = np.flatnonzero(~np.isfinite(columns).all(axis=1))
+    faults = [f"row {row} is {columns[row].tolist()}" for row in rows]
+    refuse("labels must be finite numbers", faults, "Correct or remove these rows, counted from 0.")
+    return columns.shape[1]
+
+
+def _names(names: npt.NDArray[Any] | None, outputs: int, default: str) -> tuple[str, ...]:
+    if names is None:
+        return tuple(default.format(number) for number in range(outputs))
+    if names.dtype.kind != "U" or names.shape != (outputs,) or len(set(names.tolist())) != outputs:
+        raise DataError(
+            f"names must be {outputs} different texts; got {names.dtype} of shape {names.shape}: {names.tolist()}"
+        )
+    return tuple(names.tolist())
+
+
+def _groups(groups: npt.NDArray[Any] | None, count: int) -> npt.NDArray[np.int64] | None:
+    if groups is None:
+        return None
+    _check_length("groups", groups, count)
+    if groups.dtype.kind not in "iu" or groups.ndim != 1:
+        raise DataError(f"groups must be whole numbers of shape (N,); got {groups.dtype} of shape {groups.shape}")
+    return groups.astype(np.int64)

@@ -1,0 +1,129 @@
+"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or any other of `photos.SUFFIXES`).
+
+Files with other endings, and files beside the class folders, are no part of the data set; the catalogue names them.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tacevo.data.source import Catalogue, listed, refuse, repeats
+from tacevo.data.sources.hints import entries, glimpsed, number_in, require_folder
+from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+from tacevo.text import counted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Folder:
+    """One folder per class, named after it; classes are in the order of their numbers, or of their names."""
+
+    root: Path
+    #: Height and width that images are resized to, in pixels.
+    image_size: int
+
+    def describe(self) -> Json:
+        """Name the content: class names, and the name and bytes of every image, not where they lie.
+
+        Raises:
+            DataError: the folder is missing or has no classes, or a class has no images.
+        """
+        classes = _classes(self.root)
+        images = [path for paths in classes.values() for path in paths]
+        return {
+            "source": "folder",
+            "decoding": DECODING,
+            "classes": {name: len(paths) for name, paths in classes.items()},
+            "names": [path.relative_to(self.root).as_posix() for path in images],
+            "images": files_hash(images),
+            "image_size": self.image_size,
+        }
+
+    def catalogue(self) -> Catalogue:
+        """List labels and images, class by class, images in the order of their names.
+
+        Raises:
+            DataError: the folder is missing or has no classes, a class has no images, or an image is unreadable or
+                of another size than the rest.
+        """
+        classes = _classes(self.root)
+        counts = [len(paths) for paths in classes.values()]
+        images = [path for paths in classes.values() for path in paths]
+        return Catalogue(
+            kind=Kind.classification,
+            names=tuple(classes),
+            labels=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
+            image_size=self.image_size,
+            pictures=tuple(partial(decode, path, self.image_size) for path in images),
+            recorded_size=common_size([(path.relative_to(self.root).as_posix(), path) for path in images]),
+            files=images,
+            places=[path.relative_to(self.root).as_posix() for path in images],
+            ignored=other_files(self.root, "**/*", images),
+        )
+
+
+def _classes(root: Path) -> dict[str, list[Path]]:
+    """Find every class and its images."""
+    require_folder(root, "one folder per class")
+    names = entries(root)
+    if not names:
+        raise DataError(f"{root} holds no folders, one per class, but {_content(root)}; {_advice(root)}")
+    alike = repeats((name, _key(name)) for name in _ordered(names))
+    refuse(f"classes in {root} are there twice", alike, "Join or rename them: 0.5 is 0.50, and Wood is wood.")
+    classes = {name: _images(root / name) for name in _ordered(names)}
+    empty = [name for name, paths in classes.items() if not paths]
+    refuse(f"some classes in {root} have no images", empty, f"Add {sorted(SUFFIXES)} files or remove these folders.")
+    return classes
+
+
+def _content(root: Path) -> str:
+    """Count what lies in a folder that should hold classes."""
+    files = [path for path in root.iterdir() if path.is_file()]
+    images = len(image_files(root, "*"))
+    return f"{counted(images, 'image')} and {counted(len(files) - images, 'other file')}"
+
+
+def _advice(root: Path) -> str:
+    """Tell the likely slip: the root is the folder of one class, or the set is a table."""
+    tables = glimpsed(root, suffix=".csv")
+    if tables:
+        return f"for a table of labels set data=csv data.table={tables[0]}"
+    parent = root.absolute().parent
+    classes = [name for name in glimpsed(parent) if _shows_images(parent / name)]
+    if root.name in classes and len(classes) > 1:
+        return f"it seems to be one class of {listed(classes)}; set data.root={parent}"
+    return "put the images of each class into a folder of its own"
+
+
+def _shows_images(folder: Path) -> bool:
+    """Tell for a hint whether a folder holds images; False where it may not be looked into."""
+    with suppress(OSError):
+        return bool(image_files(folder, "*"))
+    return False
+
+
+def _ordered(names: list[str]) -> list[str]:
+    """Sort class names, as numbers where all are numbers, so that 2 comes before 10."""
+    keys = {name: _key(name) for name in names}
+    if all(isinstance(key, float) for key in keys.values()):
+        return sorted(names, key=lambda name: (keys[name], name))
+    return sorted(names)
+
+
+def _key(name: str) -> float | str:
+    """Give what two names of one class have in common: a finite number, or the text without its case."""
+    number = number_in(name)
+    return name.casefold() if number is None else number
+
+
+def _images(folder: Path) -> list[Path]:
+    """Find the images below a class folder, sorted by path."""
+    paths = image_files(folder, "**/*")
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    twice = repeats((name, name.casefold()) for name in names)
+    refuse(f"images of class {folder.name} differ in the case of their names only", twice, "Rename or remove them.")
+    return paths

@@ -1,0 +1,207 @@
+"""The rows of a CSV table, one image each: read whole, checked, and every fault named by its line."""
+
+import csv
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from tacevo.data.source import Picture, listed, refuse, repeats, shortened
+from tacevo.data.sources.hints import number_in
+from tacevo.data.sources.images import decode, image_files
+from tacevo.errors import DataError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One row of a table, as it is written there."""
+
+    #: As an editor counts, the header being line 1.
+    line: int
+    name: str
+    #: The image, links followed; `is_there` says whether it exists.
+    path: Path
+    #: The folder that the image was found in, as it is written: not where a link leads.
+    folder: Path
+    is_there: bool
+    #: The text of each target column, in their order.
+    texts: tuple[str, ...]
+
+    @property
+    def place(self) -> str:
+        """What a message calls this row."""
+        return f"line {self.line} {shortened(self.name)}"
+
+    @property
+    def labels(self) -> tuple[float, ...]:
+        """The values of the target columns; NaN for what is no number."""
+        return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
+
+
+def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture], ...]:
+    """Offer the picture of each row, not yet decoded."""
+    return tuple(partial(decode, row.path, image_size) for row in rows)
+
+
+def unnamed_images(rows: Sequence[Row]) -> list[Path]:
+    """Find the images that lie beside those of the rows, and that no row names."""
+    named = {row.path for row in rows}
+    folders = {row.folder.resolve(): row.folder for row in rows}  # a folder may be written in several ways
+    return [
+        path for folder in sorted(folders.values()) for path in image_files(folder, "*") if path.resolve() not in named
+    ]
+
+
+def read_rows(
+    table: Path,
+    *,
+    image_column: str,
+    target_columns: Sequence[str],
+    asked_by: tuple[str, str],
+    advice: str,
+    folders: Sequence[Path],
+    skip_missing: bool,
+) -> tuple[list[Row], int]:
+    """Read and check a whole table.
+
+    Outer spaces of column names do not matter, nor does their case where no column has exactly the asked name.
+
+    Args:
+        table: the file; a CSV table in UTF-8 with a header.
+        image_column: holds each image's path, relative to one of the folders.
+        target_columns: hold the labels.
+        asked_by: who says so, for messages: the settings of image column and target columns.
+        advice: what the user can do where a column is absent.
+        folders: where images are looked for, in this order.
+        skip_missing: leave out rows whose image is missing, instead of refusing the table.
+
+    Returns:
+        The rows in the order of the table, of which every image exists and every label is finite; and how many were
+        left out.
+
+    Raises:
+        DataError: the table is no such table, or a row is faulty: all rows with the same fault are named at once.
+    """
+    asked = [(image_column, asked_by[0]), *((name, asked_by[1]) for name in target_columns)]
+    rows = list(_rows(table, asked, advice, folders))
+    if not rows:
+        raise DataError(f"{table.name} has no rows below its header; give the table that holds the labels")
+    present = [row for row in rows if row.is_there]
+    if not (present and skip_missing):
+        _refuse_missing(table, rows, folders[0], skippable=bool(present))
+    # An image listed twice could stand in two parts of the split.
+    twice = repeats((row.place, str(row.path).casefold()) for row in present)
+    refuse(f"{table.name} lists images more than once", twice, "Keep one line per image; case alone tells none apart.")
+    wrong = [
+        f"line {row.line} {column} = {shortened(text)}"
+        for row in present
+        for column, text in zip(target_columns, row.texts, strict=True)
+        if number_in(text) is None
+    ]
+    refuse(
+        f"{table.name} has labels that are not finite numbers",
+        wrong,
+        "Correct them, written as 12, -0.5 or 1.5e-3, or remove these lines.",
+    )
+    return present, len(rows) - len(present)
+
+
+def _refuse_missing(table: Path, rows: Sequence[Row], folder: Path, *, skippable: bool) -> None:
+    """Refuse rows whose image is missing, with the advice that fits."""
+    missing = [row for row in rows if not row.is_there]
+    choice = ", or leave them out with data.skip_missing=true" if skippable else ""
+    advice = f"Restore them or remove these lines{choice}."
+    if all("\\" in row.name for row in missing):
+        advice = "Write their paths with / instead of \\."
+    refuse(f"{table.name} names images that are not in {folder}", [row.place for row in missing], advice)
+
+
+def _rows(table: Path, asked: Sequence[tuple[str, str]], advice: str, folders: Sequence[Path]) -> Iterator[Row]:
+    """Read the rows of a table, with the asked columns only, the image's first."""
+    lines = _lines(table)
+    _, header = next(lines, (1, []))
+    numbers = _columns(table, header, asked, advice)
+    long = []
+    for line, values in lines:
+        if len(values) > len(header):  # a decimal comma would shift every label behind it
+            long.append(f"line {line}")
+            continue
+        name, *texts = (values[number] if number < len(values) else "" for number in numbers)
+        path, folder, is_there = _find(name.strip(), folders)
+        yield Row(line=line, name=name.strip(), path=path, folder=folder, is_there=is_there, texts=tuple(texts))
+    refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "Quote or correct them.")
+
+
+def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]], advice: str) -> list[int]:
+    """Find the position of each asked column; each comes with the setting that asks for it."""
+    columns = [name.strip() for name in header]
+    if not columns:
+        raise DataError(f"{table.name} is empty; its first line must name the columns")
+    twice = sorted({shortened(name) for name in columns if name and columns.count(name) > 1})
+    refuse(f"{table.name} has several columns of one name", twice, "Rename all but one.")
+    folded = [name.casefold() for name in columns]
+    names = [name for name, _ in asked]
+    exact = {name: columns.index(name) for name in names if name in columns}
+    loose = {name: folded.index(name.casefold()) for name in names if folded.count(name.casefold()) == 1}
+    found = {**loose, **exact}
+    absent = [f"{name!r} ({setting})" for name, setting in asked if name not in found]
+    if absent:
+        raise DataError(
+            f"{table.name} has no column {listed(absent)}; its columns are {listed(list(map(shortened, columns)))}. "
+            f"{_hint(columns) or advice}"
+        )
+    return [found[name] for name in names]
+
+
+def _hint(columns: Sequence[str]) -> str | None:
+    """Tell how to mend what is no header of a CSV table; None where it may be one."""
+    for mark, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if len(columns) == 1 and mark in columns[0]:
+            return f"They seem to be separated by {name}; save the table with commas between them."
+    if any(number_in(name) is not None for name in columns):
+        return "This looks like a line of values; the first line must name the columns."
+    return None
+
+
+def _lines(table: Path) -> Iterator[tuple[int, list[str]]]:
+    """Read the lines of a table that are not blank, with their numbers."""
+    line = 0
+    try:
+        with table.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, skipinitialspace=True, strict=True)
+            for values in reader:
+                line += 1
+                if reader.line_num != line:  # a stray quote would swallow the rows up to the next one
+                    raise _open_quote(table, line)
+                if values:
+                    yield line, values
+    except csv.Error as error:
+        raise _open_quote(table, line + 1) from error
+    except UnicodeDecodeError as error:
+        byte = error.object[error.start]
+        raise DataError(
+            f"{table.name} is no CSV table in UTF-8, for it has a byte 0x{byte:02x} that is none; save it again as "
+            "CSV (comma separated) in UTF-8"
+        ) from error
+    except OSError as error:
+        raise DataError(f"{table} cannot be read ({error.strerror}); see that you may read it") from error
+
+
+def _open_quote(table: Path, line: int) -> DataError:
+    return DataError(
+        f'{table.name} has a quote (") in line {line} that does not end one value within that line; remove it, '
+        "or write the whole value in one line and double the quotes inside it"
+    )
+
+
+def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path, bool]:
+    """Find an image in the first folder that has it; where none has, name the place where it should be.
+
+    Returns:
+        Where the image is, links followed; the folder that it was found in, as it is written; and whether it is there.
+    """
+    found = (folder / name for folder in folders if os.path.isfile(folder / name))
+    path = next(found, None)
+    return (folders[0] / name, folders[0], False) if path is None else (path.resolve(), path.parent, True)

@@ -1,0 +1,95 @@
+"""Regression from a CSV table: one row per image, with columns of measured values."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tacevo.data.source import Catalogue, listed
+from tacevo.data.sources.hints import folders_in, glimpsed, holder, nearest, require_folder
+from tacevo.data.sources.images import DECODING, common_size, files_hash
+from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A folder with a CSV table; the first row holds the column names."""
+
+    root: Path
+    #: The table, relative to `root`, e.g. `labels.csv`.
+    table: str
+    #: The column with each image's path, relative to `root` or to the folder of the table.
+    image_column: str
+    #: The columns to regress, in the order of the outputs.
+    target_columns: tuple[str, ...]
+    #: Height and width that images are resized to, in pixels.
+    image_size: int
+    #: Leave out rows whose image is missing, instead of refusing the table.
+    skip_missing: bool = False
+
+    def describe(self) -> Json:
+        """Name the content: the bytes of the table and of every image, not where they lie.
+
+        Raises:
+            DataError: the folder, the table or an image is missing, or the table is broken.
+        """
+        rows, _ = self._read()
+        return {
+            "source": "table",
+            "decoding": DECODING,
+            "table": files_hash([self.root / self.table]),
+            "lines": [row.line for row in rows],
+            "images": files_hash(row.path for row in rows),
+            "image_column": self.image_column,
+            "target_columns": list(self.target_columns),
+            "image_size": self.image_size,
+        }
+
+    def catalogue(self) -> Catalogue:
+        """List labels and images in the order of the table.
+
+        Raises:
+            DataError: the folder, the table or an image is missing, unreadable or of another size than the rest, or
+                the table is broken.
+        """
+        rows, skipped = self._read()
+        return Catalogue(
+            kind=Kind.regression,
+            names=self.target_columns,
+            names_chosen_by="data.target_columns",
+            labels=np.array([row.labels for row in rows], dtype=np.float64),
+            image_size=self.image_size,
+            pictures=pictures(rows, self.image_size),
+            recorded_size=common_size([(row.place, row.path) for row in rows]),
+            files=[row.path for row in rows],
+            places=[row.place for row in rows],
+            skipped=skipped,
+            ignored=unnamed_images(rows),
+        )
+
+    def _read(self) -> tuple[list[Row], int]:
+        require_folder(self.root, f"the table {self.table}")
+        table = self.root / self.table
+        if not table.is_file():
+            raise DataError(f"there is no table {self.table!r} in {self.root}; {_advice(self.root, self.table)}")
+        return read_rows(
+            table,
+            image_column=self.image_column,
+            target_columns=self.target_columns,
+            asked_by=("data.image_column", "data.target_columns"),
+            advice="Set names as they are here, or rename a column.",
+            folders=(self.root, table.parent),
+            skip_missing=self.skip_missing,
+        )
+
+
+def _advice(root: Path, table: str) -> str:
+    """Tell what lies where a table was looked for, and what was probably meant."""
+    tables, place = glimpsed(root, suffix=".csv"), holder(root, table)
+    if place is not None:
+        return f"it is in {place}: set data.root={place}"
+    if tables:
+        return f"it holds {listed(tables)}; set data.table={nearest(table, tables) or tables[0]}"
+    return f"it holds no table, and the folders {folders_in(root)}; set data.root to the folder of the table"

@@ -1,0 +1,237 @@
+"""The TacVerse release as its authors lay it out on disk, and simulated data exported in the same form.
+
+    <root>/Force_Regression/<Sensor>/<Sensor>.csv             columns image_name, fx, fy, fz; images beside it
+    <root>/Grating_Classification/<Sensor>/<Pattern>/<size>_<group>_<frame>.jpg   or <size>_<group>.jpg
+    <root>/Hardness_Regression/<Sensor>/<Sensor>.csv          columns image_name, shore; ours, for exported data
+
+Sizes are in mm, one class each; a group is one press. The release's own split (arXiv:2606.25877 and its code) takes
+60 % for training and 20 % for validation: of the force images in the order of their numbers, and of each size's
+presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tacevo.choices import SensorTask
+from tacevo.data.source import Catalogue, listed, refuse, repeats
+from tacevo.data.sources.hints import folders_in, glimpsed, holder, nearest, require_folder
+from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
+from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
+from tacevo.data.splitting import Split, ordered_split
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+
+#: What the sensor of exported simulations is called, and the file beside their images that says what they are.
+SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
+
+FOLDERS = {
+    SensorTask.force: "Force_Regression",
+    SensorTask.grating: "Grating_Classification",
+    SensorTask.hardness: "Hardness_Regression",
+}
+
+IMAGE_COLUMN = "image_name"
+
+#: Columns of the labels and the names of the outputs, in the same order.
+COLUMNS = {SensorTask.force: ("fx", "fy", "fz"), SensorTask.hardness: ("shore",)}
+
+OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
+
+#: Units of exported simulations; the release states none.
+UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TacVerse:
+    """One task and one sensor of the release."""
+
+    root: Path
+    task: SensorTask
+    #: The folder of the sensor, e.g. `ViTacTip`.
+    sensor: str
+    #: Gratings: the folder of the specimens, e.g. `Blackdot`.
+    pattern: str | None
+    #: Height and width that images are resized to, in pixels.
+    image_size: int
+    #: Tables: leave out rows whose image is missing, as the release's own code does, instead of refusing the table.
+    skip_missing: bool = False
+
+    def describe(self) -> Json:
+        """Name the content: labels, and the bytes of every image, not where they lie.
+
+        Raises:
+            DataError: a folder, the table or an image is missing, or the table or a file name is broken.
+        """
+        described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
+        if self.task is SensorTask.grating:
+            frames = self._frames()
+            presses = [[frame.size, frame.group, frame.frame] for frame in frames]
+            return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
+        rows, _ = self._rows()
+        labels = [[row.path.name, list(row.labels)] for row in rows]
+        return {**described, "labels": labels, "images": files_hash(row.path for row in rows)}
+
+    def catalogue(self) -> Catalogue:
+        """List labels and images: by image number, or by size, press and frame.
+
+        Raises:
+            DataError: see `describe`; or an image is unreadable, or of another size than the rest.
+        """
+        return self._gratings() if self.task is SensorTask.grating else self._regression()
+
+    def _regression(self) -> Catalogue:
+        rows, skipped = self._rows()
+        return Catalogue(
+            kind=Kind.regression,
+            names=OUTPUTS[self.task],
+            units=UNITS[self.task] if self._simulated() else None,
+            labels=np.array([row.labels for row in rows], dtype=np.float64),
+            image_size=self.image_size,
+            pictures=pictures(rows, self.image_size),
+            release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
+            recorded_size=common_size([(row.place, row.path) for row in rows]),
+            files=[row.path for row in rows],
+            places=[row.place for row in rows],
+            skipped=skipped,
+            ignored=unnamed_images(rows),
+        )
+
+    def _simulated(self) -> bool:
+        """Tell whether these are images of ours, whose units we know."""
+        if self.sensor != SIMULATED_SENSOR:
+            return False
+        try:
+            simulation = json.loads((self.root / SIMULATION).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        found = simulation if isinstance(simulation, dict) else {}
+        return (found.get("source"), found.get("task")) == ("simulated", self.task.value)
+
+    def _gratings(self) -> Catalogue:
+        frames = self._frames()
+        sizes = sorted({frame.size for frame in frames})
+        presses = sorted({(frame.size, frame.group) for frame in frames})
+        numbers = {press: number for number, press in enumerate(presses)}
+        groups = np.array([numbers[frame.size, frame.group] for frame in frames], dtype=np.int64)
+        return Catalogue(
+            kind=Kind.classification,
+            names=tuple(f"{size:g} mm" for size in sizes),
+            labels=np.array([sizes.index(frame.size) for frame in frames], dtype=np.int64),
+            image_size=self.image_size,
+            pictures=tuple(partial(decode, frame.path, self.image_size) for frame in frames),
+            groups=groups,
+            release=_split_of_presses(presses, groups),
+            recorded_size=common_size([(frame.path.name, frame.path) for frame in frames]),
+            files=[frame.path for frame in frames],
+            places=[frame.path.name for frame in frames],
+            ignored=other_files(frames[0].path.parent, "*", [frame.path for frame in frames]),
+        )
+
+    def _rows(self) -> tuple[list[Row], int]:
+        """Read the table in the order of the image numbers, which is that of time."""
+        folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
+        table = folder / f"{self.sensor}.csv"
+        if not table.is_file():
+            tables = glimpsed(folder, suffix=".csv")
+            there = f"it holds {listed(tables)}: rename the table" if tables else "it belongs beside the images"
+            raise DataError(f"there is no table {table.name} in {folder}; {there}")
+        rows, skipped = read_rows(
+            table,
+            image_column=IMAGE_COLUMN,
+            target_columns=COLUMNS[self.task],
+            asked_by=("TacVerse's layout", "TacVerse's layout"),
+            advice="Rename columns: no setting changes the names of this layout.",
+            folders=(folder,),
+            skip_missing=self.skip_missing,
+        )
+        numbered = [row for row in rows if _number(row) is not None]
+        faults = [row.place for row in rows if _number(row) is None]
+        refuse(f"{table.name} names images without a number", faults, "Names end in their number, as image_12.png.")
+        return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
+
+    def _frames(self) -> list["Frame"]:
+        """Find the images of all presses, ordered by size, press and frame."""
+        parent = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
+        if self.pattern is None:
+            raise DataError(f"data=tacverse with task=grating needs data.pattern; {parent} holds {folders_in(parent)}")
+        folder = _enter(parent, {"data.pattern": self.pattern})
+        paths = image_files(folder, "*")
+        if not paths:
+            raise DataError(f"{folder} holds no {sorted(SUFFIXES)} files; give the folder of the images")
+        frames = [(path, _frame(path)) for path in paths]
+        refuse(
+            f"{folder} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
+            [path.name for path, frame in frames if frame is None],
+            "Rename or remove them.",
+        )
+        found = sorted((frame for _, frame in frames if frame is not None), key=_order)
+        twice = repeats((frame.path.name, _order(frame)) for frame in found)
+        refuse(f"{folder} has several images of one size, press and frame", twice, "Keep one of each.")
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One picture of one press onto a grating."""
+
+    path: Path
+    #: In mm.
+    size: float
+    group: int
+    frame: int
+
+
+def _order(frame: Frame) -> tuple[float, int, int]:
+    return frame.size, frame.group, frame.frame
+
+
+def _frame(path: Path) -> Frame | None:
+    """Read a file name; None where it is no such name."""
+    parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
+    if parts is None:
+        return None
+    return Frame(path=path, size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0))
+
+
+def _number(row: Row) -> int | None:
+    """Read the number that an image's name ends in."""
+    digits = re.search(r"\d+$", Path(row.name).stem, flags=re.ASCII)
+    return None if digits is None else int(digits[0])
+
+
+def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.int64]) -> Split:
+    """Split each size's presses in their order, and rows with them."""
+    parts: dict[str, list[int]] = {"train": [], "validation": [], "test": []}
+    for size in sorted({size for size, _ in presses}):
+        own = np.array([number for number, press in enumerate(presses) if press[0] == size])
+        split = ordered_split(own)
+        for name, chosen in parts.items():
+            chosen.extend(getattr(split, name))
+    return Split(**{name: np.flatnonzero(np.isin(groups, chosen)) for name, chosen in parts.items()})
+
+
+def _enter(folder: Path, names: dict[str, str]) -> Path:
+    """Go down into folders; where one is missing, say what was looked for, what lies there, and what to set."""
+    require_folder(folder, next(iter(names.values())))
+    for key, name in names.items():
+        if not (folder / name).is_dir():
+            raise DataError(
+                f"there is no folder {name} in {folder}, which holds {folders_in(folder)}; {_advice(folder, key, name)}"
+            )
+        folder = folder / name
+    return folder
+
+
+def _advice(folder: Path, key: str, name: str) -> str:
+    """Tell the likely slip: the root is one folder too deep or too high, or a name is misspelt."""
+    if key == "data.root":
+        holding = folder.parent if folder.name == name else holder(folder, name)
+        return f"set data.root={holding}" if holding else f"set data.root to the folder that holds {name}"
+    meant = nearest(name, glimpsed(folder))
+    return f"set {key}={meant}" if meant else f"set {key} to one of these"

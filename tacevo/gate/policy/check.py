@@ -1,0 +1,265 @@
+"""The static policy: what a candidate's syntax tree may hold.
+
+Courtesy, not the wall: it answers in a millisecond, with a message that a person (or the next prompt) can act on.
+Text that hides its intent can pass it; the sandbox is what confines.
+"""
+
+import ast
+import io
+import re
+import tokenize
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from tacevo.gate.blocks import Problem, is_special, parse
+from tacevo.gate.policy import allowed
+from tacevo.gate.policy.overrides import overrides
+from tacevo.gate.policy.weight_changes import weight_changes
+from tacevo.records import Contract, Reason, Rejection, Stage
+
+#: Deepest nesting of the syntax tree; honest networks stay below 30, and the compiler's own stack ends near 1000.
+DEEPEST = 100
+
+#: PEP 263: a comment in the first two lines that names the encoding of a file.
+_COOKIE = re.compile(r"[ \t\f]*#.*?coding[:=][ \t]*([-\w.]+)")
+
+#: A field of `str.format` that walks to a special attribute, e.g. `{0.__class__}`.
+_TEMPLATE = re.compile(r"\{[^{}]*\.__")
+
+#: Sets of classes or modules are ordered by memory addresses, so an equal source would give another network.
+_UNORDERED = "the order of sets differs between processes; use a list, a tuple or a dict"
+
+#: Syntax that is refused wherever it stands, with the message.
+_REFUSED: Mapping[type[ast.AST], str] = {
+    **dict.fromkeys((ast.Set, ast.SetComp), f"a set may not be used: {_UNORDERED}"),
+    **dict.fromkeys(
+        (ast.AsyncFunctionDef, ast.Await, ast.AsyncFor, ast.AsyncWith), "async code has no place in a network"
+    ),
+    ast.MatchClass: "a class pattern reads attributes; use isinstance",
+}
+
+
+def check(source: str, contract: Contract) -> Rejection | None:
+    """Hold source text against the policy.
+
+    Args:
+        source: text as `extract` returned it.
+        contract: names the class that the text must define.
+
+    Returns:
+        None where the text may go on to the probe, else a rejection at stage `policy` that names the line.
+    """
+    tree = parse(source)
+    problem = tree if isinstance(tree, Problem) else _first_problem(source, tree, contract)
+    if problem is None:
+        return None
+    return Rejection(stage=Stage.policy, reason=problem.reason, detail=problem.detail)
+
+
+def _first_problem(source: str, tree: ast.Module, contract: Contract) -> Problem | None:
+    """Find the first breach, the text as a whole before its parts."""
+    found = list(_by_depth(tree))
+    if found[-1][1] > DEEPEST:
+        return Problem(Reason.too_complex, f"expected expressions nested at most {DEEPEST} deep; got more")
+    nodes = [node for node, _ in found]
+    scope = _scope(nodes)
+    problems = [
+        *_problems_of_text(source),
+        *(problem for node in nodes for problem in overrides(node)),
+        *(problem for node in nodes for problem in _problems_of(node, scope)),
+        *weight_changes(nodes, scope.imported),
+    ]
+    classes = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
+    if not problems and contract.class_name not in classes:
+        return Problem(Reason.no_class, f"expected a class {contract.class_name} at the top level; got none")
+    return min(problems, key=lambda problem: problem.line, default=None)
+
+
+def _by_depth(tree: ast.Module) -> Iterator[tuple[ast.AST, int]]:
+    """Walk a tree breadth first with each node's depth, without recursion; stops below the deepest allowed."""
+    waiting: deque[tuple[ast.AST, int]] = deque([(tree, 0)])
+    while waiting:
+        node, depth = waiting.popleft()
+        yield node, depth
+        if depth <= DEEPEST:
+            waiting.extend((child, depth + 1) for child in ast.iter_child_nodes(node))
+
+
+def _problems_of_text(source: str) -> Iterator[Problem]:
+    """Find what the syntax tree does not show: encodings, and identifiers that Python folds to others (NFKC)."""
+    for number, line in enumerate(source.split("\n")[:2], start=1):
+        cookie = _COOKIE.match(line)
+        if cookie and cookie[1].lower().replace("_", "-") not in ("utf-8", "utf8", "ascii", "us-ascii"):
+            yield Problem.at(Reason.forbidden_construct, number, f"expected UTF-8 text; got the encoding {cookie[1]}")
+    try:
+        for token in tokenize.generate_tokens(io.StringIO(source).readline):
+            if token.type in (tokenize.NAME, tokenize.ERRORTOKEN) and not token.string.isascii():
+                detail = f"identifier {token.string!r} is not plain ASCII"
+                yield Problem.at(Reason.forbidden_construct, token.start[0], detail)
+    except (tokenize.TokenError, SyntaxError) as error:
+        yield Problem(Reason.syntax, f"the text parses, but cannot be cut into tokens: {error.args[0]}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Scope:
+    """What the names of a text mean; one scope for all of it, since no honest network reuses a module's name."""
+
+    #: Names bound to modules, with the modules' dotted paths.
+    modules: Mapping[str, str]
+    #: Every name that an import binds.
+    imported: frozenset[str]
+    #: Every name that the text gives to something of its own: variables, arguments, functions and classes.
+    defined: frozenset[str]
+    #: Ids of the nodes of which an attribute is taken, and of those that are called.
+    bases: frozenset[int]
+    called: frozenset[int]
+
+
+def _scope(nodes: list[ast.AST]) -> _Scope:
+    """Collect what a text imports and how its expressions are used."""
+    imports = [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+    bindings = [binding for node in imports for binding in _bindings(node)]
+    modules = {name: path for name, path in bindings if allowed.is_module(path)}
+    return _Scope(
+        modules={**modules, **allowed.PROVIDED},
+        imported=frozenset([*allowed.PROVIDED, *(name for name, _ in bindings)]),
+        defined=frozenset(name for node in nodes if (name := _defined(node))),
+        bases=frozenset(id(node.value) for node in nodes if isinstance(node, ast.Attribute)),
+        called=frozenset(id(node.func) for node in nodes if isinstance(node, ast.Call)),
+    )
+
+
+def _defined(node: ast.AST) -> str | None:
+    """Give the name that a node binds, other than by an import; None where it binds none."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
+            return name
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            return name
+    return None
+
+
+def _bindings(node: ast.Import | ast.ImportFrom) -> list[tuple[str, str]]:
+    """List the names that an import binds, each with the dotted path of what it binds it to."""
+    if isinstance(node, ast.ImportFrom):
+        module = "." * node.level + (node.module or "")
+        return [(alias.asname or alias.name, f"{module}.{alias.name}") for alias in node.names]
+    tops = [(alias.name.split(".")[0], alias) for alias in node.names]
+    return [(alias.asname, alias.name) if alias.asname else (top, top) for top, alias in tops]
+
+
+def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
+    """Find the breaches at one node; its children are visited on their own."""
+    match node:
+        case ast.Import() | ast.ImportFrom():
+            yield from _problems_of_import(node, scope)
+        case ast.Name():
+            yield from _problems_of_name(node, scope)
+        case ast.Attribute():
+            yield from _problems_of_attribute(node, scope)
+        case ast.Call():
+            yield from _problems_of_call(node, scope)
+        case ast.Constant(value=str(text)) if _TEMPLATE.search(text):
+            yield Problem.at(Reason.forbidden_name, node, "a format template may not read special attributes")
+        case ast.FunctionDef(name=name):
+            if is_special(name) and name not in allowed.SPECIAL_METHODS:
+                methods = ", ".join(sorted(allowed.SPECIAL_METHODS))
+                yield Problem.at(Reason.forbidden_construct, node, f"method {name} may not be defined; only {methods}")
+            yield from _problems_of_binding(node, name, scope)
+        case ast.ClassDef(name=name):
+            if node.keywords:
+                yield Problem.at(Reason.forbidden_construct, node, f"class {name} may have bases only, no keywords")
+            yield from _problems_of_binding(node, name, scope)
+        case ast.arg(arg=name) | ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
+            yield from _problems_of_binding(node, name, scope)
+        case _ if type(node) in _REFUSED:
+            yield Problem.at(Reason.forbidden_construct, node, _REFUSED[type(node)])
+
+
+def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Iterator[Problem]:
+    """Hold an import against the allow-list."""
+    for alias, (name, path) in zip(node.names, _bindings(node), strict=True):
+        wanted = alias.name if isinstance(node, ast.Import) else path
+        module, _, last = path.rpartition(".")
+        is_member = isinstance(node, ast.ImportFrom) and allowed.is_module(module) and allowed.is_allowed(module, last)
+        if not (is_member or allowed.is_module(wanted)):
+            detail = f"{wanted} may not be imported; allowed is what a network needs of {allowed.IMPORTABLE}"
+            yield Problem.at(Reason.forbidden_import, node, detail)
+        elif scope.modules.get(name, path) != path:
+            yield Problem.at(Reason.forbidden_construct, node, f"{name} means {scope.modules[name]}, not {path}")
+
+
+def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
+    """Find forbidden built-ins, special names, and modules that are passed around or rebound."""
+    name = node.id
+    if not isinstance(node.ctx, ast.Load):
+        yield from _problems_of_binding(node, name, scope)
+    elif name in allowed.BUILTINS or (is_special(name) and name not in allowed.SPECIAL_NAMES):
+        yield Problem.at(Reason.forbidden_name, node, f"{name} may not be used in a network")
+    elif name in allowed.UNSTABLE and name not in scope.defined:
+        detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
+        yield Problem.at(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
+    elif name in allowed.CALLED_ONLY and id(node) not in scope.called:
+        yield Problem.at(Reason.forbidden_name, node, f"{name} may be called, but not passed around")
+    elif name in scope.modules and id(node) not in scope.bases:
+        yield Problem.at(Reason.forbidden_name, node, f"module {name} may only be used as {name}.something")
+
+
+def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Problem]:
+    """Find names of modules that come to mean something else."""
+    if name in scope.modules:
+        detail = f"{name} is the module {scope.modules[name]}; choose another name"
+        yield Problem.at(Reason.forbidden_construct, node, detail)
+
+
+def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Problem]:
+    """Find attributes that lead out of the network, and changes to what was imported."""
+    yield from _problems_of_attribute_name(node, node.attr)
+    if not isinstance(node.ctx, ast.Load) and _root(node) in scope.imported:
+        yield Problem.at(Reason.forbidden_construct, node, f"{ast.unparse(node)} is not the network's to change")
+    module = _module_of(node.value, scope)
+    if module is None:
+        return
+    path = f"{module}.{node.attr}"
+    if allowed.is_module(path):
+        if id(node) not in scope.bases:
+            yield Problem.at(Reason.forbidden_name, node, f"module {path} may only be used as {path}.something")
+    elif not allowed.is_allowed(module, node.attr):
+        yield Problem.at(Reason.forbidden_name, node, f"{path} is not among the names allowed in {module}")
+
+
+def _problems_of_attribute_name(node: ast.AST, name: str) -> Iterator[Problem]:
+    """Find attribute names that are forbidden whatever they are taken of."""
+    if name in allowed.ATTRIBUTES or (is_special(name) and name not in allowed.SPECIAL_NAMES):
+        yield Problem.at(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
+
+
+def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
+    """Find calls of `input`, which is a fine name for an argument, and attributes that are named by a string."""
+    function = node.func.id if isinstance(node.func, ast.Name) else ""
+    if function == "input":
+        yield Problem.at(Reason.forbidden_name, node, "input may not be called in a network")
+    if function in ("setattr", "delattr") and node.args and _root(node.args[0]) in scope.imported:
+        yield Problem.at(Reason.forbidden_construct, node, f"{function} may not change what was imported")
+    match node.args:
+        case [_, ast.Constant(value=str(name)), *_] if function in allowed.CALLED_ONLY:
+            yield from _problems_of_attribute_name(node, name)
+
+
+def _module_of(node: ast.AST, scope: _Scope) -> str | None:
+    """Find the module that an expression such as `torch.nn` stands for; None where it is something else."""
+    if isinstance(node, ast.Name):
+        return scope.modules.get(node.id)
+    if isinstance(node, ast.Attribute):
+        base = _module_of(node.value, scope)
+        path = f"{base}.{node.attr}"
+        return path if base is not None and allowed.is_module(path) else None
+    return None
+
+
+def _root(node: ast.AST) -> str | None:
+    """Find the name that a chain of attributes and subscripts begins with."""
+    while isinstance(node, ast.Attribute | ast.Subscript):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else None

@@ -1,0 +1,73 @@
+"""Names of `nn.Module` that a text gives a meaning of its own, in a class or on an object.
+
+A network that answers `parameters()`, `train()` or `state_dict()` itself can misreport its size and ignore its mode.
+"""
+
+import ast
+from collections.abc import Iterable, Iterator
+
+from tacevo.gate.blocks import Problem, is_special
+from tacevo.gate.policy import allowed
+from tacevo.records import Reason
+
+_Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+
+
+def overrides(node: ast.AST) -> Iterator[Problem]:
+    """Find what one node binds of the names in `allowed.MODULE_NAMES`; its children are visited on their own.
+
+    A class is searched for what its body binds: methods, variables in every form of assignment, imports, classes. A
+    method's own variables are free, and so are names outside classes. Attributes are searched wherever they are
+    written to or deleted.
+    """
+    match node:
+        case ast.ClassDef():
+            for part in _class_scope(node.body):
+                yield from _problems_of_class(part)
+        case ast.Attribute(attr=name, ctx=ast.Store() | ast.Del()):
+            yield from _problems_of_name(node, name)
+        case ast.Call(func=ast.Name(id="setattr" | "delattr"), args=[_, ast.Constant(value=str(name)), *_]):
+            yield from _problems_of_name(node, name)
+        case ast.Call(func=ast.Name(id="type"), args=[_, _, *_]):
+            yield Problem.at(Reason.redefines_module, node, "type may not make a class; write a class statement")
+
+
+def _problems_of_class(part: ast.AST) -> Iterator[Problem]:
+    for name in _bound(part):
+        yield from _problems_of_name(part, name)
+        if is_special(name) and name not in allowed.SPECIAL_BINDINGS and not isinstance(part, ast.FunctionDef):
+            yield Problem.at(Reason.forbidden_construct, part, f"special name {name} may not be assigned in a class")
+
+
+def _problems_of_name(node: ast.AST, name: str) -> Iterator[Problem]:
+    if name in allowed.MODULE_NAMES:
+        detail = f"{name} is nn.Module's own name and may not be defined or assigned; choose another name"
+        yield Problem.at(Reason.redefines_module, node, detail)
+
+
+def _class_scope(nodes: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """Walk what runs in a class's own scope: no body of a function, no nested class, no comprehension."""
+    for node in nodes:
+        yield node
+        match node:
+            case ast.FunctionDef():
+                yield from _class_scope([*node.decorator_list, node.args, *filter(None, [node.returns])])
+            case ast.Lambda():
+                yield from _class_scope([node.args])
+            case ast.ClassDef():
+                yield from _class_scope([*node.decorator_list, *node.bases])
+            case _ if not isinstance(node, _Comprehension):
+                yield from _class_scope(ast.iter_child_nodes(node))
+
+
+def _bound(node: ast.AST) -> Iterator[str]:
+    """Name what a node of a scope binds there or deletes from it."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store() | ast.Del()) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+            yield name
+        case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+            yield name
+        case ast.MatchMapping(rest=str(name)):
+            yield name
+        case ast.alias(name=path, asname=name):
+            yield name or path.split(".")[0]

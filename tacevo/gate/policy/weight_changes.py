@@ -1,0 +1,213 @@
+"""What a text does to weights, or to a module's mode, while the network runs; constructors may do all of it.
+
+What runs is what `forward` reaches by name: methods and functions that it names, and all that they name. A function
+that only a constructor names initialises. Text can hide a name; what a pass then changes, the probe sees.
+"""
+
+import ast
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from tacevo.gate.blocks import Problem, is_special
+from tacevo.records import Reason
+
+#: Attributes that may not be used while the network runs, each with the reason.
+_ATTRIBUTES: Mapping[str, Reason] = {
+    **dict.fromkeys(("data", "grad", "backward", "load_state_dict"), Reason.changes_its_weights),
+    **dict.fromkeys(("train", "eval"), Reason.changes_its_mode),
+}
+
+#: Names of the parameters of torch's own layers.
+_LAYER_PARAMETER = re.compile(r"(in_proj_)?(weight|bias)(_(ih|hh)\w*)?")
+
+_PARAMETER_CLASSES = ("Parameter", "ParameterList", "ParameterDict")
+
+_CONSTRUCTORS = ("__init__", "__post_init__")
+
+_HOOK = re.compile(r"register_\w*hook")
+
+_Function = ast.FunctionDef | ast.Lambda
+
+
+def weight_changes(nodes: list[ast.AST], imported: Collection[str]) -> Iterator[Problem]:
+    """Find uses of `.data`, `.grad`, modes and in-place operations on parameters in what runs.
+
+    Args:
+        nodes: every node of a text.
+        imported: the names that are not the text's own, such as `torch` and `nn`.
+    """
+    attributes = frozenset(name for node in nodes for name in _made_parameters(node))
+    for function in _running(nodes):
+        own = list(_own(function))
+        names = _Names(imported, attributes, frozenset())
+        names = replace(names, variables=frozenset(alias for node in own for alias in _aliases(node, names)))
+        for node in own:
+            yield from _problems_of(node, names)
+
+
+@dataclass(frozen=True, slots=True)
+class _Names:
+    """What names stand for in one function."""
+
+    imported: Collection[str]
+    #: Attributes that the text makes parameters.
+    attributes: frozenset[str]
+    #: Variables that the function sets to one, or that run through a list of them.
+    variables: frozenset[str]
+
+    def are_imported(self, node: ast.expr) -> bool:
+        """Say whether an expression such as `nn.init` begins with a name that is not the text's own."""
+        while isinstance(node, ast.Attribute):
+            node = node.value
+        return isinstance(node, ast.Name) and node.id in self.imported
+
+    def hold(self, node: ast.AST | None) -> bool:
+        """Say whether an expression is a parameter, or shares the memory of one."""
+        match node:
+            case ast.Name(id=name):
+                return name in self.variables
+            case ast.Attribute(attr=name):
+                return name in self.attributes or _LAYER_PARAMETER.fullmatch(name) is not None
+            case ast.Subscript(value=value) | ast.Call(func=ast.Attribute(value=value, attr="detach")):
+                return self.hold(value)
+        return False
+
+
+def _problems_of(node: ast.AST, names: _Names) -> Iterator[Problem]:
+    """Find what one node of a running function does to weights or modes."""
+    match node:
+        case ast.Attribute(attr=name) if name in _ATTRIBUTES:
+            yield _problem_of_attribute(node, name)
+        case ast.Call(func=ast.Name(id="getattr" | "setattr"), args=[_, ast.Constant(value=str(name)), *_]):
+            if name in _ATTRIBUTES:
+                yield _problem_of_attribute(node, name)
+        case ast.AugAssign(target=target) if names.hold(target):
+            yield _problem_of_change(node, target)
+        case ast.Subscript(ctx=ast.Store()) if names.hold(node):
+            yield _problem_of_change(node, node)
+    if isinstance(node, ast.Call):
+        for changed in _changed(node, names):
+            if names.hold(changed):
+                yield _problem_of_change(node, changed)
+
+
+def _changed(call: ast.Call, names: _Names) -> Iterator[ast.expr]:
+    """Give what a call changes if its name ends as in-place operations do, and what it is told to write to."""
+    name = _called(call)
+    if name.endswith("_") and not is_special(name):
+        match call.func:
+            case ast.Attribute(value=owner) if not names.are_imported(owner):
+                yield owner
+            case _:  # a function, such as nn.init.zeros_
+                yield from call.args[:1]
+    yield from (word.value for word in call.keywords if word.arg in ("out", "tensor"))
+
+
+def _problem_of_attribute(node: ast.AST, name: str) -> Problem:
+    what = "switch modes" if _ATTRIBUTES[name] is Reason.changes_its_mode else "reach its weights or gradients"
+    return Problem.at(_ATTRIBUTES[name], node, f"a running network may not {what} by {name}; the trainer does that")
+
+
+def _problem_of_change(node: ast.AST, changed: ast.expr) -> Problem:
+    detail = f"a running network may not change its weights ({ast.unparse(changed)}); initialise in the constructor"
+    return Problem.at(Reason.changes_its_weights, node, detail)
+
+
+def _made_parameters(node: ast.AST) -> Iterator[str]:
+    """Name the attributes that a node of a text makes parameters."""
+    match node:
+        case ast.Assign(targets=targets, value=value) if _makes_parameters(value):
+            yield from (target.attr for target in targets if isinstance(target, ast.Attribute))
+        case ast.AnnAssign(target=ast.Attribute(attr=name), value=value) if value and _makes_parameters(value):
+            yield name
+        case ast.Call(func=ast.Attribute(attr="register_parameter"), args=[ast.Constant(value=str(name)), *_]):
+            yield name
+
+
+def _makes_parameters(value: ast.expr) -> bool:
+    return isinstance(value, ast.Call) and _called(value) in _PARAMETER_CLASSES
+
+
+def _aliases(node: ast.AST, names: _Names) -> Iterator[str]:
+    """Name the variables that a node sets to a parameter, or lets run through parameters."""
+    match node:
+        case ast.Assign(targets=targets, value=value) if names.hold(value):
+            yield from (target.id for target in targets if isinstance(target, ast.Name))
+        case ast.NamedExpr(target=ast.Name(id=name), value=value) if names.hold(value):
+            yield name
+        case ast.For(target=target, iter=source) | ast.comprehension(target=target, iter=source):
+            calls = [part for part in ast.walk(source) if isinstance(part, ast.Call)]
+            if names.hold(source) or any(_called(call) in ("parameters", "named_parameters") for call in calls):
+                yield from (part.id for part in ast.walk(target) if isinstance(part, ast.Name))
+
+
+def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
+    """Give the functions that run after construction."""
+    named: dict[str, list[ast.AST]] = {}
+    for name, function in chain.from_iterable(map(_named, nodes)):
+        named.setdefault(name, []).append(function)
+    known = {id(function) for function in chain(*named.values(), *map(_applied, nodes))}
+    named[""] = [node for node in nodes if isinstance(node, ast.Lambda) and id(node) not in known]
+    hooks = {name for node in nodes if _is_hook(node) for name in _mentions(ast.walk(node))}
+    reached = ["", "forward", *hooks, *filter(is_special, named)]
+    seen = {*reached}
+    for name in reached:  # grows while it is walked
+        for function in named.get(name, ()):
+            if isinstance(function, _Function):
+                yield function
+            new = _mentions(_own(function) if isinstance(function, _Function) else [function]) - seen
+            seen |= new
+            reached += sorted(new)
+
+
+def _named(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    """Give the functions that a node names, or the names to which it gives another one."""
+    match node:
+        case ast.FunctionDef(name=name) if name not in _CONSTRUCTORS:
+            yield name, node
+        case ast.Assign(targets=targets, value=ast.Lambda() | ast.Name() | ast.Attribute() as value):
+            for target in targets:
+                if isinstance(target, ast.Name | ast.Attribute):
+                    yield (target.id if isinstance(target, ast.Name) else target.attr), value
+
+
+def _applied(node: ast.AST) -> list[ast.Lambda]:
+    """Give the lambdas that `apply` is called with: it calls them at once, on each module."""
+    match node:
+        case ast.Call(func=ast.Attribute(attr="apply"), args=args):
+            return [part for part in args if isinstance(part, ast.Lambda)]
+    return []
+
+
+def _is_hook(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and _HOOK.fullmatch(_called(node)) is not None
+
+
+def _mentions(nodes: Iterable[ast.AST]) -> set[str]:
+    """Collect the names, attributes and words that could name a function."""
+    found = set()
+    for node in nodes:
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.Constant(value=str(name)):
+                found.add(name)
+    return found
+
+
+def _own(function: _Function) -> Iterator[ast.AST]:
+    """Walk a function, and of the functions inside it only those that are called at once."""
+    waiting: list[ast.AST] = [*(function.body if isinstance(function, ast.FunctionDef) else [function.body])]
+    for node in waiting:  # grows while it is walked
+        waiting += [applied.body for applied in _applied(node)]
+        if not isinstance(node, _Function):
+            yield node
+            waiting += ast.iter_child_nodes(node)
+
+
+def _called(call: ast.Call) -> str:
+    """Give the last name of what is called; nothing where it has none."""
+    match call.func:
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return name
+    return ""

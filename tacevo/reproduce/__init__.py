@@ -1,0 +1,1 @@
+"""Replay, retrain, compare and export runs."""

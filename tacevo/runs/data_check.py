@@ -1,0 +1,167 @@
+"""`tacevo data`: looking at a data set before a search, and writing a simulated one as files."""
+
+import contextlib
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from tacevo.config.compose import compose
+from tacevo.config.recorded import read_run
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import load_task
+from tacevo.data.dataset import Dataset
+from tacevo.data.figures import contact_sheet, format_of, sample_figure, save
+from tacevo.data.labels import units_of
+from tacevo.data.simulator.export import export, overrides_for
+from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.source import Catalogue
+from tacevo.data.survey import survey
+from tacevo.data.workers import Progress
+from tacevo.errors import ConfigError
+from tacevo.runs.data_report import Inspection
+from tacevo.runs.datasets import load_data, load_same, source_of
+from tacevo.runs.progress import PlainView
+from tacevo.storage.run_directory import RunDirectory
+
+#: Stands for the choice that some experiments leave to the user: a data set is looked at without a model.
+_NO_MODEL = "llm=grammar"
+
+
+def check(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
+    """Load a data set as a search would, count it and write a contact sheet.
+
+    Args:
+        overrides: as for a search.
+        output: the sheet's file; None for `contact-sheet-<fingerprint>.png` in the current folder.
+        console: where progress is shown.
+
+    Raises:
+        TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
+    """
+    sheet = None if output is None else _writable(output)
+    config = compose([_NO_MODEL, *overrides])
+    catalogue = source_of(config).catalogue()
+    dataset = _load(config, catalogue, console)
+    units = units_of(catalogue)
+    path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
+    counts = " / ".join(map(str, dataset.facts.counts))
+    title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
+    save(contact_sheet(dataset, units=units, title=title), path)
+    return Inspection(
+        config=config,
+        dataset=dataset,
+        survey=survey(dataset, units),
+        catalogue=catalogue,
+        sheet=path,
+    )
+
+
+def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:
+    """Draw the sample pictures of a data set; return the file.
+
+    Raises:
+        TacevoError: as `check`.
+    """
+    path = _writable(output)
+    config = compose([_NO_MODEL, *overrides])
+    catalogue = source_of(config).catalogue()
+    dataset = _load(config, catalogue, console)
+    units = units_of(catalogue)
+    save(sample_figure(dataset, units=units, width=width), path)
+    return path
+
+
+def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
+    """Draw the sample pictures of the data set that a run searched with.
+
+    Args:
+        path: the run directory.
+        store: where its stores lie, if not where the run had them; what is simulated anew is kept there.
+        console: where progress is shown.
+
+    Raises:
+        DataError: the data set is missing, or is not the one that the run had.
+        TacevoError: this is no run directory.
+    """
+    config, _, facts = read_run(RunDirectory(path), store)
+    catalogue = source_of(config).catalogue()
+    with PlainView(console) as view:
+        dataset = load_same(config, facts, view, catalogue=catalogue)
+    return sample_figure(dataset, units=units_of(catalogue), width="double")
+
+
+def simulate(settings: Sequence[str], console: Console) -> str:
+    """Write a simulated data set as files.
+
+    Args:
+        settings: overrides as for a search, and two of its own: `out=FOLDER`, and `n=IMAGES` for `data.images`.
+        console: where progress is shown.
+
+    Returns:
+        What was written, and the command that reads it.
+
+    Raises:
+        TacevoError: a setting is missing or wrong, or the folder exists.
+    """
+    out, overrides = _taken_out(settings)
+    config = compose([_NO_MODEL, *overrides])
+    source = source_of(config)
+    if not isinstance(source, Simulated):
+        raise ConfigError(
+            f"only simulated data can be written as files; got data={config.data.source}; set data=simulated"
+        )
+    with _shown(console) as progress:
+        count = export(source, out, workers=config.executor.workers, progress=progress)
+    command = shlex.join(overrides_for(source, out))
+    return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
+
+
+def _load(config: RunConfig, catalogue: Catalogue, console: Console) -> Dataset:
+    """Load a data set whose catalogue is there already, and see that it suits its task, as a search does."""
+    with _shown(console) as progress:
+        dataset = load_data(config, progress, PlainView(console).say, catalogue=catalogue)
+    load_task(config, dataset.facts)
+    return dataset
+
+
+def _writable(name: str) -> Path:
+    """Check the name of a picture before any work is done for it."""
+    path = Path(name)
+    format_of(path)
+    if path.is_dir():
+        raise ConfigError(f"-o names {path}, which is a folder; name a file")
+    if not path.absolute().parent.is_dir():
+        raise ConfigError(f"-o names a file in {path.parent}, which is no folder; make it first")
+    return path
+
+
+def _taken_out(settings: Sequence[str]) -> tuple[Path, list[str]]:
+    """Part `out=` from the overrides, and give `n=` its long name."""
+    outs = [setting.removeprefix("out=") for setting in settings if setting.startswith("out=")]
+    if len(outs) != 1 or not outs[0]:
+        raise ConfigError(f"out=FOLDER must say once where the files go; got {outs}")
+    others = [setting for setting in settings if not setting.startswith("out=")]
+    return Path(outs[0]), [f"data.images={own[2:]}" if own.startswith("n=") else own for own in others]
+
+
+@contextlib.contextmanager
+def _shown(console: Console) -> Iterator[Progress]:
+    """Show how many images are made: a bar with rate and time left on a terminal, one line elsewhere."""
+    if not console.is_terminal:
+        yield PlainView(console).data
+        return
+    columns = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())
+    with Bars(TextColumn("images"), BarColumn(), *columns, console=console) as bars:
+        task = bars.add_task("images", total=None, rate="", visible=False)
+
+        def told(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total, visible=True)
+            speed = bars.tasks[task].speed
+            bars.update(task, rate="" if speed is None else f"{speed:.0f}/s")
+
+        yield told

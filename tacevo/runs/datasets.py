@@ -1,0 +1,132 @@
+"""The data set that a configuration names."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from tacevo.choices import DataSource, SensorTask
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import require_fit
+from tacevo.data.dataset import Dataset
+from tacevo.data.loading import load
+from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.source import Catalogue, Source
+from tacevo.data.sources.arrays import Arrays
+from tacevo.data.sources.folder import Folder
+from tacevo.data.sources.table import Table
+from tacevo.data.sources.tacverse import TacVerse
+from tacevo.data.workers import Progress
+from tacevo.errors import ConfigError, DataError
+from tacevo.records import DataFacts
+from tacevo.runs.progress import Listener
+
+
+def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue: Catalogue | None = None) -> Dataset:
+    """Load the data set that a run had.
+
+    Args:
+        config: of the run.
+        facts: of the run's data set.
+        view: who is told.
+        catalogue: of the source, where it is there already.
+
+    Raises:
+        DataError: it is missing, or is not the one that the run had.
+    """
+    data = load_data(config, view.data, view.say, catalogue=catalogue)
+    if data.facts.fingerprint != facts.fingerprint:
+        raise DataError(
+            f"data={config.data.source} has the fingerprint {data.facts.fingerprint[:12]}; the run had "
+            f"{facts.fingerprint[:12]}: images, labels or split are others. Restore the data set of the run"
+        )
+    return data
+
+
+def load_data(
+    config: RunConfig,
+    progress: Progress | None,
+    say: Callable[[str], None] | None = None,
+    *,
+    catalogue: Catalogue | None = None,
+) -> Dataset:
+    """Load or make the data set that a configuration names.
+
+    Args:
+        config: the configuration.
+        progress: told while images are made.
+        say: told in one line where the images of another process are waited for.
+        catalogue: the catalogue of this very source, where it is there already.
+
+    Raises:
+        DataError: it is missing or broken.
+        ConfigError: it does not suit the task.
+    """
+    return load(
+        source_of(config),
+        split=config.data.split,
+        split_seed=config.data.split_seed,
+        normalisation=config.data.normalisation,
+        target_scaling=config.task.target_scaling,
+        cache=Path(config.store.root) / "data",
+        workers=min(config.executor.workers, os.cpu_count() or 1),
+        accept=lambda catalogue: require_fit(
+            config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
+        ),
+        progress=progress,
+        say=say,
+        catalogue=catalogue,
+    )
+
+
+def source_of(config: RunConfig) -> Source:
+    """Name where a configuration's images come from; nothing is read yet.
+
+    Raises:
+        ConfigError: the source does not know the task.
+    """
+    data = config.data
+    root = Path(data.root or "")
+    match data.source:
+        case DataSource.simulated:
+            return Simulated(
+                task=_sensor_task(config),
+                images=data.images,
+                image_size=data.image_size,
+                seed=data.seed,
+                spacings_mm=tuple(data.spacings_mm),
+                sensor_seed=data.sensor_seed,
+                light=data.light,
+            )
+        case DataSource.csv:
+            return Table(
+                root=root,
+                table=data.table,
+                image_column=data.image_column,
+                target_columns=tuple(data.target_columns),
+                image_size=data.image_size,
+                skip_missing=data.skip_missing,
+            )
+        case DataSource.folder:
+            return Folder(root=root, image_size=data.image_size)
+        case DataSource.tacverse:
+            return TacVerse(
+                root=root,
+                task=_sensor_task(config),
+                sensor=data.sensor,
+                pattern=data.pattern,
+                image_size=data.image_size,
+                skip_missing=data.skip_missing,
+            )
+        case DataSource.numpy:
+            return Arrays(root=root, image_size=data.image_size)
+
+
+def _sensor_task(config: RunConfig) -> SensorTask:
+    """Find a configuration's task among those of the sensor."""
+    try:
+        return SensorTask(config.task.name)
+    except ValueError as error:
+        raise ConfigError(
+            f"data={config.data.source} knows the tasks {', '.join(SensorTask)}; got task.name={config.task.name}; "
+            "choose other data"
+        ) from error

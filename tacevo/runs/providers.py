@@ -1,0 +1,161 @@
+"""From a configuration to whoever answers requests: provider, budget and store, one before the other."""
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from tacevo.choices import OPTIONAL_SAMPLING, Provider
+from tacevo.config.ablation import GROUP, read_arm, split_arm
+from tacevo.config.compose import read_named
+from tacevo.config.schema import LLMConfig, RunConfig
+from tacevo.errors import ConfigError
+from tacevo.llm.batch_records import BatchRecords, UnbatchedLLM
+from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
+from tacevo.llm.failures import Models
+from tacevo.llm.grammar.provider import MODEL as GRAMMAR
+from tacevo.llm.grammar.provider import GrammarLLM
+from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.prices import PriceTable, parse_prices
+from tacevo.llm.recording import RecordingLLM, ever_answered, ever_refused
+from tacevo.records import Delivery, Mode, Price, Setting
+from tacevo.search.effects import LLM
+from tacevo.search.unsent import TEMPERATURE
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import Seen, Store
+
+
+def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
+    """Put the store before the provider, and the budget between them; in a replay there is no provider.
+
+    Args:
+        config: the run's configuration.
+        mode: `replay`, or else the completions follow `llm.mode`.
+        seen: told of every store entry that is read.
+
+    Raises:
+        ConfigError: a key, an extra, a model or a price is missing.
+    """
+    llm, root = config.llm, Path(config.store.root)
+    if mode is Mode.replay or llm.mode is Mode.replay:
+        return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
+    stop = threading.Event()
+    prices = load_prices(llm.prices)
+    provider = _provider(llm, root, prices, stop)
+    store = Store(root, "completions", llm.mode, seen=seen)
+    if llm.budget_usd is None:
+        return RecordingLLM(provider, store, price=prices.price_of, stop=stop)
+    account = Account(prices.price_of)
+    budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+    return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of, stop=stop), account)
+
+
+def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
+    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers tell.
+
+    Args:
+        overrides: what tells a search apart from those that it is compared with, among them its arm.
+        config: of the search.
+
+    Raises:
+        ConfigError: they set a temperature, and the model refuses it.
+    """
+    choice, others = split_arm(overrides)
+    settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
+    settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
+    if settings and ever_refused(Store(Path(config.store.root), "completions"), config.llm.model, TEMPERATURE):
+        raise ConfigError(
+            f"{' '.join(settings)} is about temperatures, and {config.llm.model} refuses them, as its answers in "
+            f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
+        )
+
+
+def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
+    """Name what else an answer depends on, beside the request's own fields; what is not set is not named."""
+    if llm.provider is Provider.grammar:
+        return (("slip_rate", llm.slip_rate),)
+    chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
+    return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
+
+
+def _provider(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
+    match llm.provider:
+        case Provider.grammar:
+            if llm.model != GRAMMAR:
+                raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
+            return GrammarLLM(slip_rate=llm.slip_rate)
+        case Provider.anthropic:
+            return _anthropic(llm, root, prices, stop)
+        case Provider.openai:
+            return _openai(llm, root, stop)
+
+
+def _models(root: Path, prices: PriceTable | None = None) -> Models:
+    """Know of the models what the recorded answers and a price table say."""
+    store = Store(root, "completions")
+    return Models(lambda request: ever_answered(store, request), prices=prices)
+
+
+def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
+    """Connect to Claude once, so that a missing key is told at once."""
+    from tacevo.llm.anthropic import connect, connect_batches
+    from tacevo.llm.batches import BatchLLM
+
+    store, folder = Store(root, "completions"), root / "batches"
+    with connect_batches(llm.base_url) as client:
+        server = content_hash(str(client.base_url))
+    if llm.delivery is Delivery.batch:
+        return BatchLLM(
+            lambda: connect_batches(llm.base_url),
+            store=store,
+            folder=folder,
+            name="llm=anthropic",
+            models=_models(root, prices),
+            stop=stop,
+        )
+    hosted = HostedLLM(
+        lambda: connect(llm.base_url, llm.concurrency),
+        concurrency=llm.concurrency,
+        name="llm=anthropic",
+        models=_models(root, prices),
+        stop=stop,
+    )
+    return UnbatchedLLM(hosted, store=store, records=BatchRecords(folder, server))
+
+
+def _openai(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
+    """Connect to an OpenAI-compatible server once, so that a missing key or extra is told at once."""
+    from tacevo.llm.openai import connect
+
+    connect(llm.base_url, 1)
+    return HostedLLM(
+        lambda: connect(llm.base_url, llm.concurrency),
+        concurrency=llm.concurrency,
+        name="llm=openai",
+        models=_models(root),
+        stop=stop,
+    )
+
+
+def _price(llm: LLMConfig, prices: PriceTable) -> Price:
+    """Price the model that a budget is for."""
+    price = prices.price(llm.model, llm.delivery)
+    if price is None:
+        raise ConfigError(
+            f"llm.budget_usd needs the price of {llm.model}, which {llm.prices} lacks; add the model there, name a "
+            "table of your own by llm.prices=FILE, or set llm.budget_usd=null"
+        )
+    return price
+
+
+def load_prices(name: str) -> PriceTable:
+    """Read a price table, relative to conf/ or absolute.
+
+    Raises:
+        ConfigError: the file is missing or malformed.
+    """
+    try:
+        return parse_prices(yaml.safe_load(read_named("llm.prices", name)), name)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"llm.prices names {name}, which is not YAML: {error}") from error

@@ -1,0 +1,255 @@
+"""CVT MAP-Elites: one elite in each niche of a centroidal Voronoi tessellation of [0, 1]^d.
+
+Vassiliades, Chatzilygeroudis and Mouret 2018, arXiv:1610.05729. The archive of networks and the archive of
+prompts are both this one; they differ in what their axes mean. `Places` is the archive without niches that an
+ablation puts in its place: the best networks, wherever they lie.
+"""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tacevo.randomness import derived_seed, stream
+from tacevo.search.growing import Growing
+
+#: Coordinates of a point, shape (d,).
+Point = tuple[float, ...]
+
+
+class AddStatus(StrEnum):
+    """What an insertion did; `rejected` leaves the archive as it was."""
+
+    new = "new"
+    improved = "improved"
+    rejected = "rejected"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elite:
+    """The occupant of a niche."""
+
+    name: str
+    #: What elites of one niche compete by; higher is better.
+    objective: float
+
+
+@dataclass(frozen=True, slots=True)
+class Archive:
+    """The elites, by niche."""
+
+    elites: Mapping[int, Elite] = field(default_factory=dict)
+
+
+class Tessellation:
+    """The niches: which centroid a point of [0, 1]^d is nearest to.
+
+    Args:
+        centroids: shape (niches, d).
+    """
+
+    def __init__(self, centroids: Sequence[Sequence[float]] | NDArray[np.float64]) -> None:
+        self.centroids = np.asarray(centroids, dtype=np.float64)
+        self._tree = cKDTree(self.centroids)
+
+    @property
+    def niches(self) -> int:
+        """The number of niches."""
+        return len(self.centroids)
+
+    def niche_of(self, point: Sequence[float]) -> int:
+        """Find the niche of a point of shape (d,).
+
+        Raises:
+            ValueError: a coordinate is NaN or infinite, or there are not d of them.
+        """
+        return self.niches_of([point])[0]
+
+    def niches_of(self, points: Sequence[Sequence[float]]) -> list[int]:
+        """Find the niches of points of shape (n, d) in one go; raises as `niche_of` does."""
+        dimensions = self.centroids.shape[1]
+        for point in points:
+            if len(point) != dimensions or not all(math.isfinite(value) for value in point):
+                raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
+        found = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
+        return [int(niche) for niche in np.atleast_1d(found)]
+
+
+def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:
+    """Spread centroids evenly over the unit cube by k-means on uniform samples.
+
+    k-means differs in its last bits between CPUs. The result is rounded, which hides most of that, and stored,
+    which hides the rest: a replayed run reads the centroids of its recording.
+
+    Returns:
+        Centroids, shape (niches, dimensions), in [0, 1], rounded to 9 decimals.
+    """
+    from sklearn.cluster import KMeans  # a second to import, needed once per archive shape
+
+    points = stream(seed, "centroids", niches, dimensions, samples).random((samples, dimensions))
+    means = KMeans(niches, n_init=1, random_state=derived_seed(seed, "k-means") % 2**32).fit(points)
+    return [[round(float(value), 9) for value in centroid] for centroid in means.cluster_centers_]
+
+
+def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStatus]:
+    """Offer an elite to a niche; return the archive that results.
+
+    The incumbent keeps its niche on a tie, so the order of arrival is part of the result and replay must
+    preserve it.
+
+    Raises:
+        ValueError: the objective is NaN, which can be compared with nothing.
+    """
+    if math.isnan(elite.objective):
+        raise ValueError(f"the objective of {elite.name} must be a number; got nan")
+    incumbent = archive.elites.get(niche)
+    if incumbent is not None and elite.objective <= incumbent.objective:
+        return archive, AddStatus.rejected
+    grown = replace(archive, elites={**archive.elites, niche: elite})
+    return grown, AddStatus.new if incumbent is None else AddStatus.improved
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Places:
+    """An archive without niches: so many places for the best networks of all."""
+
+    #: How many, at least 1.
+    niches: int
+
+    def place_of(self, archive: Archive, newcomer: Elite) -> int:
+        """Find the place that a newcomer competes for; `insert` then decides as in a niche.
+
+        One exactly as fit as a network that is kept competes with that one, and loses the tie: a network that comes
+        twice, which has the same fitness twice, holds one place only. Any other takes the first empty place; where
+        there is none, it competes with the least fit.
+        """
+        for place, elite in archive.elites.items():
+            if elite.objective == newcomer.objective:
+                return place
+        if len(archive.elites) < self.niches:
+            return len(archive.elites)
+        return min(archive.elites, key=lambda place: archive.elites[place].objective)
+
+
+def coverage(archive: Archive, niches: int) -> float:
+    """Give the part of the niches, or places, that is occupied, in [0, 1]."""
+    return len(archive.elites) / niches
+
+
+def qd_score(archive: Archive, quality: Callable[[float], float]) -> float:
+    """Sum the quality of all elites (Pugh, Soros and Stanley 2016, doi:10.3389/frobt.2016.00040).
+
+    Args:
+        archive: the archive.
+        quality: maps an objective to a quality >= 0, so that a further elite never lowers the score.
+    """
+    return math.fsum(quality(elite.objective) for elite in archive.elites.values())
+
+
+def quality(objective: float) -> float:
+    """Turn an objective, the negative of a loss f >= 0, into a quality in (0, 1]: 1 / (1 + f)."""
+    return 1.0 / (1.0 - objective)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """The range of each descriptor that min-max normalisation maps to [0, 1]."""
+
+    low: Point
+    high: Point
+
+    def covering(self, point: Point) -> "Bounds":
+        """Widen the bounds just so far that they hold a point."""
+        low = tuple(map(min, self.low, point))
+        high = tuple(map(max, self.high, point))
+        return self if (low, high) == (self.low, self.high) else Bounds(low=low, high=high)
+
+    def normalise(self, point: Point) -> Point:
+        """Map a point into [0, 1]^d; outside the bounds it is clipped, and an axis without extent gives 0.5."""
+        axes = zip(point, self.low, self.high, strict=True)
+        return tuple(min(max((x - a) / (b - a), 0.0), 1.0) if b > a else 0.5 for x, a, b in axes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A candidate as the network archive sees it."""
+
+    elite: Elite
+    #: Descriptors before normalisation.
+    point: Point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkArchive:
+    """A_N: an archive under min-max bounds that may move.
+
+    When a candidate lies outside the bounds of all candidates before it, the bounds move, every normalised
+    descriptor changes, and the archive is rebuilt by re-inserting all candidates in order (docs/paper.md).
+    """
+
+    archive: Archive = field(default_factory=Archive)
+    #: None until the first candidate arrives, and for an archive without niches.
+    bounds: Bounds | None = None
+    #: Bounds given by the config never move.
+    fixed: bool = False
+    #: Every candidate offered so far by its name, in order.
+    history: Growing[Placed] = field(default_factory=Growing)
+
+    def offer(self, niches: Tessellation | Places, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
+        """Offer a candidate.
+
+        Returns:
+            The archive that results, the newcomer's niche or place in it, and what the insertion did.
+        """
+        if isinstance(niches, Tessellation):
+            return self._offer_to_niche(niches, newcomer)
+        place = niches.place_of(self.archive, newcomer.elite)
+        archive, status = insert(self.archive, place, newcomer.elite)
+        return replace(self, archive=archive, history=self._with(newcomer)), place, status
+
+    def _offer_to_niche(self, tessellation: Tessellation, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
+        bounds = self.bounds or Bounds(low=newcomer.point, high=newcomer.point)
+        archive = self.archive
+        if not self.fixed:
+            bounds = bounds.covering(newcomer.point)
+            if bounds != self.bounds:
+                archive = _rebuilt(tessellation, bounds, self.history.values())
+        niche = tessellation.niche_of(bounds.normalise(newcomer.point))
+        archive, status = insert(archive, niche, newcomer.elite)
+        return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
+
+    def _with(self, newcomer: Placed) -> Growing[Placed]:
+        return self.history.adding(newcomer.elite.name, newcomer)
+
+
+def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: Collection[Placed]) -> Archive:
+    """Re-insert all candidates, in order, under other bounds."""
+    archive = Archive()
+    niches = tessellation.niches_of([bounds.normalise(placed.point) for placed in history])
+    for niche, placed in zip(niches, history, strict=True):
+        archive, _ = insert(archive, niche, placed.elite)
+    return archive
+
+
+def best_of_their_own(elites: Iterable[tuple[float, str, str | None]], baseline: str | None) -> list[str]:
+    """Rank elites, and pass over those whose source is the baseline's or a better elite's.
+
+    The earlier candidate wins a tie.
+
+    Args:
+        elites: fitness (lower is better), id and source of each, in any order.
+        baseline: source of the baseline.
+
+    Returns:
+        Their ids, best first.
+    """
+    seen, chosen = {baseline}, []
+    for _, name, source in sorted(elites, key=lambda elite: elite[:2]):
+        if source not in seen:
+            seen.add(source)
+            chosen.append(name)
+    return chosen

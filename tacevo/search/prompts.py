@@ -1,0 +1,128 @@
+"""The prompt archive A_P: which instruction at which temperature was productive (paper, Algorithm 1, line 8)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tacevo.choices import PromptPolicy
+from tacevo.search.archive import AddStatus, Archive, Elite, Point, Tessellation, insert
+
+
+def curiosity(fitness: float | None, *, inserted: bool) -> float:
+    """Score how much a mutation taught: 1 + 1 / (1 + f) where its child was inserted, else 0.5.
+
+    Args:
+        fitness: f, the child's validation loss, >= 0; needed where it was inserted.
+        inserted: whether the child entered the network archive.
+
+    Raises:
+        ValueError: an inserted child without a fitness.
+    """
+    if not inserted:
+        return 0.5
+    if fitness is None:
+        raise ValueError("an inserted child needs a fitness; got None")
+    return 1.0 + 1.0 / (1.0 + fitness)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One prompt configuration s = (prompt, T_g) and what came of it."""
+
+    #: Index into the task's instructions.
+    prompt: int
+    #: T_g, the generation's temperature without a request's noise.
+    temperature: float
+    #: r(s): whether the child was inserted into the network archive.
+    inserted: bool
+    curiosity: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromptArchive:
+    """A_P: a CVT archive over (prompt index, temperature) in which trials compete by r."""
+
+    archive: Archive = field(default_factory=Archive)
+    #: The trials that the archive's elites name, by niche.
+    trials: Mapping[int, Trial] = field(default_factory=dict)
+
+    def record(
+        self, tessellation: Tessellation, trial: Trial, *, prompts: int, name: str
+    ) -> tuple["PromptArchive", int, AddStatus]:
+        """Let a trial compete for its niche by r: an unproductive one only ever takes an empty niche.
+
+        Args:
+            tessellation: the niches of (prompt index / (prompts - 1), temperature).
+            trial: what was tried.
+            prompts: how many instructions the task has.
+            name: the candidate that came of it.
+
+        Returns:
+            The archive that results, the trial's niche, and what the insertion did.
+        """
+        niche = tessellation.niche_of(prompt_point(trial.prompt, trial.temperature, prompts=prompts))
+        archive, status = insert(self.archive, niche, Elite(name=name, objective=float(trial.inserted)))
+        if status is AddStatus.rejected:
+            return self, niche, status
+        return replace(self, archive=archive, trials={**self.trials, niche: trial}), niche, status
+
+
+def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:
+    """Return where an instruction at a temperature stands in A_P, in [0, 1]^2; `prompts` is how many there are."""
+    return prompt / max(prompts - 1, 1), temperature
+
+
+def draw_pool(prompts: int, size: int | None, rng: np.random.Generator) -> tuple[int, ...]:
+    """Draw the prompt pool P_g of one generation (paper, Algorithm 1, line 4): different instructions, uniformly.
+
+    Args:
+        prompts: how many instructions the task has.
+        size: how many of them are drawn, from 1 to `prompts`; None for all, which takes no random number.
+        rng: the generator of this draw alone.
+
+    Returns:
+        Indices in [0, prompts), ascending.
+    """
+    left = list(range(prompts))
+    if size is None:
+        return tuple(left)
+    return tuple(sorted(left.pop(int(rng.integers(len(left)))) for _ in range(size)))
+
+
+def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[int], rng: np.random.Generator) -> int:
+    """Draw the instruction of one request from the pool of its generation.
+
+    `uniform` and `none`: from all of the pool alike (the paper's method section). `curiosity`: from the archive's
+    trials of instructions in the pool, in proportion to their curiosity (its abstract); an instruction without a trial
+    there weighs as much as an unproductive one, so that each stays within reach. While there is no such trial the
+    draw is the uniform one, so that arms of an ablation begin alike.
+
+    Args:
+        policy: the rule.
+        archive: the prompt archive.
+        pool: indices of the instructions to draw from, ascending, at least one.
+        rng: the generator of this draw alone.
+
+    Returns:
+        One of `pool`.
+    """
+    trials = [archive.trials[niche] for niche in sorted(archive.trials) if archive.trials[niche].prompt in pool]
+    if policy is not PromptPolicy.curiosity or not trials:
+        return pool[int(rng.integers(len(pool)))]
+    untried = sorted(set(pool) - {trial.prompt for trial in trials})
+    choices = [(trial.prompt, trial.curiosity) for trial in trials]
+    choices += [(prompt, curiosity(None, inserted=False)) for prompt in untried]
+    return choices[draw_weighted([weight for _, weight in choices], rng)][0]
+
+
+def draw_weighted(weights: list[float], rng: np.random.Generator) -> int:
+    """Draw an index in proportion to weights > 0, by one uniform number against their running sum."""
+    target = rng.random() * math.fsum(weights)
+    running = 0.0
+    for index, weight in enumerate(weights):
+        running += weight
+        if target < running:
+            return index
+    return len(weights) - 1  # rounding may leave the target at the very end

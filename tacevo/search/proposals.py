@@ -1,0 +1,328 @@
+"""What a generation asks for: operator, parents, instruction, temperature, and the text of each request.
+
+Pure: `plan_initial` and `plan_generation` turn the state of a search into proposals, by named random streams.
+"""
+
+import string
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy
+from tacevo.randomness import derived_seed, stream
+from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting
+from tacevo.search.prompts import PromptArchive, draw_pool, draw_prompt, draw_weighted
+from tacevo.search.temperature import clip
+
+#: Rejections that no further turn can mend.
+_NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instruction:
+    """One entry of a prompt library."""
+
+    id: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A task as data: its contract and the texts that ask for networks."""
+
+    name: str
+    contract: Contract
+    #: Source of the baseline class a0.
+    baseline: str
+    #: The filled-in system prompt.
+    system: str
+    #: The prompt library, in order; a prompt index points into it.
+    instructions: tuple[Instruction, ...]
+    #: The fixed instruction of every crossover.
+    crossover: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parent:
+    """An elite of the network archive, as parent choice sees it."""
+
+    id: str
+    source: str
+    #: Validation loss; lower is better.
+    fitness: float
+    #: Mean curiosity of itself and its mutation children.
+    curiosity: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """The settings of the plan, from the configuration."""
+
+    seed: int
+    candidates: int
+    mutation_probability: float
+    parents: ParentPolicy
+    best: int
+    prompts: PromptPolicy
+    #: Half-width of the uniform noise on a request's temperature.
+    jitter: float
+    model: str
+    max_tokens: int
+    #: Further settings of the provider, for every request.
+    llm: tuple[tuple[str, Setting], ...] = ()
+    #: What one draw of the operator holds for.
+    operator_for: OperatorScope = OperatorScope.generation
+    #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
+    pool: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """One slot of a generation: what is asked for, and of whom it descends."""
+
+    generation: int
+    slot: int
+    operator: Operator
+    #: Ids of the parents: none for the baseline, one for a mutation, two for a crossover.
+    parents: tuple[str, ...]
+    #: Index of the instruction; None for the baseline and for a crossover.
+    prompt: int | None
+    #: What the model is asked; None for the baseline.
+    request: Request | None
+    #: The source, where it is given: the baseline's.
+    source: str = ""
+
+    @property
+    def id(self) -> str:
+        """Name the candidate, e.g. `g03s07`: generation 3, slot 7."""
+        return f"g{self.generation:02d}s{self.slot:02d}"
+
+
+def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature: float) -> tuple[Proposal, ...]:
+    """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive).
+
+    It comes before Algorithm 1's loop, whose line 4 draws the pools, so it draws from the whole library.
+    """
+    baseline = _baseline(task)
+    library = tuple(range(len(task.instructions)))
+    slots = [
+        _Slot(generation=0, number=number, temperature=temperature, prompts=library)
+        for number in range(1, mutations + 1)
+    ]
+    return (baseline, *(_mutation(task, settings, slot, [_founder(task)], PromptArchive()) for slot in slots))
+
+
+def plan_generation(
+    task: Task,
+    settings: Settings,
+    *,
+    generation: int,
+    elites: Sequence[Parent],
+    prompts: PromptArchive,
+    temperature: float,
+) -> tuple[Proposal, ...]:
+    """Plan one generation (paper, Algorithm 1, lines 2 to 4).
+
+    One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
+    can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
+    to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it.
+
+    Args:
+        task: the task.
+        settings: the plan's settings.
+        generation: g >= 1.
+        elites: the network archive's elites in the order of their niches, at least one.
+        prompts: the prompt archive.
+        temperature: T_g.
+
+    Returns:
+        One proposal a slot, in slot order.
+    """
+    parents = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
+    pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
+    numbers = range(settings.candidates)
+    slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
+    return tuple(
+        _mutation(task, settings, slot, parents, prompts)
+        if len(parents) < 2 or _mutates(settings, slot)
+        else _crossover(task, settings, slot, parents)
+        for slot in slots
+    )
+
+
+def draw_parents(
+    policy: ParentPolicy, elites: Sequence[Parent], *, number: int, best: int, rng: np.random.Generator
+) -> tuple[Parent, ...]:
+    """Draw different elites as parents.
+
+    `uniform`, and `baseline`, whose pool is one: all alike. `best`: alike among the `best` fittest (at least as many
+    as are drawn). `curiosity`: in proportion to curiosity.
+
+    Raises:
+        ValueError: there are fewer elites than parents to draw.
+    """
+    if len(elites) < number:
+        raise ValueError(f"drawing {number} parents needs as many elites; got {len(elites)}")
+    pool = list(elites)
+    if policy is ParentPolicy.best:
+        pool = sorted(pool, key=lambda elite: (elite.fitness, elite.id))[: max(best, number)]
+    drawn: list[Parent] = []
+    for _ in range(number):
+        curious = policy is ParentPolicy.curiosity
+        index = draw_weighted([e.curiosity for e in pool], rng) if curious else int(rng.integers(len(pool)))
+        drawn.append(pool.pop(index))
+    return tuple(drawn)
+
+
+def system_prompt(template: str, contract: Contract, names: Sequence[str]) -> str:
+    """Fill a task's system prompt in with its contract.
+
+    Raises:
+        ValueError: the template names a placeholder that there is not; the message lists those there are.
+    """
+    values: Mapping[str, object] = {
+        "class_name": contract.class_name,
+        "in_channels": contract.in_channels,
+        "image_size": contract.image_size,
+        "outputs": contract.outputs,
+        "output_argument": contract.output_argument,
+        "names": ", ".join(names),
+    }
+    try:
+        return string.Template(template).substitute(values)
+    except KeyError as error:
+        known = ", ".join(f"${name}" for name in values)
+        raise ValueError(f"the system prompt names ${error.args[0]}; it may name {known}") from error
+
+
+def mutation_text(parent: str, instruction: str) -> str:
+    """Write the user message of a mutation."""
+    return f"Parent network:\n\n{_fenced(parent)}\n\nInstruction: {instruction}\n"
+
+
+def crossover_text(first: str, second: str, instruction: str) -> str:
+    """Write the user message of a crossover."""
+    return (
+        f"First parent network:\n\n{_fenced(first)}\n\nSecond parent network:\n\n{_fenced(second)}\n\n"
+        f"Instruction: {instruction}\n"
+    )
+
+
+def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
+    """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
+
+    Temperature and draw number are those of the first request; the longer conversation makes it another request.
+
+    Args:
+        request: what was asked last.
+        answer: what the model said.
+        rejection: the gate's reason.
+
+    Returns:
+        The request, or None where there is nothing to correct: no answer, a refusal, or one too long to send back.
+    """
+    if rejection.reason in _NOT_REPAIRED or not answer.strip():
+        return None
+    turns = (Message(role="assistant", content=answer), Message(role="user", content=repair_text(rejection)))
+    return replace(request, messages=(*request.messages, *turns))
+
+
+def repair_text(rejection: Rejection) -> str:
+    """Write the user message that sends an answer back.
+
+    It is part of the request's key: another wording, here or of the gate's `detail`, asks a model anew.
+    """
+    return (
+        f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
+        f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and answer with the whole class "
+        "again.\n"
+    )
+
+
+def _fenced(source: str) -> str:
+    return f"```python\n{source.strip()}\n```"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Slot:
+    """Where in a search a request stands."""
+
+    generation: int
+    number: int
+    #: T_g, before the request's noise.
+    temperature: float
+    #: Indices of the instructions that it may draw: P_g.
+    prompts: tuple[int, ...]
+
+
+def _baseline(task: Task) -> Proposal:
+    return Proposal(
+        generation=0, slot=0, operator=Operator.baseline, parents=(), prompt=None, request=None, source=task.baseline
+    )
+
+
+def _founder(task: Task) -> Parent:
+    """Give the baseline as a parent, without competitors that its figures could matter to."""
+    return Parent(id=_baseline(task).id, source=task.baseline, fitness=0.0, curiosity=1.0)
+
+
+def _mutates(settings: Settings, slot: _Slot) -> bool:
+    """Draw the operator that holds for a slot."""
+    alone = settings.operator_for is OperatorScope.candidate
+    where = (slot.generation, slot.number) if alone else (slot.generation,)
+    return bool(stream(settings.seed, "operator", *where).random() < settings.mutation_probability)
+
+
+def _mutation(
+    task: Task, settings: Settings, slot: _Slot, elites: Sequence[Parent], prompts: PromptArchive
+) -> Proposal:
+    (parent,) = _parents_of(settings, slot, elites, 1)
+    rng = stream(settings.seed, "prompt", slot.generation, slot.number)
+    prompt = draw_prompt(settings.prompts, prompts, pool=slot.prompts, rng=rng)
+    text = mutation_text(parent.source, task.instructions[prompt].text)
+    return Proposal(
+        generation=slot.generation,
+        slot=slot.number,
+        operator=Operator.mutation,
+        parents=(parent.id,),
+        prompt=prompt,
+        request=_request(task, settings, slot, text),
+    )
+
+
+def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Parent]) -> Proposal:
+    first, second = _parents_of(settings, slot, elites, 2)
+    text = crossover_text(first.source, second.source, task.crossover)
+    return Proposal(
+        generation=slot.generation,
+        slot=slot.number,
+        operator=Operator.crossover,
+        parents=(first.id, second.id),
+        prompt=None,
+        request=_request(task, settings, slot, text),
+    )
+
+
+def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Parent], number: int) -> tuple[Parent, ...]:
+    rng = stream(settings.seed, "parents", slot.generation, slot.number)
+    return draw_parents(settings.parents, elites, number=number, best=settings.best, rng=rng)
+
+
+def _request(task: Task, settings: Settings, slot: _Slot, text: str) -> Request:
+    """Write a request at T = clip(T_g + eps, 0, 1); its draw number belongs to its slot alone.
+
+    So two slots that ask the same question get two answers, while two arms of an ablation that ask it in the
+    same slot under the same seed share one.
+    """
+    where = (slot.generation, slot.number)
+    noise = stream(settings.seed, "temperature", *where).uniform(-settings.jitter, settings.jitter)
+    return Request(
+        model=settings.model,
+        system=task.system,
+        messages=(Message(role="user", content=text),),
+        temperature=clip(slot.temperature + noise),
+        max_tokens=settings.max_tokens,
+        draw=derived_seed(settings.seed, "draw", *where) % 2**31,
+        settings=settings.llm,
+    )

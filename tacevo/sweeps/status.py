@@ -1,0 +1,96 @@
+"""How the jobs of a sweep stand, read from their run directories."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tacevo.config.compose import from_plain
+from tacevo.config.identity import config_hash
+from tacevo.errors import RunError, TacevoError
+from tacevo.records import Json
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.text import counted, table
+
+
+class Standing(StrEnum):
+    """What a job has come to."""
+
+    finished = "finished"
+    running = "running"
+    failed = "failed"
+    #: It has begun, and is at rest.
+    stopped = "stopped"
+    waiting = "not begun"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """How one job stands."""
+
+    job: Job
+    standing: Standing
+    #: Of its ledger, so far.
+    lines: int = 0
+    #: The best validation loss of its last whole generation; None before the first.
+    best: float | None = None
+    #: Of a finished job; else empty.
+    digest: str = ""
+    #: Of a failed job; else empty.
+    reason: str = ""
+
+
+def status_of(directory: SweepDirectory, job: Job) -> Status:
+    """Tell how a job stands; a run directory that cannot be read is a failure with its reason."""
+    run = directory.run(job)
+    try:
+        lines = run.read_ledger() if run.ledger.exists() else ()
+        best = next((line["best"] for line in reversed(lines) if line["kind"] == "generation"), None)
+        digest = _digest(run, job, lines)
+    except TacevoError as error:
+        return Status(job=job, standing=Standing.failed, reason=str(error))
+    reason = directory.failure(job)
+    if digest:
+        return Status(job=job, standing=Standing.finished, lines=len(lines), best=best, digest=digest)
+    if run.is_busy:
+        return Status(job=job, standing=Standing.running, lines=len(lines), best=best)
+    if reason is not None:
+        return Status(job=job, standing=Standing.failed, lines=len(lines), best=best, reason=reason)
+    standing = Standing.stopped if lines else Standing.waiting
+    return Status(job=job, standing=standing, lines=len(lines), best=best)
+
+
+def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> str:
+    """Give the digest of a finished job; empty where it is not finished.
+
+    Raises:
+        TacevoError: the directory is damaged, or holds another configuration's run.
+    """
+    if not lines:
+        return ""
+    with run.believed():
+        config = from_plain(run.read_run()["config"])
+    if config_hash(config) != job.config:
+        raise RunError(
+            f"{run.path} holds the run of another configuration than the sweep's {job.name}; move that folder away, or "
+            "choose another --into"
+        )
+    return run.finished_digest() or ""
+
+
+def describe(statuses: Sequence[Status]) -> str:
+    """Write how many jobs stand how, a row for each, and the reason of each that failed."""
+    counts = Counter(status.standing for status in statuses)
+    told = ", ".join(f"{counts[standing]} {standing}" for standing in Standing if counts[standing])
+    rows = [_row(status) for status in statuses]
+    reasons = [f"{status.job.name}: {status.reason}" for status in statuses if status.reason]
+    header = ["job", "arm", "seed", "state", "lines", "best", "digest"]
+    return "\n\n".join([f"{counted(len(statuses), 'job')}: {told or 'none'}", table(header, rows), *reasons])
+
+
+def _row(status: Status) -> list[str]:
+    best = "-" if status.best is None else f"{status.best:.4g}"
+    digest = status.digest[:12] or "-"
+    job = status.job
+    return [job.name, job.arm, str(job.seed), status.standing.value, str(status.lines), best, digest]
