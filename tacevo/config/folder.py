@@ -11,7 +11,7 @@ def conf_root() -> Path:
     Raises:
         ConfigError: there is neither.
     """
-    here = Path(__file__).parent
+    here = Path(__file__).parents[1]
     for folder in (here / "conf", here.parent / "conf"):
         if (folder / "config.yaml").is_file():
             return folder
