@@ -1,0 +1,337 @@
+"""Promise: an arm of an ablation changes what it is about, whatever else was chosen, and is never a copy of another.
+
+What the arms have in common is shown on searches with fake effects: their draws are those of `none` wherever their
+settings leave a choice to be drawn.
+"""
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import fakes
+import pytest
+
+from tacevo.choices import ArchiveKind, Axis, ParentPolicy, PromptPolicy, Provider, Scale, TemperatureRule
+from tacevo.config.ablation import parse_arm, read_arm, require_change, split_arm
+from tacevo.config.compose import compose
+from tacevo.config.folder import groups
+from tacevo.config.identity import identity
+from tacevo.config.schema import RunConfig
+from tacevo.errors import ConfigError
+from tacevo.records import Json, Mode
+from tacevo.runs.wiring import build_plan, build_settings
+from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.archive import AddStatus
+from tacevo.search.descriptors import scaled
+from tacevo.search.proposals import Proposal, plan_initial
+from tacevo.storage.ledger import Ledger, unsealed
+
+ARMS = [arm for arm in groups()["ablation"] if arm != "none"]
+
+#: A search that a model answers, so that every arm is another one.
+ASKED = "llm=anthropic"
+
+#: Fields of a ledger line that say what was asked; an arm that shares them with `none` asks the same model the same.
+REQUEST = ("id", "operator", "parents", "prompt", "request", "temperature")
+
+
+@functools.cache
+def arm(name: str, *overrides: str) -> RunConfig:
+    """Compose an arm, once for all tests."""
+    return compose([ASKED, f"ablation={name}", *overrides])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give one folder for the centroids of all searches."""
+    return tmp_path_factory.mktemp("centroids")
+
+
+def planned(config: RunConfig, folder: Path) -> Plan:
+    """Plan a search of fakes with an arm's settings: few niches, and some crossovers unless it has none."""
+    archive = replace(config.archive, niches=12, prompt_niches=8, samples=200, kept=5)
+    search = replace(config.search, generations=6, candidates=6, initial=3)
+    store = replace(config.store, root=str(folder))
+    small = replace(config, archive=archive, search=search, store=store)
+    plan = build_plan(small, fakes.TASK, Mode.record)
+    p_m = 1.0 if config.proposals.mutation_probability == 1 else 0.6
+    return replace(plan, settings=replace(plan.settings, mutation_probability=p_m))
+
+
+@functools.cache
+def searched(name: str, folder: Path) -> tuple[list[dict[str, Json]], fakes.Recorder]:
+    """Search with an arm's settings; give the candidates' lines and all that an observer saw."""
+    recorder = fakes.Recorder()
+    with Ledger(None) as ledger:
+        run_search(planned(arm(name), folder), fakes.tools(), ledger, recorder)
+    return [line for line in recorder.lines if line["kind"] == "candidate"], recorder
+
+
+def common(one: list[dict[str, Json]], other: list[dict[str, Json]], generation: int) -> bool:
+    """Say whether two searches asked the same in a generation, and were answered the same."""
+    fields = (*REQUEST, "answer", "source", "evaluation", "fitness")
+    first, second = (
+        [tuple(str(line.get(field)) for field in fields) for line in lines if line["generation"] == generation]
+        for lines in (one, other)
+    )
+    return first == second
+
+
+@pytest.mark.parametrize(
+    ("arm_name", "clash"),
+    [
+        ("no_prompt_archive", "prompts=curiosity"),
+        ("no_prompt_archive", "prompts.policy=curiosity"),
+        ("fixed_temperature", "temperature=stall"),
+        ("mutation_only", "proposals.mutation_probability=0.5"),
+        ("llm_vs_grammar", "llm.model=claude-sonnet-4-5"),
+        ("llm_vs_grammar", "llm.top_p=0.9"),
+        ("llm_vs_grammar", "llm.delivery=batch"),
+    ],
+)
+def test_arm_wins_over_the_command_line(arm_name: str, clash: str) -> None:
+    """What an arm is about holds in it, whatever is chosen for all arms beside it."""
+    assert arm(arm_name, clash) == arm(arm_name)
+
+
+def test_what_an_arm_is_not_about_stays_the_users() -> None:
+    """Beside an arm's own settings, those of the command line hold."""
+    config = arm("fixed_temperature", "temperature=stall", "temperature.start=0.3", "seed=7")
+    found = (config.temperature.rule, config.temperature.start, config.seed, config.llm.provider)
+    assert found == (TemperatureRule.fixed, 0.3, 7, Provider.anthropic)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "setting"),
+    [
+        (["ablation=no_prompt_archive", "prompts=none"], "prompts.policy=none"),
+        (["ablation=curiosity_prompts", "prompts.policy=curiosity"], "prompts.policy=curiosity"),
+        (["ablation=stall_temperature", "temperature=stall"], "temperature.rule=stall"),
+        (["ablation=mutation_only", "proposals.mutation_probability=1"], "proposals.mutation_probability=1.0"),
+        (["ablation=llm_vs_grammar"], "llm.provider=grammar"),
+        (["ablation=llm_vs_grammar", "llm.slip_rate=0.5"], "llm.provider=grammar"),
+    ],
+)
+def test_arm_that_changes_nothing_is_refused(overrides: list[str], setting: str) -> None:
+    """A copy of `none` under another name would pass for a finding; the message names the arm and the setting."""
+    name = overrides[0]
+    with pytest.raises(ConfigError, match=rf"{name} sets {setting}, which holds here without it, .* a copy of"):
+        compose(overrides)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_arm_is_refused_on_top_of_itself(name: str) -> None:
+    """Each arm names first what it is about: laid over a search that has it, it is seen to change nothing."""
+    settings = read_arm(name)
+    with pytest.raises(ConfigError, match=f"ablation={name} sets .* a copy of ablation=none"):
+        require_change(name, settings, settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("mine", "", r"conf/ablation/mine\.yaml must hold a mapping of what the arm sets, .* got None"),
+        ("mine", "{}", r"conf/ablation/mine\.yaml must hold a mapping of what the arm sets, .* got \{\}"),
+        ("mine", "- prompts", "must hold a mapping"),
+        ("mine", "a: [", "conf/ablation/mine.yaml is not YAML"),
+        ("mine", "defaults:\n  - override /prompts: none\n", "has `defaults`, and an arm is laid over what was chosen"),
+        ("none", "prompts: {policy: none}", "must hold the empty mapping"),
+    ],
+)
+def test_file_that_is_no_arm_is_refused(name: str, text: str, message: str) -> None:
+    """It would be a traceback, or a silent copy of `none`; only `none` changes nothing."""
+    with pytest.raises(ConfigError, match=message):
+        parse_arm(name, text)
+
+
+@pytest.mark.parametrize("choice", ["../experiment/demo", "missing", ""])
+def test_choice_that_is_no_arm_is_refused(choice: str) -> None:
+    """No other file is read in an arm's place."""
+    with pytest.raises(ConfigError, match=rf"there is no arm ablation={choice}; choose one of .*no_qd"):
+        read_arm(choice)
+    with pytest.raises(ConfigError, match="ablation"):
+        compose([f"ablation={choice}"])
+
+
+@pytest.mark.parametrize("settings", [{"promts": {"policy": "none"}}, {"seed": {"policy": 1}}])
+def test_arm_of_a_setting_that_is_none_is_refused(settings: dict[str, Json]) -> None:
+    """A misspelt key is told by its name."""
+    with pytest.raises(ConfigError, match=r"ablation=mine sets (promts|seed)\.policy=.* there is no such setting"):
+        require_change("mine", settings, {"seed": 0, "prompts": {"policy": "uniform"}})
+
+
+def test_arms_are_pairwise_different_runs() -> None:
+    """No two arms share a ledger's first line."""
+    told = [str(identity(arm(name))) for name in groups()["ablation"]]
+    assert len(set(told)) == len(told)
+
+
+def test_arm_is_taken_out_of_overrides() -> None:
+    """The last choice counts, quoted or not; without one there is no arm."""
+    assert split_arm(["seed=1", "ablation=none", "ablation='no_qd'"]) == ("no_qd", ["seed=1"])
+    assert split_arm(["seed=1"]) == ("none", ["seed=1"])
+
+
+def test_settings_that_came_later_leave_the_identity_of_older_runs() -> None:
+    """A run that uses none of them has the ledger header that it had before them."""
+    told = identity(compose([]))
+    assert not {"kind", "kept", "axes"} & set(told["archive"])
+    assert "operator_for" not in told["proposals"]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
+    """Request for request; only the model that is asked differs, where the arm is about that."""
+
+    def asked(config: RunConfig) -> tuple[Proposal, ...]:
+        settings = replace(build_settings(config), model="m", llm=())
+        return plan_initial(fakes.TASK, settings, mutations=10, temperature=config.temperature.start)
+
+    assert asked(arm(name)) == asked(arm("none"))
+
+
+@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar"}))
+def test_generation_0_is_answered_alike_and_then_the_search_is_another(name: str, folder: Path) -> None:
+    """Arms share every answer and fitness of generation 0, and then part, but for the one that only stops recording."""
+    lines, recorder = searched(name, folder)
+    plain, unablated = searched("none", folder)
+    assert common(lines, plain, 0)
+    assert recorder.lines != unablated.lines
+    assert all(common(lines, plain, number) for number in range(7)) == (name == "no_prompt_archive")
+
+
+def test_without_prompt_archive_every_network_is_that_of_none(folder: Path) -> None:
+    """`prompts=uniform` only records: without the record, network archive and fitnesses are the very same."""
+    lines, recorder = searched("no_prompt_archive", folder)
+    plain, unablated = searched("none", folder)
+    assert recorder.states[-1].networks == unablated.states[-1].networks
+    recorded = ("prompt_niche", "prompt_status")
+    less = [{key: value for key, value in unsealed(line).items() if key not in recorded} for line in plain]
+    assert [unsealed(line) for line in lines] == less
+    assert not recorder.states[-1].prompts.trials
+    assert unablated.states[-1].prompts.trials
+
+
+def test_mutation_only_differs_from_the_first_crossover_on(folder: Path) -> None:
+    """Until `none` first crosses over, the arm is `none`, parents and prompts included."""
+    lines, _ = searched("mutation_only", folder)
+    plain, _ = searched("none", folder)
+    assert {line["operator"] for line in lines} == {"baseline", "mutation"}
+    first = min(line["generation"] for line in plain if line["operator"] == "crossover")
+    assert first > 1
+    assert all(common(lines, plain, number) for number in range(first))
+    assert not common(lines, plain, first)
+
+
+@pytest.mark.parametrize("name", ["fixed_temperature", "stall_temperature"])
+def test_temperature_arms_share_generation_1(name: str, folder: Path) -> None:
+    """T_1 is the same under every rule, and so is all that follows from it."""
+    lines, recorder = searched(name, folder)
+    plain, _ = searched("none", folder)
+    assert common(lines, plain, 1)
+    assert not common(lines, plain, 6)
+    temperatures = [line["temperature"] for line in recorder.lines if line["kind"] == "generation"]
+    assert (len(set(temperatures)) == 1) == (name == "fixed_temperature")
+
+
+def test_best_of_n_mutates_the_baseline_alone(folder: Path) -> None:
+    """No candidate descends from another; prompts, temperatures and draws of mutating generations are those of none."""
+    lines, _ = searched("random_parents_only_baseline", folder)
+    plain, _ = searched("none", folder)
+    assert {tuple(line["parents"]) for line in lines[1:]} == {("g00s00",)}
+    shared = [(one, other) for one, other in zip(lines, plain, strict=True) if other["operator"] == "mutation"]
+    assert len({one["generation"] for one, _ in shared}) > 2
+    assert all((one["prompt"], one["temperature"]) == (other["prompt"], other["temperature"]) for one, other in shared)
+
+
+def test_operator_per_candidate_mixes_a_generation(folder: Path) -> None:
+    """Both operators occur within one generation; a slot that mutates has the prompt that it would have had in none."""
+    lines, _ = searched("crossover_per_candidate", folder)
+    plain, _ = searched("none", folder)
+    mixed = [{line["operator"] for line in lines if line["generation"] == number} for number in range(1, 7)]
+    assert {"mutation", "crossover"} in mixed
+    pairs = [(one["prompt"], other["prompt"]) for one, other in zip(lines, plain, strict=True)]
+    shared = [(one, other) for one, other in pairs if one is not None and other is not None]
+    assert shared
+    assert all(one == other for one, other in shared)
+    first = [pair for pair in zip(lines, plain, strict=True) if pair[0]["generation"] == 1]
+    alike = [one["request"] == other["request"] for one, other in first if one["operator"] == other["operator"]]
+    assert alike
+    assert all(alike)
+
+
+def test_best_archive_holds_the_fittest_of_all(folder: Path) -> None:
+    """Without niches the archive is the k best distinct fitnesses of everything that was trained."""
+    lines, recorder = searched("no_qd", folder)
+    fitnesses = sorted({line["fitness"] for line in lines if "fitness" in line})
+    kept = recorder.states[-1].networks.archive.elites
+    assert sorted(-elite.objective for elite in kept.values()) == fitnesses[:5]
+    assert sorted(kept) == list(range(5))
+    assert len(fitnesses) > 5
+    assert {line["status"] for line in lines if "status" in line} == {status.value for status in AddStatus}
+
+
+@pytest.mark.parametrize(("name", "axis"), [("arch_div_only", 0), ("eff_ratio_only", 1)])
+def test_single_descriptor_places_by_it_alone(name: str, axis: int, folder: Path) -> None:
+    """Niches follow from one descriptor: candidates that agree in it share one, whatever the other is."""
+    plan = planned(arm(name), folder)
+    lines, recorder = searched(name, folder)
+    networks = recorder.states[-1].networks
+    assert networks.bounds is not None
+    placed = {
+        line["id"]: (line["arch_div"], scaled(line["eff_ratio"], Scale.log))[axis] for line in lines if "niche" in line
+    }
+    for niche, elite in networks.archive.elites.items():
+        point = networks.bounds.normalise((placed[elite.name],))
+        assert plan.networks.niche_of(point) == niche  # type: ignore[union-attr]
+
+
+def test_fixed_bounds_are_those_of_the_axes(folder: Path) -> None:
+    """One axis has one pair of bounds, its own; an archive without niches has none."""
+    bounds = ["archive.bounds=fixed", "archive.arch_div_bounds=[0.1,0.2]", "archive.eff_ratio_bounds=[10,100]"]
+    plans = [planned(arm(name, *bounds), folder) for name in ("none", "arch_div_only", "eff_ratio_only", "no_qd")]
+    told = [plan.archive.bounds and (plan.archive.bounds.low, plan.archive.bounds.high) for plan in plans]
+    assert told == [((0.1, 1.0), (0.2, 2.0)), ((0.1,), (0.2,)), ((1.0,), (2.0,)), None]
+
+
+def test_every_arm_is_documented() -> None:
+    """Whoever adds an arm says what it changes, what stays common, and why it is asked."""
+    page = (Path(__file__).parents[2] / "docs" / "ablations.md").read_text(encoding="utf-8")
+    table = page.partition("| arm |")[2].partition("\n\n")[0]
+    assert [name for name in groups()["ablation"] if f"`{name}`" not in table] == []
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["archive.axes=[]"], r"archive.axes needs \[arch_div,eff_ratio\], \[arch_div\] or \[eff_ratio\]; got \[\]"),
+        (["archive.axes=[eff_ratio,arch_div]"], "archive.axes needs"),
+        (["archive.axes=[depth]"], "archive.axes needs a list in brackets, each item one of arch_div, eff_ratio"),
+        (["archive.kept=0"], "archive.kept needs a value >= 1; got 0"),
+        (["archive.kind=best", "archive.axes=[arch_div]"], "archive.axes needs .* with archive.kind=best"),
+        (["proposals.parents=baseline"], "mutation_probability needs 1 with proposals.parents=baseline"),
+        (
+            ["proposals.operator_for=candidate", "proposals.mutation_probability=1"],
+            "proposals.operator_for needs generation with mutation_probability=1",
+        ),
+        (
+            ["proposals.operator_for=candidate", "proposals.mutation_probability=0"],
+            "proposals.operator_for needs generation with mutation_probability=0",
+        ),
+    ],
+)
+def test_settings_that_would_have_no_effect_are_refused(overrides: list[str], message: str) -> None:
+    """A setting that means nothing beside another is an error that names both."""
+    with pytest.raises(ConfigError, match=message):
+        compose(overrides)
+
+
+def test_arms_have_the_settings_that_they_are_named_after() -> None:
+    """One look at what each arm is."""
+    assert arm("no_qd").archive.kind is ArchiveKind.best
+    assert arm("arch_div_only").archive.axes == [Axis.arch_div]
+    assert arm("eff_ratio_only").archive.axes == [Axis.eff_ratio]
+    assert arm("linear_eff_ratio").archive.eff_ratio_scale is Scale.linear
+    assert arm("random_parents_only_baseline").proposals.parents is ParentPolicy.baseline
+    assert arm("no_prompt_archive").prompts.policy is PromptPolicy.none
+    assert arm("llm_vs_grammar").llm.provider is Provider.grammar

@@ -1,0 +1,178 @@
+"""The grammar reads what it writes, reads the baselines, and says what it cannot read."""
+
+import ast
+import contextlib
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from grammar_strategies import SIGNATURE, build, networks, train_a_step
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head, Hidden, Network, Norm, Pooling
+from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.reading import UnreadableError, plain_tree
+from tacevo.llm.grammar.rendering import render
+
+LIBRARY = Path(__file__).parents[3] / "conf" / "library"
+BASELINE = (LIBRARY / "force" / "baseline.py").read_text()
+
+RICH = Network(
+    signature=SIGNATURE,
+    blocks=(
+        Block(channels=16, kernel=7, norm=Norm.batch, down=Down.stride),
+        Block(channels=32, separable=True, activation=Activation.gelu, attention=Attention.channel, down=Down.max),
+        Block(channels=32, norm=Norm.group, dropout=0.1),
+    ),
+    skips=((0, 3), (2, 3)),
+    attention=Attention.spatial,
+    pooling=Pooling.both,
+    grid=2,
+    head=Head(hidden=(Hidden(width=64, layer_norm=True, dropout=0.3),), own_module=True),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(networks())
+def test_reading_undoes_writing(network: Network) -> None:
+    """Every network of the grammar survives being written and read."""
+    assert parse(render(network)) == network
+
+
+def test_baseline_is_read_as_the_paper_describes_it() -> None:
+    """Three 3x3 blocks of 32, 64 and 128 channels, a 4x4 grid and one hidden layer of 512 with dropout."""
+    expected = Network(
+        signature=SIGNATURE,
+        blocks=tuple(Block(channels=channels, down=Down.max) for channels in (32, 64, 128)),
+        head=Head(hidden=(Hidden(width=512, dropout=0.5),)),
+    )
+    assert parse(BASELINE) == expected
+
+
+@pytest.mark.parametrize("task", ["force", "grating", "hardness"])
+def test_baseline_written_again_trains(task: str) -> None:
+    """The first parent of every search comes through unharmed."""
+    network = parse((LIBRARY / task / "baseline.py").read_text())
+    module = build(render(network), network.signature.class_name)
+    assert train_a_step(module, 3, image_size=32).shape == (2, network.signature.outputs)
+
+
+def test_comments_and_docstrings_do_not_change_what_is_read() -> None:
+    """Nothing is passed from parent to child in comments, and none is needed."""
+    commented = BASELINE.replace(
+        "        x = self.conv2(x)\n", "        # the second stage\n        x = self.conv2(x)\n"
+    )
+    assert parse(commented) == parse(BASELINE)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, 3, padding=1)"),
+        ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, padding=1, kernel_size=3)"),
+        ("128 * 4 * 4", "2048"),
+        ("nn.ReLU()", "nn.ReLU(inplace=True)"),
+        ("nn.Dropout(0.5)", "nn.Dropout(p=0.5)"),
+        ("nn.AdaptiveAvgPool2d((4, 4))", "nn.AdaptiveAvgPool2d(4)"),
+        ("super().__init__()", "super(ImageRegressionCNN, self).__init__()"),
+        ("def forward(self, x):", "def forward(self, x: torch.Tensor) -> torch.Tensor:"),
+        ("from torch import nn", "import torch\nimport torch.nn as nn"),
+        ("nn.Flatten()", "torch.nn.Flatten()"),
+    ],
+)
+def test_usual_spellings_of_one_network_are_read_alike(ours: str, theirs: str) -> None:
+    """A baseline written by somebody else in another habit is understood."""
+    assert ours in BASELINE
+    assert parse(BASELINE.replace(ours, theirs)) == parse(BASELINE)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "named"),
+    [
+        ("nn.MaxPool2d(2)", "nn.MaxPool2d(3)", r"MaxPool2d\(3\)"),
+        ("x = self.conv2(x)", "x = self.conv2(x) * 2", r"self.conv2\(x\) \* 2"),
+        ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, kernel_size=3)", "kernel_size=3"),
+        ("nn.Linear(128 * 4 * 4, 512)", "nn.Linear(128 * 4, 512)", r"nn.Linear\(512, 512\)"),
+        ("in_channels=3, num_outputs=3", "in_channels=3", "constructor"),
+        ("self.conv1 =", "self.stem =", "self.conv1"),
+        ("nn.ReLU()", "nn.Hardswish()", "activation"),
+        ("self.adaptive_pool =", "self.pool =", "self.adaptive_pool"),
+        ("return self.regressor(x)", "return self.regressor(x).relu()", "forward"),
+        ("(32, 64, ", "(32, width, ", "whole number"),
+        ("(4, 4)", "(4, 5)", "square grid"),
+        ("class ImageRegressionCNN(nn.Module)", "class Other:\n    pass\nclass ImageRegressionCNN(nn.Module)", "Other"),
+        ("def forward", "def backward", "no method forward"),
+        ("class ", "classy ", "not valid Python"),
+        ("nn.Dropout(0.5)", "nn.Dropout(rate)", "a number was expected"),
+        ("self.regressor = nn.Sequential", "self.regressor = make_head", "nn.Sequential was expected"),
+        ("self.conv1 = nn.Sequential(", "self.conv1 = nn.Sequential(stem,", "`stem` stands where a layer"),
+        ("self.regressor =", "self.regressor = nn.Sequential(nn.Flatten())\n        self.other =", "no linear layer"),
+        ("self.regressor =", "self.regressor = Head()\n        self.other =", "Head is used but not defined"),
+    ],
+)
+def test_foreign_networks_are_refused_by_naming_the_place(ours: str, theirs: str, named: str) -> None:
+    """What the grammar cannot say is never read as something else."""
+    assert ours in BASELINE
+    with pytest.raises(UnreadableError, match=named):
+        parse(BASELINE.replace(ours, theirs, 1))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from([BASELINE, render(RICH)]), st.data())
+def test_damaged_sources_are_read_rightly_or_refused(source: str, data: st.DataObject) -> None:
+    """A line lost, doubled or moved, or a word exchanged: never another exception, never a wrong reading."""
+    lines = source.splitlines()
+    start, other = (data.draw(st.integers(0, len(lines) - 1)) for _ in range(2))
+    words = [data.draw(st.sampled_from(re.findall(r"\w+", source))) for _ in range(2)]
+    damaged = data.draw(
+        st.sampled_from(
+            [
+                [*lines[:start], *lines[start + 1 :]],
+                [*lines[:start], lines[other], *lines[start:]],
+                [re.sub(rf"\b{words[0]}\b", words[1], line) if at == start else line for at, line in enumerate(lines)],
+            ]
+        )
+    )
+    with contextlib.suppress(UnreadableError):
+        network = parse("\n".join(damaged))
+        assert ast.dump(plain_tree("\n".join(damaged))) == ast.dump(plain_tree(render(network)))
+
+
+def test_deeply_nested_source_is_refused() -> None:
+    """A limit of the reader, not of the language."""
+    with pytest.raises(UnreadableError, match="nested too deeply"):
+        parse(BASELINE.replace("x = self.conv1(x)", "x = " + " + ".join(["x"] * 2000)))
+
+
+def test_helper_with_a_changed_body_is_refused() -> None:
+    """The name of a helper class is not taken for its meaning."""
+    with pytest.raises(UnreadableError, match="tanh"):
+        parse(render(RICH).replace("x * torch.sigmoid(self.conv(summary))", "x * torch.tanh(self.conv(summary))"))
+
+
+def test_source_reads_as_a_person_would_write_it() -> None:
+    """The golden text of a network that uses most parts of the grammar."""
+    golden = Path(__file__).parents[2] / "golden" / "grammar_rich.py.txt"
+    assert render(RICH) == golden.read_text()
+
+
+def test_custom_block_without_its_layers_is_refused() -> None:
+    """A ConvBlock of somebody else's making is not taken for ours."""
+    source = render(replace(RICH, block_module=True))
+    with pytest.raises(UnreadableError, match="a list of layers was expected"):
+        parse(source.replace("layers=[", "parts=["))
+
+
+def test_blocks_of_a_custom_module_are_instances_of_it() -> None:
+    """The custom module takes the shape of the convolution and the layers behind it."""
+    network = Network(
+        signature=SIGNATURE,
+        blocks=(Block(channels=8, down=Down.max), Block(channels=16, separable=True, down=Down.stride)),
+        head=Head(hidden=()),
+        block_module=True,
+    )
+    source = render(network)
+    assert "self.conv1 = ConvBlock(in_channels, 8, kernel_size=3, layers=[nn.ReLU(), nn.MaxPool2d(2)])" in source
+    assert "self.conv2 = ConvBlock(8, 16, kernel_size=3, layers=[nn.ReLU()], stride=2, separable=True)" in source

@@ -1,0 +1,184 @@
+"""The provider answers every request, the same way each time, over many generations."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from grammar_strategies import build, train_a_step
+
+from tacevo.errors import ConfigError
+from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.provider import MODEL, GrammarLLM
+from tacevo.randomness import stream
+from tacevo.records import Completion, Message, Request
+from tacevo.search.effects import LLM
+from tacevo.storage.canonical import content_hash
+
+LIBRARY = Path(__file__).parents[3] / "conf" / "library"
+BASELINE = (LIBRARY / "force" / "baseline.py").read_text()
+
+
+def _request(content: str, *, temperature: float = 0.6, draw: int = 0) -> Request:
+    return Request(
+        model=MODEL,
+        system="You write networks.",
+        messages=(Message(role="user", content=content),),
+        temperature=temperature,
+        max_tokens=4096,
+        draw=draw,
+    )
+
+
+def _mutation(parent: str, instruction: str) -> str:
+    return f"Parent network:\n\n```python\n{parent}\n```\n\nInstruction: {instruction}\n"
+
+
+def _crossover(first: str, second: str, instruction: str) -> str:
+    return (
+        f"First parent network:\n\n```python\n{first}\n```\n\n"
+        f"Second parent network:\n\n```python\n{second}\n```\n\nInstruction: {instruction}\n"
+    )
+
+
+def _answers(requests: Sequence[Request], slip_rate: float = 0.0) -> list[Completion]:
+    llm: LLM = GrammarLLM(slip_rate=slip_rate)
+    answers = dict(llm.complete(requests))
+    return [answers[position] for position in range(len(requests))]
+
+
+def _source(answer: Completion) -> str:
+    assert answer.text.startswith("```python\n")
+    return answer.text.removeprefix("```python\n").removesuffix("```\n")
+
+
+#: The baseline with the docstring that it had when this model's answers were pinned: it is part of a request.
+PINNED = '"""The paper\'s baseline for the force task: three convolutional blocks and one hidden layer."""\n'
+PINNED += BASELINE.partition("\n")[2]
+
+#: A second parent: the baseline's relative with wider kernels and another pooling.
+RELATIVE = PINNED.replace("kernel_size=3, padding=1", "kernel_size=5, padding=2").replace("Max", "Avg")
+GELU = _mutation(BASELINE, "Exchange each ReLU for a GELU.")
+
+
+def test_equal_requests_get_equal_answers() -> None:
+    """In any company and order, from any instance."""
+    others = [_request(GELU, draw=draw) for draw in range(1, 4)]
+    assert _answers([_request(GELU), *others])[0] == _answers([*others, _request(GELU)])[-1]
+
+
+def test_answers_are_those_of_this_model_name() -> None:
+    """Stored completions stay true: whoever changes these answers on purpose gives MODEL another name."""
+    requests = [
+        _request(_mutation(PINNED, instruction), temperature=1.0, draw=draw)
+        for instruction in ("Refine it.", "Make it faster.", "Use GELU.")
+        for draw in range(20)
+    ]
+    requests += [_request(_crossover(PINNED, RELATIVE, "Combine both."), draw=draw) for draw in range(20)]
+    texts = [answer.text for answer in _answers(requests, slip_rate=0.3)]
+    assert (MODEL, content_hash(texts)) == (
+        "grammar-1",
+        "b942cd3673a5bf81f200f5b58b3f95aa777d77d11e39a26491e48907aa9b5d90",
+    )
+
+
+def test_draw_number_and_temperature_change_the_answer() -> None:
+    """Equal prompts give distinct answers in distinct draws."""
+    texts = {answer.text for answer in _answers([_request(GELU, draw=draw) for draw in range(8)])}
+    assert len(texts) > 4
+    warm = [_request(GELU, temperature=value) for value in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)]
+    assert len({answer.text for answer in _answers(warm)}) > 2
+
+
+def test_cold_answer_follows_the_instruction_alone() -> None:
+    """At temperature 0 every draw gives the same network."""
+    (text,) = {answer.text for answer in _answers([_request(GELU, temperature=0.0, draw=draw) for draw in range(5)])}
+    assert "nn.ReLU()" not in text
+    assert text.count("nn.GELU()") == 4
+
+
+def test_completion_names_the_grammar_and_counts_tokens() -> None:
+    """A quarter of the characters, rounded up, whatever model was asked for."""
+    (answer,) = _answers([replace(_request(GELU), model="another")])
+    assert (answer.model, answer.stop_reason) == ("grammar-1", "end_turn")
+    assert answer.output_tokens == -(-len(answer.text) // 4)
+    assert answer.input_tokens == -(-(len(GELU) + len("You write networks.")) // 4)
+
+
+def test_answer_longer_than_allowed_is_cut() -> None:
+    """As a hosted model would, with the stop reason that says so."""
+    (answer,) = _answers([replace(_request(GELU), max_tokens=50)])
+    assert (len(answer.text), answer.output_tokens, answer.stop_reason) == (200, 50, "max_tokens")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (_mutation(BASELINE.replace("nn.Flatten()", "nn.Unfold(2)"), "Use GELU."), "nn.Unfold"),
+        (_mutation("class Broken(", "Use GELU."), "not valid Python"),
+        (_mutation("", "Use GELU."), "none"),
+        ("Write me a network.", "found 0 parents"),
+        (f"```python\n{BASELINE}\n```", "instruction"),
+    ],
+)
+def test_unreadable_request_gets_words_and_no_code(content: str, said: str) -> None:
+    """The gate rejects such an answer; the provider never raises over it."""
+    (answer,) = _answers([_request(content)], slip_rate=1.0)
+    assert said in answer.text
+    assert "```" not in answer.text
+    assert "nn.Module" not in answer.text
+    assert answer.stop_reason == "end_turn"
+
+
+def test_request_without_messages_gets_words() -> None:
+    """The same honesty for an empty conversation."""
+    (answer,) = _answers([replace(_request(""), messages=())])
+    assert answer.text.startswith("I cannot read")
+
+
+def test_slips_spoil_answers_but_not_the_networks_of_others() -> None:
+    """The network does not depend on the slip rate: answers that are spared stay the same."""
+    requests = [_request(GELU, draw=draw) for draw in range(60)]
+    clean, some = _answers(requests), _answers(requests, slip_rate=0.3)
+    spared = sum(one == other for one, other in zip(clean, some, strict=True))
+    assert 30 <= spared < 60
+    assert all(one != other for one, other in zip(clean, _answers(requests, slip_rate=1.0), strict=True))
+
+
+def test_impossible_slip_rate_is_refused() -> None:
+    """The message names the key as the user writes it."""
+    with pytest.raises(ConfigError, match=r"llm\.slip_rate must lie in \[0, 1\]; got 1\.5"):
+        GrammarLLM(slip_rate=1.5)
+
+
+@pytest.mark.parametrize("task", ["force", "grating", "hardness"])
+def test_thirty_generations_of_answers_parse_build_and_train(task: str) -> None:
+    """Children of children stay readable and sound, and do not collapse to a few."""
+    library = yaml.safe_load((LIBRARY / task / "instructions.yaml").read_text())
+    instructions = [mutation["text"] for mutation in library["mutations"]]
+    population = [(LIBRARY / task / "baseline.py").read_text()]
+    seen: set[str] = set()
+    for generation in range(30):
+        rng = stream(0, task, generation)
+        requests = []
+        for slot in range(6):
+            first, second = (population[int(rng.integers(len(population)))] for _ in range(2))
+            text = _mutation(first, instructions[int(rng.integers(len(instructions)))])
+            if rng.random() < 0.3:
+                text = _crossover(first, second, library["crossover"])
+            requests.append(_request(text, temperature=float(rng.random()), draw=slot))
+        population = [_source(answer) for answer in _answers(requests)]
+        seen.update(population)
+        for source in population:
+            _check(source)
+    assert len(seen) > 120
+
+
+def _check(source: str) -> None:
+    """Build one network, and pass a batch forward and backward at 32 pixels."""
+    signature = parse(source).signature
+    module = build(source, signature.class_name)
+    outputs = train_a_step(module, signature.in_channels, image_size=32)
+    assert outputs.shape == (2, signature.outputs)
+    assert outputs.isfinite().all()

@@ -1,0 +1,114 @@
+"""Promise: through any storm each request is answered, stored and paid for once; a killed run asks nothing twice.
+
+The real SDKs, the real store and a real server, which fails three tries of ten.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hosted import KEY, PROVIDERS, hosted, request
+from llm_script import Script, text_of
+from llm_server import LLMServer, serving
+
+from tacevo.llm.recording import RecordingLLM
+from tacevo.storage.store import Store
+
+
+@pytest.fixture(autouse=True)
+def _keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put keys where the SDKs look for them."""
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, KEY)
+
+
+def ask(url: str, root: Path, count: int, provider: str = "anthropic") -> Counter[str]:
+    """Ask so many different requests, each twice, through the store; count the answers' texts."""
+    asked = [request(f"question {number}") for number in range(count)] * 2
+    llm = RecordingLLM(hosted(url, provider, concurrency=64), Store(root, "completions"))
+    return Counter(completion.text for _, completion in llm.complete(asked))
+
+
+def stored(root: Path) -> list[str]:
+    """List the questions whose answers are in the store, each entry checked."""
+    return [entry["request"]["messages"][-1]["content"] for entry in Store(root, "completions").entries()]
+
+
+def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count: int) -> None:
+    """Hold answers, store and the server's own count against each other."""
+    questions = {f"question {number}" for number in range(count)}
+    assert answers == {f"{question}!": 2 for question in questions}
+    assert Counter(stored(root)) == dict.fromkeys(questions, 1)
+    assert len(server.billed) == server.billed.total() == count
+    assert server.tried.total() > 1.2 * count
+    assert server.most <= 64
+
+
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_small_storm(provider: str, tmp_path: Path) -> None:
+    """400 requests, 30 % faults, 64 in flight."""
+    with serving(Script(rate=0.3, seed=1)) as server:
+        expect_each_once(server, tmp_path, ask(server.url, tmp_path, 400, provider), 400)
+
+
+@pytest.mark.slow
+def test_great_storm(tmp_path: Path) -> None:
+    """10,000 requests, 30 % faults, 64 in flight; then a second run asks for nothing."""
+    with serving(Script(rate=0.3, seed=2)) as server:
+        expect_each_once(server, tmp_path, ask(server.url, tmp_path, 10_000), 10_000)
+        tried = server.tried.total()
+        ask(server.url, tmp_path, 10_000)
+        assert server.tried.total() == tried
+
+
+_RUN = """
+import sys
+from pathlib import Path
+from test_llm_faults import ask
+ask(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))
+"""
+
+
+def kill_again_and_again(root: Path, *, kills: int, count: int) -> None:
+    """Kill a run in its middle, several times; what was stored before a kill is never asked for after it."""
+    rng = random.Random(0)
+    safe: list[tuple[int, set[str]]] = []  # requests the server had seen at a kill, and the questions stored by then
+    with serving(Script(rate=0.3, seed=3, delay=0.02)) as server:
+        for kill in range(1, kills + 1):
+            kill_at(server, root, count * (kill - rng.random() / 2) / (kills + 1), count)
+            safe.append((len(server.bodies), {*stored(root)}))
+        ask(server.url, root, count)
+        asked = [text_of(body) for body in server.bodies]
+    assert len({*stored(root)}) == count
+    assert 0 < len(safe[0][1]) < len(safe[-1][1]) < count
+    assert [questions & {*asked[seen:]} for seen, questions in safe] == [set()] * kills
+
+
+def kill_at(server: LLMServer, root: Path, goal: float, count: int) -> None:
+    """Let a run go until so many answers are stored, and kill it."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    child = subprocess.Popen([sys.executable, "-c", _RUN, server.url, str(root), str(count)], env=environment)
+    while len(list(root.glob("completions/*/*.json"))) < goal:
+        assert child.poll() is None
+        time.sleep(0.002)
+    child.send_signal(signal.SIGKILL)
+    assert child.wait() == -signal.SIGKILL
+    while server.open:  # what the dead run still had in flight
+        time.sleep(0.01)
+
+
+def test_two_kills(tmp_path: Path) -> None:
+    """A run that is killed twice."""
+    kill_again_and_again(tmp_path, kills=2, count=300)
+
+
+@pytest.mark.slow
+def test_ten_kills(tmp_path: Path) -> None:
+    """A run that is killed ten times."""
+    kill_again_and_again(tmp_path, kills=10, count=4_000)

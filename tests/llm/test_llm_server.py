@@ -1,0 +1,195 @@
+"""Promise: the test server counts what it delivered and nothing else, and its faults follow from its seed."""
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hosted import KEY, batched, hosted, request
+from llm_script import PASSING, Script, key_of
+from llm_server import listen, main, recorded_answers, serving
+
+from tacevo.cli.inspect import task_without_data
+from tacevo.profile import Admitted
+from tacevo.records import Completion, Json, Mode, Request
+from tacevo.rules import CURRENT
+from tacevo.runs.wiring import ENTRIES, build_gate
+from tacevo.sandbox.client import Sandbox
+from tacevo.search.effects import LLM
+from tacevo.training.numerics import environment
+
+ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
+SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"
+
+recorded_ones = pytest.mark.skipif(not ANSWERS.exists(), reason="the recorded answers are not here")
+
+
+def recordings() -> dict[str, Json]:
+    """Read the recorded answers by the names of their files."""
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(ANSWERS.glob("*.json"))}
+
+
+def answers(llm: LLM, asked: list[Request]) -> list[Completion]:
+    """Ask, and give the answers in the order of the requests."""
+    given = dict(llm.complete(asked))
+    return [given[position] for position in range(len(asked))]
+
+
+def body(text: str) -> dict[str, object]:
+    """Make a request's body."""
+    return {"model": "m", "messages": [{"role": "user", "content": text}]}
+
+
+def post(url: str, text: str) -> dict[str, object]:
+    """Ask by hand."""
+    data = json.dumps(body(text)).encode()
+    with urllib.request.urlopen(urllib.request.Request(f"{url}/v1/messages", data=data, method="POST")) as answer:
+        return dict(json.load(answer))
+
+
+def test_faults_follow_from_the_seed() -> None:
+    """The same plan twice, another one under another seed, and about as many faults as asked for."""
+    plans = [
+        [Script(seed=seed, rate=0.3).fault(body(str(n)), tried) for n in range(500) for tried in (1, 2)]
+        for seed in (0, 0, 1)
+    ]
+    assert plans[0] == plans[1] != plans[2]
+    counts = Counter(plans[0])
+    assert set(counts) == {"", *PASSING}
+    assert 0.25 < 1 - counts[""] / 1000 < 0.35
+
+
+def test_only_delivered_answers_are_billed() -> None:
+    """A failed try counts as tried; an answer that was cut off was not delivered."""
+    with serving() as server:
+        assert post(server.url, "a")["model"] == "m-dated"
+        with pytest.raises(OSError, match="429"):
+            post(server.url, "b [fault 429]")
+        with pytest.raises(Exception, match=r"IncompleteRead|Connection reset"):
+            post(server.url, "c [fault reset]")
+        assert server.tried.total() == 3
+        assert server.billed == {key_of(body("a")): 1}
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", "/v1/v1/messages"),
+        ("POST", "/messages"),
+        ("POST", "/v1/complete"),
+        ("GET", "/v1/messages"),
+        ("GET", "/v1/messages/batcheses"),
+    ],
+)
+def test_wrong_path_is_not_found(method: str, path: str) -> None:
+    """As at a real server, and nothing counts as tried."""
+    with serving() as server:
+        asked = urllib.request.Request(f"{server.url}{path}", data=json.dumps(body("a")).encode(), method=method)
+        with pytest.raises(urllib.error.HTTPError, match="404") as refused:
+            urllib.request.urlopen(asked)
+        refused.value.close()
+        assert server.tried.total() == 0
+
+
+@recorded_ones
+def test_recorded_answers_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each request gets one of the task's answers, always the same."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    with serving(recorded_answers(ANSWERS, "force")) as server:
+        first, again = (answers(hosted(server.url), [request(str(n)) for n in range(30)]) for _ in range(2))
+    assert first == again
+    assert len({completion.text for completion in first}) > 5
+    assert all("class ImageRegressionCNN" in completion.text for completion in first)
+
+
+@recorded_ones
+@pytest.mark.parametrize("provider", ["anthropic", "openai", "batches"])
+def test_every_recorded_answer_comes_whole_through_the_sdks(
+    provider: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Text and stop reason of all files, by each of the three APIs."""
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, KEY)
+    files = recordings()
+    with serving(recorded_answers(ANSWERS, "")) as server:
+        llm = batched(server.url, tmp_path) if provider == "batches" else hosted(server.url, provider)
+        given = answers(llm, [request(name) for name in files])
+        assert len(server.billed) == server.billed.total() == len(files)
+    assert [(each.text, each.stop_reason) for each in given] == [
+        (file["response"], file["stop_reason"]) for file in files.values()
+    ]
+
+
+@recorded_ones
+def test_served_answers_get_the_verdicts_that_their_folder_states(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What the folder says trains at 32 pixels is admitted, and nothing else; counted by task."""
+    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+    files = recordings()
+    with serving(recorded_answers(ANSWERS, "")) as server:
+        given = dict(zip(files, answers(hosted(server.url), [request(name) for name in files]), strict=True))
+    admitted: Counter[str] = Counter()
+    for task in ("force", "grating"):
+        config, judged = task_without_data(task, 32)
+        config.store.root = str(tmp_path)
+        with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
+            gate = build_gate(config, judged.contract, sandbox.run, Mode.record, CURRENT)
+            mine = [completion for name, completion in given.items() if files[name]["task"] == task]
+            admitted[task] = sum(isinstance(gate.admit(completion), Admitted) for completion in mine)
+    assert admitted == Counter(file["task"] for file in files.values() if file["trains_at"]["32"])
+
+
+@recorded_ones
+def test_server_is_started_by_hand() -> None:
+    """Its first line is its address; it serves the folder, and Ctrl-C ends it quietly."""
+    command = [sys.executable, str(SERVER), "--answers", str(ANSWERS), "--task", "grating"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        content = post(process.stdout.readline().strip(), "grating_000")["content"]
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=60)
+    assert content == [{"type": "text", "text": recordings()["grating_000"]["response"]}]
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_folder_without_answers_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message names the folder, and what was looked for."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["--answers", str(tmp_path)])
+    assert f"{tmp_path} holds no recorded answers force_*.json" in capsys.readouterr().err
+
+
+def test_port_in_use_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """The message names the port; nothing waits for a server that never comes."""
+    with listen() as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(SystemExit, match="2"):
+            main(["--port", str(port)])
+    complaint = capsys.readouterr().err
+    assert "cannot listen: Address already in use" in complaint
+    assert f"{port})); choose another --port" in complaint
+
+
+@pytest.mark.parametrize("argument", ["--rate=1", "--rate=-0.1", "--rate=nan", "--port=65536", "--port=-1"])
+def test_number_out_of_its_range_is_refused(argument: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Were every try to fail, nobody would ever be answered."""
+    name, value = argument.split("=")
+    with pytest.raises(SystemExit, match="2"):
+        main([argument])
+    complaint = capsys.readouterr().err
+    assert f"argument {name}: expected a number " in complaint
+    assert complaint.endswith(f", got {value}\n")
+
+
+@pytest.mark.parametrize("reason", ["refusal", "stop_sequence"])
+def test_answer_that_cannot_be_served_whole_is_refused(reason: str, tmp_path: Path) -> None:
+    """A refusal would lose its text, and another stop reason would be told as the end of a turn."""
+    (tmp_path / "force_000.json").write_text(json.dumps({"response": "a", "stop_reason": reason}), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"force_000\.json ended by {reason}; end_turn and max_tokens can be served"):
+        recorded_answers(tmp_path, "force")

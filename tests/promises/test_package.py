@@ -1,0 +1,57 @@
+"""A wheel built from the tree carries the configs and works outside the checkout."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from smallest import SMALLEST, UNTRACKED
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the wheel."""
+    out = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True)
+    (built,) = out.glob("*.whl")
+    return built
+
+
+def test_wheel_carries_every_config_and_no_test(wheel: Path) -> None:
+    """Every file below conf/ is in the wheel, under the package."""
+    names = set(zipfile.ZipFile(wheel).namelist())
+    configs = {path.relative_to(ROOT) for path in (ROOT / "conf").rglob("*") if path.is_file()}
+    assert {f"tacevo/{path.as_posix()}" for path in configs} <= names
+    assert "analysis/__init__.py" in names
+    assert not {name for name in names if name.startswith(("tests/", "benchmarks/"))}
+
+
+def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
+    """Unpacked elsewhere, the command composes its own configs and runs a search, sandbox and all."""
+    library = tmp_path / "library"
+    zipfile.ZipFile(wheel).extractall(library)
+    overrides = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "tacevo.cli.app", "search", *overrides],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(library)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "digest: " in done.stdout
+    where = subprocess.run(
+        [sys.executable, "-c", "import tacevo.config.folder; print(tacevo.config.folder.conf_root())"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(library)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert where.stdout.strip() == str(library / "tacevo" / "conf")

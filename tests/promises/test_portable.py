@@ -1,0 +1,206 @@
+"""Promise: under portable numerics the same bits on every CPU, and what cannot keep it is known and flagged.
+
+What runs under an emulator carries the marker `portable`; what proves that enough is computed there runs always.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pytest
+import torch
+from forms import forms, forms_of_answers, forms_of_grammar
+from gate_cases import needs_shared
+from operations import expressions, names
+from portable_jobs import NETWORKS, candidates
+from portable_operations import computed
+from torch import nn
+
+from tacevo.choices import Numerics
+from tacevo.gate.operations import NOT_PORTABLE
+from tacevo.gate.policy import allowed
+from tacevo.gate.policy.check import check
+from tacevo.gate.portability import watching_portability
+from tacevo.training.numerics import environment
+
+CPUS = ("Haswell", "EPYC-Milan", "Skylake-Server")
+
+#: What a candidate may name that computes something, by module.
+MODULES = {
+    "torch": torch,
+    "torch.nn": nn,
+    "torch.nn.functional": nn.functional,
+    "torch.nn.init": nn.init,
+    "torch.nn.utils": nn.utils,
+    "torch.nn.utils.parametrizations": nn.utils.parametrizations,
+    "torch.linalg": torch.linalg,
+    "torch.fft": torch.fft,
+    "torch.special": torch.special,
+}
+
+#: A host that offers less, as far as the numeric settings leave that open: to the C library, NumPy and its BLAS.
+LESSER = {
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F,-AVX2_Usable,-FMA_Usable",
+    "NPY_DISABLE_CPU_FEATURES": "AVX512_SPR AVX512_ICL AVX512_SKX X86_V4 X86_V3 AVX2 FMA3",
+    "OPENBLAS_CORETYPE": "Nehalem",
+}
+
+#: What qemu 7.2 computes wrongly, by far more than a last bit: its gather instruction, so this says nothing of CPUs.
+MISCOMPUTED = {"F.grid_sample(i, g)"}
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "determinism.md"
+
+portable = pytest.mark.portable
+#: A candidate may call what torch would rather have called otherwise.
+deprecated = pytest.mark.filterwarnings("ignore")
+unhurried = pytest.mark.timeout(7_200)
+
+
+@pytest.fixture
+def _refusing() -> Iterator[None]:
+    """Refuse what has no deterministic form, as a trainer does, for the length of a test."""
+    before = torch.get_deterministic_debug_mode()
+    torch.set_deterministic_debug_mode("error")
+    with torch.random.fork_rng(devices=[]):
+        yield
+    torch.set_deterministic_debug_mode(before)
+
+
+def printed(job: str, *emulator: str, variables: Mapping[str, str] | None = None, check: bool = True) -> dict[str, str]:
+    """Do a job in a process of its own under portable numerics; give the digest of each thing that it computed."""
+    module = job.partition(".")[0]
+    command = [*emulator, sys.executable, "-W", "ignore", "-c", f"import {module}; {job}()"]
+    fixed = {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "0"}
+    process = subprocess.run(
+        command,
+        env={**fixed, **environment(Numerics.portable), **(variables or {})},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=check,
+    )
+    return dict(json.loads(line) for line in process.stdout.splitlines())
+
+
+def emulating(cpu: str) -> list[str]:
+    """Give the words that emulate a CPU, where that can be done."""
+    emulator = shutil.which("qemu-x86_64")
+    if emulator is None:
+        pytest.skip("qemu-x86_64 is not installed (package qemu-user)")
+    return [emulator, "-cpu", cpu]
+
+
+def survived(*emulator: str) -> dict[str, str]:
+    """Compute every operation, in another process where one crashes, as emulators do now and then.
+
+    An expression that crashes a process which has computed nothing else is `crashed`.
+    """
+    waiting = list(expressions())
+    found: dict[str, str] = {}
+    while len(found) < len(waiting):
+        further = printed("portable_operations.operations", *emulator, check=False, variables={"SKIP": str(len(found))})
+        found |= further or {waiting[len(found)]: "crashed"}
+    return found
+
+
+@pytest.fixture(scope="module")
+def native() -> dict[str, str]:
+    """Give what this machine computes of networks and runs."""
+    return printed("portable_jobs.networks")
+
+
+def table(differing: list[str]) -> str:
+    """Write the table of docs/determinism.md: the kernels behind the expressions that differed."""
+    rows: dict[str, list[str]] = {}
+    for expression in differing:
+        with watching_portability() as found:
+            computed(expression)
+        for kernel in sorted(found) or ["not known"]:
+            rows.setdefault(kernel, []).append(f"`{expression}`")
+    lines = [f"| `{kernel}` | {', '.join(found)} |" for kernel, found in sorted(rows.items())]
+    return "\n".join(["| kernel | measured to differ |", "|---|---|", *lines])
+
+
+@portable
+@unhurried
+@pytest.mark.parametrize("cpu", CPUS)
+def test_another_cpu_gives_the_same_bits(cpu: str, native: dict[str, str]) -> None:
+    """Probes, trainings, losses, descriptors, simulated images, centroids, ledger, archives and tables."""
+    assert printed("portable_jobs.networks", *emulating(cpu)) == native
+
+
+@portable
+@unhurried
+def test_lesser_host_gives_the_same_bits(native: dict[str, str]) -> None:
+    """The host's own limits, where the numeric settings do not set them already."""
+    assert printed("portable_jobs.networks", variables=LESSER) == native
+
+
+def test_lesser_host_is_one() -> None:
+    """The C library, NumPy and its BLAS each compute other bits there, or name an older CPU."""
+    here, there = printed("portable_jobs.surroundings"), printed("portable_jobs.surroundings", variables=LESSER)
+    assert here.keys() == there.keys() == {"C library", "NumPy", "BLAS"}
+    assert all(here[name] != there[name] for name in here)
+
+
+@portable
+@unhurried
+@deprecated
+@pytest.mark.usefixtures("_refusing")
+def test_operations_that_differ_are_flagged_and_documented() -> None:
+    """Each expression that gives other bits runs a flagged kernel, and the table names each flagged kernel."""
+    here, there = survived(), survived(*emulating("Haswell"))
+    assert list(there) == list(here) == list(expressions())
+    assert "crashed" not in {*here.values(), *there.values()}
+    differing = [name for name in here if there[name] != here[name] and name not in MISCOMPUTED]
+    found = table(differing)
+    assert "not known" not in found
+    documented = DOCUMENT.read_text(encoding="utf-8")
+    for kernel in NOT_PORTABLE:
+        assert f"| `{kernel}` |" in found, found
+        assert f"| `{kernel}` |" in documented, f"put this table into docs/determinism.md:\n{found}"
+
+
+def test_every_allowed_name_is_computed() -> None:
+    """Whatever a candidate may call of torch is in an expression, or is known to compute nothing."""
+    offered = {name for path, module in MODULES.items() for name in dir(module) if allowed.is_allowed(path, name)}
+    assert len(offered) > 500
+    assert sorted(offered - names()) == []
+
+
+@needs_shared
+def test_networks_hold_every_form_of_answers() -> None:
+    """The networks that are trained under emulation use all that recorded answers use."""
+    held = frozenset().union(*(forms(source) for _, source, _ in candidates()))
+    wanted = forms_of_answers()
+    assert {"conv2d dilation", "multiheadattention", "einsum"} <= wanted
+    assert sorted(wanted - held) == []
+
+
+@pytest.mark.slow
+@deprecated
+@pytest.mark.usefixtures("_refusing")
+def test_every_expression_can_be_computed() -> None:
+    """None of them raises, and torch refuses those alone that have no deterministic form."""
+    refused = {expression for expression in expressions() if computed(expression) == "refused"}
+    assert len(refused) == 6
+    assert all("unpool" in expression.lower() for expression in refused)
+
+
+def test_networks_hold_every_form_of_the_grammar() -> None:
+    """They use all that the grammar's records can say."""
+    held = frozenset().union(*(forms(source) for _, source, _ in candidates()))
+    wanted = forms_of_grammar()
+    assert {"conv2d groups", "groupnorm", "silu", "dropout2d", "hardtanh"} <= wanted
+    assert sorted(wanted - held) == []
+
+
+def test_networks_are_twelve_that_the_policy_admits() -> None:
+    """Beside the three baselines; what the gate refuses would prove nothing."""
+    found = list(candidates())
+    assert len(found) == 3 + 12
+    assert len(list(NETWORKS.iterdir())) == 12
+    assert [check(source, task) for _, source, task in found] == [None] * 15

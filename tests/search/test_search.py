@@ -1,0 +1,329 @@
+"""The search is the paper's Algorithm 1, and a deterministic fold: same seed, same bytes, however it is executed."""
+
+import itertools
+import json
+import math
+import random
+import time
+import tracemalloc
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import fakes
+import pytest
+
+from tacevo.choices import PromptPolicy, TemperatureRule
+from tacevo.errors import ConfigError, DivergenceError
+from tacevo.records import Json, Reason, Rejection, Stage, Training
+from tacevo.search.algorithm import Plan, run_search
+from tacevo.storage.ledger import Ledger
+
+
+def run(plan: Plan, path: Path | None = None, **effects: object) -> tuple[str, fakes.Recorder]:
+    """Run a plan with fake effects; give its digest and what an observer saw."""
+    recorder = fakes.Recorder()
+    with Ledger(path) as ledger:
+        run_search(plan, replace(fakes.tools(), **effects), ledger, recorder)  # type: ignore[arg-type]
+        return ledger.digest, recorder
+
+
+def candidates(recorder: fakes.Recorder) -> list[dict[str, Json]]:
+    """Give the candidates' lines."""
+    return [line for line in recorder.lines if line["kind"] == "candidate"]
+
+
+def generations(recorder: fakes.Recorder) -> list[dict[str, Json]]:
+    """Give the generations' lines."""
+    return [line for line in recorder.lines if line["kind"] == "generation"]
+
+
+def test_same_seed_gives_the_same_digest_and_another_seed_another() -> None:
+    """A run is a function of its configuration and seed."""
+    first, _ = run(fakes.plan())
+    assert first == run(fakes.plan())[0]
+    assert first != run(fakes.plan(seed=1))[0]
+
+
+def test_many_workers_with_uneven_delays_give_the_digest_of_one() -> None:
+    """Work that finishes in any order is committed in slot order."""
+    delays = random.Random(0)  # delays of a test; the order of threads is not reproducible anyway
+
+    def slow(source: str) -> Training | Rejection:
+        time.sleep(delays.random() / 200)
+        return fakes.evaluate(source)
+
+    with ThreadPoolExecutor(8) as executor:
+        many, _ = run(fakes.plan(), executor=executor, evaluate=slow)
+    assert many == run(fakes.plan())[0]
+
+
+def test_run_killed_at_any_training_continues_to_the_same_bytes(tmp_path: Path) -> None:
+    """Whenever it stops, the same command ends with the ledger of an uninterrupted run."""
+    plan = fakes.plan(generations=2)
+    whole = tmp_path / "whole.jsonl"
+    trainings: list[str] = []
+
+    def counted(source: str) -> Training | Rejection:
+        trainings.append(source)
+        return fakes.evaluate(source)
+
+    run(plan, whole, evaluate=counted)
+    for last in range(len(trainings)):
+        path = tmp_path / f"killed{last}.jsonl"
+        left = iter(range(last))
+
+        def until_killed(source: str, left: Iterator[int] = left) -> Training | Rejection:
+            if next(left, None) is None:
+                raise KeyboardInterrupt
+            return fakes.evaluate(source)
+
+        with pytest.raises(KeyboardInterrupt):
+            run(plan, path, evaluate=until_killed)
+        assert path.stat().st_size < whole.stat().st_size
+        run(plan, path)
+        assert path.read_bytes() == whole.read_bytes()
+
+
+def test_longer_run_begins_with_the_lines_of_a_shorter_one(tmp_path: Path) -> None:
+    """A finished run can be continued: nothing in its lines depends on how many generations were asked for."""
+    path = tmp_path / "ledger.jsonl"
+    run(fakes.plan(generations=2), path)
+    short = path.read_bytes()
+    digest, _ = run(fakes.plan(generations=4), path)
+    assert path.read_bytes().startswith(short)
+    assert digest == run(fakes.plan(generations=4))[0]
+
+
+def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:
+    """A replay that computes something else stops at generation, slot and field."""
+    path = tmp_path / "ledger.jsonl"
+    run(fakes.plan(), path)
+
+    def drifting(source: str) -> Training | Rejection:
+        result = fakes.evaluate(source)
+        return result if isinstance(result, Rejection) else replace(result, weights_sha256="2" * 64)
+
+    with pytest.raises(DivergenceError, match="generation 0, slot 0: field 'weights' was recorded as"):
+        run(fakes.plan(), path, evaluate=drifting)
+
+
+def test_one_operator_holds_for_a_whole_generation() -> None:
+    """The operator is drawn once a generation; both occur, and generation 0 is the baseline and its mutations."""
+    _, recorder = run(fakes.plan(generations=12))
+    operators = [
+        {line["operator"] for line in candidates(recorder) if line["generation"] == generation}
+        for generation in range(13)
+    ]
+    assert operators[0] == {"baseline", "mutation"}
+    assert all(len(found) == 1 for found in operators[1:])
+    assert {"mutation"} in operators[1:]
+    assert {"crossover"} in operators[1:]
+
+
+def test_parents_are_elites_of_the_archive_before_the_generation() -> None:
+    """No candidate descends from one of its own generation, and every parent held a niche."""
+    _, recorder = run(fakes.plan(generations=6))
+    elites: set[str] = set()
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        if line["kind"] == "generation":
+            elites = {elite.name for elite in state.networks.archive.elites.values()}
+        elif line["generation"] > 0:
+            assert set(line["parents"]) <= elites
+            assert len(set(line["parents"])) == {"mutation": 1, "crossover": 2}[line["operator"]]
+
+
+def test_rejected_candidates_change_no_archive() -> None:
+    """What the gate or the training turned away is discarded, and its line says where and why."""
+    _, recorder = run(fakes.plan(generations=6))
+    before = None
+    rejected = 0
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        if "stage" in line:
+            rejected += 1
+            assert before is not None
+            assert (state.networks, state.prompts) == (before.networks, before.prompts)
+            assert "fitness" not in line
+        before = state
+    assert rejected > 3
+
+
+def test_prompt_archive_records_mutations_after_generation_0_only() -> None:
+    """A_P starts empty, and neither crossover nor the initial mutations enter it."""
+    _, recorder = run(fakes.plan(generations=8))
+    for line in candidates(recorder):
+        enters = line["operator"] == "mutation" and line["generation"] > 0 and "fitness" in line
+        assert ("prompt_niche" in line) == enters
+    assert recorder.states[-1].prompts.trials
+
+
+def test_prompt_trials_carry_the_temperature_of_the_generation() -> None:
+    """A trial is s = (i, T_g): the noise of a single request does not enter the prompt archive."""
+    _, recorder = run(fakes.plan(generations=8))
+    of_generation = {line["generation"]: line["temperature"] for line in generations(recorder)}
+    final = recorder.states[-1].prompts
+    for niche, trial in final.trials.items():
+        generation = int(final.archive.elites[niche].name[1:3])
+        assert trial.temperature == of_generation[generation]
+
+
+def test_curiosity_follows_the_insertion() -> None:
+    """Curiosity is 0.5 for a child that was not inserted, else 1 + 1 / (1 + f)."""
+    _, recorder = run(fakes.plan(generations=6))
+    for line in candidates(recorder):
+        if "fitness" in line:
+            inserted = line["status"] != "rejected"
+            assert line["curiosity"] == (1 + 1 / (1 + line["fitness"]) if inserted else 0.5)
+
+
+def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
+    """However often a candidate was a parent, its mean curiosity is that of the list of scores, to the last bit."""
+    _, recorder = run(fakes.plan(generations=20))
+    scores: dict[str, list[float]] = {}
+    for line in candidates(recorder):
+        if "fitness" in line:
+            taught = line["parents"] if line["operator"] == "mutation" else []
+            for name in (*taught, line["id"]):
+                scores.setdefault(name, []).append(line["curiosity"])
+    kept = recorder.states[-1].candidates
+    assert {name: float(found.curiosity) for name, found in kept.items()} == {
+        name: math.fsum(values) for name, values in scores.items()
+    }
+    assert {name: found.curiosities for name, found in kept.items()} == {n: len(v) for n, v in scores.items()}
+
+
+def test_states_share_what_they_have_in_common() -> None:
+    """Every state of a long search can be kept: one takes no copy of the candidates before it, and none changes."""
+    tracemalloc.start()
+    try:
+        _, recorder = run(fakes.plan(generations=150))
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    trained = 0
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        trained += "fitness" in line
+        assert (len(state.candidates), len(state.networks.history)) == (trained, trained)
+    assert trained > 500
+    assert kept < 8e6  # bytes; 4.5 million are kept here, and 12.8 million where every state has copies of its own
+
+
+def test_best_never_gets_worse_and_the_papers_temperature_only_rises() -> None:
+    """The literal rule compares an archive's best with itself, so T climbs by eta to 1."""
+    _, recorder = run(fakes.plan(generations=12))
+    lines = generations(recorder)
+    bests = [line["best"] for line in lines]
+    assert bests == sorted(bests, reverse=True)
+    assert [line["temperature"] for line in lines] == pytest.approx(
+        [0.6, *(min(0.6 + 0.05 * step, 1.0) for step in range(12))]
+    )
+
+
+def test_stall_rule_lowers_the_temperature_when_the_best_improves() -> None:
+    """Up on a stall, down on a better best."""
+    _, recorder = run(fakes.plan(generations=8, rule=TemperatureRule.stall))
+    lines = generations(recorder)
+    for before, line in itertools.pairwise(lines):
+        change = line["next_temperature"] - line["temperature"]
+        assert change == pytest.approx(-0.05 if line["best"] < before["best"] else 0.05)
+
+
+def test_without_prompt_archive_the_network_archive_is_the_same() -> None:
+    """Under uniform prompts A_P only records, so the ablation that drops it leaves every network as it was."""
+    _, uniform = run(fakes.plan(generations=6))
+    _, none = run(fakes.plan(generations=6, prompts=PromptPolicy.none))
+    assert none.states[-1].networks == uniform.states[-1].networks
+    assert not none.states[-1].prompts.trials
+
+
+def test_curious_prompts_change_the_search() -> None:
+    """The abstract's reading of the method is another search."""
+    assert run(fakes.plan(generations=6, prompts=PromptPolicy.curiosity))[0] != run(fakes.plan(generations=6))[0]
+
+
+def test_outcomes_are_observed_before_their_line() -> None:
+    """A candidate's source can be kept before the ledger names it."""
+    order: list[str] = []
+
+    class Ordered(fakes.Recorder):
+        def developed(self, outcome: object) -> None:
+            order.append("developed")
+
+        def committed(self, line: dict[str, Json], state: object) -> None:
+            order.append(line["kind"])
+
+    with Ledger(None) as ledger:
+        run_search(fakes.plan(generations=1), fakes.tools(), ledger, Ordered())
+    assert order == [*["developed", "candidate"] * 4, "generation", *["developed", "candidate"] * 6, "generation"]
+
+
+def test_baseline_that_does_not_train_is_the_users_mistake() -> None:
+    """A search cannot begin from nothing; the message says why the baseline failed."""
+
+    def failing(source: str) -> Training | Rejection:
+        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan in epoch 1")
+
+    with pytest.raises(ConfigError, match=r"the baseline of task fake .* loss is nan in epoch 1"):
+        run(fakes.plan(), evaluate=failing)
+
+
+def test_small_run_is_golden() -> None:
+    """The ledger of a small run changes only on purpose: then results change, and the changelog says so."""
+    golden = Path(__file__).parents[1] / "golden" / "ledger.jsonl"
+    lines = golden.read_text(encoding="utf-8")
+    recorded = tuple(json.loads(line) for line in lines.splitlines())
+    with Ledger(None, recorded) as ledger:
+        run_search(fakes.plan(generations=3), fakes.tools(), ledger, fakes.Recorder())
+        assert ledger.committed == ledger.recorded
+
+
+def repairing() -> Plan:
+    """Give a plan that sends answers back twice."""
+    return replace(fakes.plan(generations=4), repairs=2)
+
+
+def test_repaired_candidates_are_counted_apart() -> None:
+    """A generation's `trained` are first answers; a repaired line tells every answer that was sent back, and why."""
+    _, recorder = run(repairing())
+    repaired = [line for line in candidates(recorder) if "repairs" in line]
+    assert any("fitness" in line for line in repaired)
+    for line in repaired:
+        assert 1 <= len(line["repairs"]) <= 2
+        assert all((sent["stage"], sent["reason"]) == ("extract", "no_class") for sent in line["repairs"])
+    for ended in generations(recorder):
+        of_generation = [line for line in candidates(recorder) if line["generation"] == ended["generation"]]
+        trained = [line for line in of_generation if "fitness" in line]
+        assert ended["trained"] == sum("repairs" not in line for line in trained)
+        assert ended.get("repaired", 0) == sum("repairs" in line for line in trained)
+        assert ("repaired" in ended) == any("repairs" in line for line in of_generation)
+
+
+def test_repairs_leave_first_answers_as_they_are() -> None:
+    """Generation 0 with repairs differs from the one without in the rejected slots alone."""
+    first = replace(fakes.plan(generations=0), initial=20)
+    plain = {line["slot"]: line for line in candidates(run(first)[1])}
+    mended = {line["slot"]: line for line in candidates(run(replace(first, repairs=1))[1])}
+    rejected = {slot for slot, line in plain.items() if line.get("stage") == "extract"}
+    assert rejected
+    assert {slot for slot in plain if "repairs" in mended[slot]} == rejected
+    kept = plain.keys() - rejected
+    assert [mended[slot]["answer"] for slot in kept] == [plain[slot]["answer"] for slot in kept]
+
+
+def test_repairing_run_gives_one_digest_with_any_workers_resumed_or_not(tmp_path: Path) -> None:
+    """Sending back is part of the fold: many workers, a kill in the middle and a replay change nothing."""
+    path = tmp_path / "ledger.jsonl"
+    digest, _ = run(repairing())
+    left = iter(range(9))
+
+    def until_killed(source: str) -> Training | Rejection:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return fakes.evaluate(source)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(repairing(), path, evaluate=until_killed)
+    with ThreadPoolExecutor(8) as executor:
+        assert run(repairing(), path, executor=executor)[0] == digest
+    assert run(repairing(), path)[0] == digest

@@ -1,0 +1,275 @@
+"""Promise: a sweep's jobs are all known before one runs, each has its folder, and none is run twice."""
+
+from pathlib import Path
+
+import pytest
+from sweeps import SHARED, Heard, Launched, begin, files_of
+
+from tacevo.errors import ConfigError, RunError
+from tacevo.storage.sweep_directory import SweepDirectory, name_arm
+from tacevo.sweeps.launch import Launcher
+from tacevo.sweeps.plan import folder, name_job, part, plan, sweep
+from tacevo.sweeps.status import Standing
+
+TWO_BY_TWO = [*SHARED, "ablation=none,fixed_temperature", "seed=0,1"]
+NAMES = ["none-seed0", "none-seed1", "fixed_temperature-seed0", "fixed_temperature-seed1"]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_several_values_tell_jobs_apart() -> None:
+    """What has one value is shared, but for the ablation and the seed, to which others may come."""
+    shared, varied = part(["experiment=demo", "ablation=none", "seed=range(0,2)", "temperature=paper,stall"])
+
+    assert shared == ("experiment=demo",)
+    assert varied == (
+        ("ablation=none", "seed=0", "temperature=paper"),
+        ("ablation=none", "seed=0", "temperature=stall"),
+        ("ablation=none", "seed=1", "temperature=paper"),
+        ("ablation=none", "seed=1", "temperature=stall"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("run.dir=runs/mine", r"a folder of its own in that of the sweep \(--into\); got 'run.dir=runs/mine'"),
+        ("tracking.uri='postgresql://me:hunter2@host/db'", "may hold a password; give it to the environment"),
+        ("search.generations=interval(1,5)", "needs values that can be counted"),
+        ("seed=range(3,3)", "stands for none"),
+        ("seed=1,", "cannot be read"),
+        ("store={root:/home/a/x}", r"write store\.NAME=VALUE in place of store=\{\.\.\.\}"),
+        ("run={dir:mine}", r"write run\.NAME=VALUE"),
+        ("tracking={uri:'postgresql://me:hunter2@host/db'}", "tracking"),
+        ("store={root:a},{root:b}", r"write store\.NAME=VALUE"),
+        ("store=choice({root:a})", r"write store\.NAME=VALUE"),
+        ("data.root=${oc.env:HOME}/x", r"data\.root holds a \$, .* write the value itself"),
+        (r"llm.model=$\{oc.env\:HOME\}", r"llm\.model holds a \$"),
+        ("hydra.sweep.dir=mine", "Hydra's own settings have no effect here"),
+        ("+seed=1,2", "none can be added or removed"),
+    ],
+)
+def test_what_no_sweep_takes_is_refused(setting: str, message: str) -> None:
+    """Each mistake is told by the setting as it was written."""
+    with pytest.raises(ConfigError, match=message) as raised:
+        part([*SHARED, setting])
+    assert "hunter2" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("own", "arm", "name"),
+    [
+        (("ablation=no_qd", "seed=3"), "no_qd", "no_qd-seed3"),
+        (("seed=3",), "none", "none-seed3"),
+        (("temperature=stall", "seed=3"), "temperature=stall", "temperature-stall-seed3"),
+        (("ablation=none", "proposals.best=2"), "none proposals.best=2", "none-proposals.best-2-seed3"),
+    ],
+)
+def test_arm_is_what_is_compared(own: tuple[str, ...], arm: str, name: str) -> None:
+    """The ablation, and whatever else is varied but the seed, in a form that a folder can be called."""
+    assert name_arm(own) == arm
+    assert name_job(own, 3) == name
+
+
+def test_no_value_leads_out_of_the_sweep() -> None:
+    """Characters that no folder should have are replaced, and what was replaced still tells arms apart."""
+    arms = (
+        "task.system=../a",
+        "task.system=../b",
+        "task.system=..-a",
+        f"ablation={'x' * 500}",
+        f"ablation={'x' * 501}",
+    )
+    names = {name_job([arm], 0) for arm in arms}
+
+    assert len(names) == 5
+    assert all("/" not in name and len(name) < 120 for name in names)
+
+
+def test_no_job_is_called_after_a_folder_of_this_machine() -> None:
+    """Names of jobs are published: a path gives its last part, and two that share it are still two."""
+    names = [name_job([f"data.root=/home/{user}/force", "ablation=none"], 0) for user in ("ada", "bob")]
+
+    assert len(set(names)) == 2
+    assert all(
+        name.startswith("none-data.root-force-") and not {"home", "ada", "bob"} & {*name.split("-")} for name in names
+    )
+
+
+def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
+    """A list of all but the one that needs an LLM can be composed."""
+    shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"])
+
+    assert len(plan(shared, varied)) == len(varied) > 10
+    assert (
+        "'ablation=glob(*,exclude=llm_vs_grammar)'" in Path(__file__).parents[2].joinpath("docs/sweeps.md").read_text()
+    )
+
+
+def test_mistake_in_any_job_is_told_before_one_runs(place: Path) -> None:
+    """The last of many jobs cannot be composed: the job and the fault are named, and nothing is begun."""
+    launched = Launched()
+    with pytest.raises(ConfigError, match="ablation=none seed=-1: seed needs a value >= 0"):
+        sweep([*SHARED, "ablation=none", "seed=0,1,-1"], None, Heard(), launched)
+    assert not launched.calls
+    assert not list(place.iterdir())
+
+
+@pytest.mark.parametrize("override", ["hydra/launcher=nowhere", "hydra.launcher.njobs=2", "hydra.launcher.n_jobs=x"])
+def test_launcher_that_cannot_be_used_is_told_before_a_job_runs(override: str, place: Path) -> None:
+    """A misspelt launcher, or setting of one, leaves no folder behind."""
+    with pytest.raises(ConfigError, match=r"hydra/launcher=.* cannot be used: "):
+        sweep([*TWO_BY_TWO, override], None, Heard(), Launched())
+    assert not list(place.iterdir())
+
+
+def test_same_search_runs_once(place: Path) -> None:
+    """A seed given twice is one job; a search that stands in the sweep under another name keeps that name."""
+    launched = Launched()
+    sweep([*SHARED, "seed=0,0"], "all", Heard(), launched)
+    asked = sweep([*SHARED, "temperature=paper,stall"], "all", Heard(), launched)
+
+    assert launched.calls == [["none-seed0"], ["temperature-stall-seed0"]]
+    assert [status.job.name for status in asked.statuses] == ["none-seed0", "temperature-stall-seed0"]
+
+
+def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
+    """It follows from what the jobs share, and from nothing that leaves results alone."""
+    first, more, watched, other = (
+        plan(*part([*SHARED, *settings]))[0].config
+        for settings in (
+            ["ablation=none", "seed=0"],
+            ["ablation=stall_temperature", "seed=3"],
+            ["executor.workers=1"],
+            ["search.candidates=3"],
+        )
+    )
+    name = folder(SHARED, first)
+    assert name.parent == Path("sweeps")
+    assert name.name.startswith("demo-")
+    assert folder(SHARED, more) == name
+    assert folder([*SHARED, "executor.workers=1"], watched) == name
+    assert folder([*SHARED, "search.candidates=3"], other) != name
+
+
+def test_finished_jobs_are_left_alone(place: Path) -> None:
+    """The same command launches nothing, and touches no file of a job."""
+    launched = Launched()
+    first = sweep(TWO_BY_TWO, "all", Heard(), launched)
+    before = {name: files_of(place / "all" / name) for name in NAMES}
+    again = sweep(TWO_BY_TWO, "all", Heard(), launched)
+
+    assert launched.calls == [NAMES]
+    assert again == first
+    assert [status.standing for status in again.statuses] == [Standing.finished] * 4
+    assert {name: files_of(place / "all" / name) for name in NAMES} == before
+
+
+def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
+    """A failure stops no other job, is told with its reason, and is repeated; a stopped job is taken up."""
+    view = Heard()
+    first = sweep(TWO_BY_TWO, "all", view, Launched(failing=("none-seed1",)))
+    assert [status.reason for status in first.statuses] == ["", "the disk is full", "", ""]
+    assert "none-seed1: failed, the disk is full (1 of 4 jobs finished)" in view.lines
+    assert view.counts == [(0, 4), (1, 4), (1, 4), (2, 4), (3, 4)]
+
+    directory = SweepDirectory(place / "all")
+    stopped = directory.read()[1][0]
+    run = directory.run(stopped).read_run()
+    directory.run(stopped).write_json("run.json", {**run, "digest": None})
+    second = Launched()
+    assert all(status.digest for status in sweep(TWO_BY_TWO, "all", Heard(), second).statuses)
+    assert second.calls == [["none-seed0", "none-seed1"]]
+
+
+def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
+    """A command with others runs those only, and sweep.json lists all, each once."""
+    launched = Launched()
+    sweep([*SHARED, "ablation=none", "seed=0,1"], "all", Heard(), launched)
+    asked = sweep([*SHARED, "ablation=none,fixed_temperature", "seed=1"], "all", Heard(), launched)
+
+    assert launched.calls == [NAMES[:2], [NAMES[3]]]
+    assert [status.job.name for status in asked.statuses] == [NAMES[1], NAMES[3]]
+    assert [job.name for job in SweepDirectory(place / "all").read()[1]] == [*NAMES[:2], NAMES[3]]
+
+
+def test_other_shared_settings_are_another_sweep(place: Path) -> None:
+    """Jobs of two budgets are not put into one folder; where results cannot change, the newest settings hold."""
+    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+    with pytest.raises(
+        RunError, match=r"none-seed0 would be another search under .*candidates=3; choose another --into"
+    ):
+        sweep([*SHARED, "search.candidates=3", "seed=1"], "all", Heard(), Launched())
+    sweep([*SHARED, "executor.workers=1", "seed=1"], "all", Heard(), Launched())
+    assert SweepDirectory(place / "all").read()[0][-1] == "executor.workers=1"
+
+
+def test_shared_settings_are_held_against_every_job(place: Path) -> None:
+    """An arm may override what differs, and would hide that another arm's jobs are others now."""
+    sweep([*SHARED, "ablation=no_prompt_archive,none", "seed=0"], "all", Heard(), Launched())
+    with pytest.raises(RunError, match=r"none-seed0 would be another search under .*prompts=curiosity"):
+        sweep([*SHARED, "prompts=curiosity", "ablation=none", "seed=1"], "all", Heard(), launched := Launched())
+    assert not launched.calls
+
+
+def test_what_told_jobs_apart_once_tells_them_apart_again(place: Path) -> None:
+    """One value of a setting that was varied before is not shared: its job would have the arm of another."""
+    sweep([*SHARED, "temperature=paper,stall", "seed=0"], "all", Heard(), Launched())
+    asked = sweep([*SHARED, "temperature=stall", "seed=0,1"], "all", Heard(), launched := Launched())
+
+    assert launched.calls == [["temperature-stall-seed1"]]
+    assert {status.job.arm for status in asked.statuses} == {"temperature=stall"}
+
+
+def test_finished_job_has_not_failed_whatever_was_written_before(place: Path) -> None:
+    """A job that was finished by hand, or whose watchman was killed, loses the reason of its failure."""
+    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+    directory = SweepDirectory(place / "all")
+    job = directory.read()[1][0]
+    directory.fail(job, "the disk is full")
+    sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
+
+    assert not launched.calls
+    assert directory.failure(job) is None
+
+
+def test_folder_of_another_run_is_named(place: Path) -> None:
+    """What lies where a job belongs, and is another configuration's, is neither used nor overwritten."""
+    directory = SweepDirectory(place / "all")
+    job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
+    begin(directory, job, [*SHARED, "search.candidates=3"])
+    before = files_of(place / "all" / "none-seed0")
+    with pytest.raises(RunError, match=r"none-seed0 holds another configuration's run; move that folder away"):
+        sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+    assert files_of(place / "all" / "none-seed0") == before
+
+
+def test_job_that_another_process_runs_is_left_to_it(place: Path) -> None:
+    """Jobs of a cluster outlive the process that launched them."""
+    directory = SweepDirectory(place / "all")
+    job = plan(SHARED, [("seed=0",)])[0].job
+    with directory.run(job).locked():
+        swept = sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
+    assert not launched.calls
+    assert [status.standing for status in swept.statuses] == [Standing.running]
+
+
+def test_one_process_at_a_time_runs_a_sweep(place: Path) -> None:
+    """Two would launch the same jobs."""
+    with (
+        SweepDirectory(place / "all").locked(),
+        pytest.raises(RunError, match=r"another process is running in all; wait for it, or choose another --into"),
+    ):
+        sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+
+
+def test_launcher_is_fitted_to_the_jobs_that_are_left(place: Path) -> None:
+    """Of two jobs one is finished, so that one process is enough, however many cores there are."""
+    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+    sweep([*SHARED, "seed=0,1", "executor.workers=1"], "all", Heard(), launched := Launched())
+    assert launched.launchers == [Launcher(name="joblib", overrides=("hydra.launcher.n_jobs=1",))]
