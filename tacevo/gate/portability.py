@@ -12,6 +12,7 @@ from typing import Any
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from tacevo.gate.operations import NOT_PORTABLE
+from tacevo.sandbox.candidate import call_plainly
 
 
 @contextmanager
@@ -36,6 +37,9 @@ class _Watcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
         if name in NOT_PORTABLE:
             self.found.add(name)
         return func(*args, **(kwargs or {}))
+
+
+call_plainly(_Watcher.__torch_dispatch__)
 
 
 def _spelling(func: Callable[..., Any], args: tuple[Any, ...]) -> str:

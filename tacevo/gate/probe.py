@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import cross_entropy, mse_loss
-from torch.utils.flop_counter import FlopCounterMode
+from torch.utils.flop_counter import FlopCounterMode, _FlopCounterMode
 
 from tacevo.gate.honesty import check_leaves, check_names, unchanged
 from tacevo.gate.portability import watching_portability
@@ -21,12 +21,14 @@ from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault
+from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, digest, fault
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import modules, parameters
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
 BATCHES = (2, 5)
+
+call_plainly(_FlopCounterMode.__torch_dispatch__)
 
 _SEED = 0
 
@@ -146,7 +148,7 @@ def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: 
     with blaming(Reason.backward_failed):
         with unchanged(model, training=True):
             loss = mse_loss(output, targets) if contract.loss is Loss.mse else cross_entropy(output, targets)
-            optimiser = torch.optim.Adam(listed, lr=_LEARNING_RATE, fused=True)
+            optimiser = Adam(listed, _LEARNING_RATE)
             torch.autograd.backward(loss)
         if all(parameter.grad is None for parameter in listed):
             raise CandidateError(Reason.no_gradient, "after backward no parameter has a gradient")

@@ -7,14 +7,13 @@ import hashlib
 import inspect
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import torch
-import torch._dynamo  # the first optimiser would import it: a second for each child, instead of one for the zygote
 from torch import nn
 
 from tacevo.records import Contract, Reason
@@ -25,6 +24,45 @@ torch.zeros(1).half()  # torch reads what the CPU can do from a file, when first
 
 #: Name of the module that a candidate's text makes, which its classes bear.
 NAME = "candidate"
+
+
+def call_plainly(*functions: Any) -> None:
+    """Have torch call functions of its own as they are, where it would first import its compiler to keep it away.
+
+    Args:
+        functions: what `torch._disable_dynamo` made.
+    """
+    for function in functions:
+        plain = function.__wrapped__
+        plain.__dynamo_disable = plain  # what torch looks up, and makes with the compiler where it is missing
+
+
+call_plainly(torch.optim.Optimizer.add_param_group, torch.optim.Optimizer.zero_grad)
+_ADAM_STEP: Any = torch.optim.Adam.step
+_ADAM_STEP = _ADAM_STEP.__wrapped__
+
+
+class Adam(torch.optim.Adam):
+    """Adam, fused, with a step that needs no compiler to switch gradients off."""
+
+    def __init__(self, parameters: Iterable[nn.Parameter], learning_rate: float) -> None:
+        # The other forms take their square root from a library whose last bit depends on the CPU.
+        super().__init__(parameters, learning_rate, fused=True)
+
+    @torch.no_grad()
+    def step(self) -> None:  # type: ignore[override]
+        """Take one step."""
+        _ADAM_STEP(self)
+
+
+def _warm_up() -> None:
+    """Take a step for nobody: torch looks for optional modules at its first one, and no candidate's process could."""
+    parameter = nn.Parameter(torch.zeros(1))
+    parameter.grad = torch.zeros(1)
+    Adam([parameter], 0.0).step()
+
+
+_warm_up()
 
 
 class CandidateError(Exception):

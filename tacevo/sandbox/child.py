@@ -27,12 +27,21 @@ Send = Callable[[Json, bytes], None]
 Entry = Callable[[Json, bytes, Arrays, Send], object]
 
 
+class _Last:
+    """A finder of modules that is asked when all others have found none."""
+
+    def __init__(self, find_spec: Callable[[str, object, object], NoReturn]) -> None:
+        self.find_spec = find_spec
+
+
 def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int) -> NoReturn:
     """Turn this fresh fork into a candidate's process, run the entry and end without any clean-up.
 
     Args:
         entry: the code to run.
-        job: `header` for the entry, `limits` as JSON, and the level of confinement as `strongest`.
+        job: `header` for the entry, `limits` as JSON, the level of confinement as `strongest`, and `prepared`: whether
+            the zygote has all modules that any job may need. Where it has not, the first import of another one is
+            reported as `unprepared` and ends the process, so that no answer depends on the lack.
         payload: bytes for the entry.
         arrays: what the zygote mapped.
         pipe: file descriptor that answers go to; the only one that stays open beside the standard streams, which
@@ -45,15 +54,17 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, s
         while left:
             left = left[os.write(pipe, left) :]
 
+    def lack(*_: object) -> NoReturn:
+        say(Sort.unprepared, None)
+        os._exit(0)
+
     try:
         end_with(supervisor)
         os.setsid()
         os.chdir("/")
         close_all_but(pipe)
-        sys.meta_path[:] = [
-            BuiltinImporter,
-            FrozenImporter,
-        ]  # no file can be read: say so at once, and alike everywhere
+        # No file can be read: say so at once, and alike everywhere.
+        sys.meta_path[:] = [BuiltinImporter, FrozenImporter, *(() if job["prepared"] else (_Last(lack),))]
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
         say(Sort.done, None)

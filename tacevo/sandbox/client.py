@@ -35,6 +35,9 @@ _GRACE_SECONDS = 5.0
 #: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
 _TRANSFER_SECONDS = 20.0
 
+#: What torch imports when it is first needed, which takes as long as torch itself; few candidates make it do so.
+_LATE_IMPORTS = ("torch._dynamo",)
+
 #: Told the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
 Notice = Callable[[tuple[str, ...]], None]
 
@@ -74,11 +77,16 @@ class _LostError(SandboxError):
     """A job was lost before any code of the candidate ran; nothing is known of it."""
 
 
+class _UnpreparedError(SandboxError):
+    """A job's process would import a module that its zygote has not."""
+
+
 class Sandbox:
     """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
 
     The prepared process (the zygote) starts with the first job. If it dies, running jobs are finished by their
-    supervisors, and the next one starts another zygote.
+    supervisors, and the next one starts another zygote. A job whose process would import more than the zygote has runs
+    again, from its beginning, below a second zygote that has all of it; nothing else tells the two apart.
 
     Args:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
@@ -104,7 +112,8 @@ class Sandbox:
         self._strongest = strongest
         self._notice = notice
         self._lock = threading.Lock()
-        self._zygote: _Zygote | None = None
+        #: By whether it is the one with all imports.
+        self._zygotes: dict[bool, _Zygote] = {}
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -133,55 +142,63 @@ class Sandbox:
         if entry not in self._setup["entries"]:
             raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
         order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
-        job = Message.of(Sort.job, order, payload)
-        answer = self._answer(job, limits)
-        if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
-            answer = self._answer(job, limits)
+        try:
+            answer = self._run(order, payload, limits, prepared=False)
+        except _UnpreparedError:
+            answer = self._run(order, payload, limits, prepared=True)
         if not isinstance(answer, _Killed):
             return answer
         if self._closed:
             raise SandboxError("the sandbox was closed while a candidate ran")
         return Died(Reason.crashed, answer.detail)
 
-    def _answer(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
+    def _run(self, order: Json, payload: bytes, limits: Limits, *, prepared: bool) -> "Finished | Died | _Killed":
+        """Run a job, once more where it was killed."""
+        job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
+        answer = self._answer(job, limits, prepared)
+        if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
+            answer = self._answer(job, limits, prepared)
+        return answer
+
+    def _answer(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
         """Run a job, once more where it was lost."""
         try:
-            return self._attempt(job, limits)
+            return self._attempt(job, limits, prepared)
         except _LostError:
-            return self._attempt(job, limits)
+            return self._attempt(job, limits, prepared)
 
-    def _attempt(self, job: Message, limits: Limits) -> "Finished | Died | _Killed":
+    def _attempt(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
         """Run a job in a fresh process."""
         ours, theirs = socket.socketpair()
         with ours:
             with theirs:
-                zygote = self._submit(theirs)
+                zygote = self._submit(theirs, prepared)
             channel = Channel(ours)
             supervisor = _hand_over(channel, job, zygote)
             return _await_answer(channel, limits, supervisor, self._notice)
 
     def close(self) -> None:
-        """End the zygote and every job; calls to `run` that wait in other threads raise `SandboxError`."""
+        """End the zygotes and every job; calls to `run` that wait in other threads raise `SandboxError`."""
         with self._lock:
             self._closed = True
-            if self._zygote is not None:
-                self._zygote.close()
-                self._zygote = None
+            while self._zygotes:
+                self._zygotes.popitem()[1].close()
 
-    def _submit(self, job: socket.socket) -> "_Zygote":
-        """Pass the socket of a job to the zygote, starting one where there is none."""
+    def _submit(self, job: socket.socket, prepared: bool) -> "_Zygote":
+        """Pass the socket of a job to its zygote, starting one where there is none."""
         with self._lock:
             if self._closed:
                 raise SandboxError("the sandbox is closed")
-            if self._zygote is not None:
+            zygote = self._zygotes.get(prepared)
+            if zygote is not None:
                 with contextlib.suppress(_LostError):  # it is dying, which may not show yet
-                    self._zygote.submit(job)
-                    return self._zygote
-                self._zygote.close()
-                self._zygote = None
-            self._zygote = _Zygote(self._setup, self._environment)
-            self._zygote.submit(job)
-            return self._zygote
+                    zygote.submit(job)
+                    return zygote
+                self._zygotes.pop(prepared).close()
+            zygote = _Zygote({**self._setup, "imports": _LATE_IMPORTS if prepared else ()}, self._environment)
+            self._zygotes[prepared] = zygote
+            zygote.submit(job)
+            return zygote
 
 
 class _Zygote:
@@ -302,6 +319,8 @@ def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
                 return Died(Reason.crashed, one_line(f"a header of its answer cannot be read: {error}"))
         case "died":
             return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
+        case "unprepared":
+            raise _UnpreparedError("a job needs a module that no zygote has; add it to tacevo.sandbox.client")
         case "killed":
             return _Killed(verdict["detail"])
         case "lost":

@@ -61,6 +61,8 @@ class Sort(IntEnum):
     done = 6
     raised = 7
     starved = 8
+    #: Child to supervisor, its last message: it needs a module that the zygote has not imported.
+    unprepared = 10
     #: Supervisor to search: how it ended (its last message).
     verdict = 9
 

@@ -60,7 +60,7 @@ def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.A
         child.run(entries[job["entry"]], job, message.payload, arrays, theirs, supervisor=supervisor)
     os.close(theirs)
     os.set_blocking(pipe, False)
-    watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]))
+    watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]), prepared=job["prepared"])
     verdict = watch.until_the_end()
     return [*watch.frames, Message.of(Sort.verdict, {**verdict, "measures": watch.measures})]
 
@@ -73,13 +73,14 @@ class _Watch:
         pipe: the non-blocking end of its result pipe.
         search: descriptor of the socket to the search; its end means that nobody waits any more.
         limits: what the candidate may use, from now on.
+        prepared: whether the zygote has every module that a job may need.
     """
 
-    def __init__(self, pid: int, pipe: int, search: int, limits: Limits) -> None:
+    def __init__(self, pid: int, pipe: int, search: int, limits: Limits, *, prepared: bool) -> None:
         self.frames: list[Message] = []
         #: What `confine` put in force; None until the child is confined, before which no code of the candidate's runs.
         self.measures: Json = None
-        self._pid, self._pipe, self._search, self._limits = pid, pipe, search, limits
+        self._pid, self._pipe, self._search, self._limits, self._prepared = pid, pipe, search, limits, prepared
         self._end = os.pidfd_open(pid)
         self._deadline = time.monotonic() + limits.seconds
         self._inherited_mib = memory(os.getpid()).anonymous
@@ -132,10 +133,11 @@ class _Watch:
                 self.frames.append(message)
             case Sort.done:
                 return {"ended": "finished"}
-            case Sort.starved if self.measures is not None:
-                return _died(Reason.out_of_memory, _last_words(message))
-            case Sort.raised if self.measures is not None:
-                return _died(Reason.crashed, _last_words(message))
+            case Sort.unprepared if not self._prepared:
+                return {"ended": "unprepared"}
+            case Sort.starved | Sort.raised if self.measures is not None:
+                reason = Reason.out_of_memory if message.sort is Sort.starved else Reason.crashed
+                return _died(reason, _last_words(message))
             case Sort.starved | Sort.raised:
                 return {"ended": "broken", "detail": f"a child could not be confined: {_last_words(message)}"}
             case _:

@@ -12,7 +12,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from tacevo.randomness import derived_seed, stream
 from tacevo.search.growing import Growing
@@ -53,6 +52,8 @@ class Tessellation:
     """
 
     def __init__(self, centroids: Sequence[Sequence[float]] | NDArray[np.float64]) -> None:
+        from scipy.spatial import cKDTree  # a third of a second to import, for the commands that have an archive
+
         self.centroids = np.asarray(centroids, dtype=np.float64)
         self._tree = cKDTree(self.centroids)
 

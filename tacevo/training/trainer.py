@@ -18,7 +18,7 @@ from torch.nn.functional import cross_entropy, mse_loss
 
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
-from tacevo.sandbox.candidate import CandidateError, blaming, build, digest, fault, standardise
+from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, digest, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import parameters, switch
 from tacevo.training.determinism import noting_nondeterminism
@@ -94,8 +94,7 @@ def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; give the trained network."""
     with blaming(Reason.construction_failed):
         model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
-        # Fused always: the other form takes its square root from a library whose last bit depends on the CPU.
-        optimiser = torch.optim.Adam(parameters(model), job.recipe.learning_rate, fused=True)
+        optimiser = Adam(parameters(model), job.recipe.learning_rate)
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
             train_loss = _epoch(job, model, optimiser, epoch)
@@ -116,7 +115,7 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
     return [order] if full == 0 else [order[i * size : (i + 1) * size] for i in range(full)]
 
 
-def _epoch(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, epoch: int) -> float:
+def _epoch(job: _Job, model: nn.Module, optimiser: Adam, epoch: int) -> float:
     """Train on every batch of one epoch; give the mean of the batch losses."""
     switch(model, training=True)
     losses = [
@@ -126,7 +125,7 @@ def _epoch(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, epoch: int)
     return math.fsum(losses) / len(losses)
 
 
-def _step(job: _Job, model: nn.Module, optimiser: torch.optim.Adam, positions: NDArray[np.int64]) -> float:
+def _step(job: _Job, model: nn.Module, optimiser: Adam, positions: NDArray[np.int64]) -> float:
     """Take one step on one batch; give its loss before the step."""
     output = _forward(job, model, job.train[positions])
     with blaming(Reason.backward_failed):

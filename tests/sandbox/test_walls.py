@@ -144,7 +144,7 @@ def test_images_are_read_and_not_changed(walled: Sandbox) -> None:
 
 def test_module_that_was_not_imported_before_is_missing(walled: Sandbox, plain: Sandbox) -> None:
     """An import that comes too late fails alike at each level, as an import."""
-    name = next(module for module in ("colorsys", "sndhdr", "chunk") if module not in sys.modules)
+    name = next(module for module in ("tabnanny", "sndhdr", "chunk") if module not in sys.modules)
     assert answer(walled, "import_more", name) == answer(plain, "import_more", name) == f"No module named '{name}'"
 
 

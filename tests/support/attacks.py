@@ -1,7 +1,9 @@
 """Entries that do to the sandbox what a hostile candidate would; imported by the zygote, so without pytest."""
 
 import atexit
+import contextlib
 import ctypes
+import importlib
 import mmap
 import os
 import signal
@@ -349,3 +351,13 @@ def _end_this_thread() -> None:
 def _sleep_for_ever() -> None:
     while True:
         time.sleep(60)
+
+
+def import_modules(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Send a frame, then try to import modules; report those that were there before, and those that are now."""
+    send("begun", b"")
+    before = [name for name in header if name in sys.modules]
+    for name in header:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    send([before, [name for name in header if name in sys.modules]], b"")
