@@ -49,7 +49,8 @@ CURRENT = Rules(static=2, probe=5, training=2, core=2)
 #: Numbers of the core that this code can compute. Remove one only with its last release in `LAST_RELEASES`.
 CORES = frozenset({1, 2})
 
-#: Numbers of training whose bits this code's trainer gives, so that `--retrain` can compare them.
+#: Numbers of training whose bits this code's trainer gives, so that `--retrain` can compare them. Those of 1 it gives
+#: for candidates that the policy of today lets through: one that redefined what a module is asked trained as it said.
 TRAININGS = frozenset({1, 2})
 
 #: The last release that has what this code has dropped, by part and number.
@@ -94,23 +95,28 @@ def eras_of(ledger: Sequence[Mapping[str, Json]]) -> tuple[Era, ...]:
     Raises:
         ValueError: a line does not record rules as this package writes them.
     """
-    header = ledger[0].get("rules")
-    first = FIRST if header is None else Rules.from_json(header)
-    later = [line for line in ledger if line["kind"] == "rules"]
-    return (
-        Era(generation=0, rules=first),
-        *(Era(generation=line["generation"], rules=Rules.from_json(line["rules"])) for line in later),
-    )
+    eras = [Era(generation=0, rules=_first(ledger))]
+    for line in ledger:
+        if line["kind"] == "rules":
+            eras.append(Era(generation=line["generation"], rules=Rules.from_json(line["rules"])))
+            if eras[-1].generation <= eras[-2].generation:
+                raise ValueError(f"expected eras that begin one after the other; got generation {line['generation']}")
+    return tuple(eras)
 
 
 def by_rules(ledger: Sequence[Mapping[str, Json]]) -> Iterator[tuple[Rules, Mapping[str, Json]]]:
     """Yield every line with the rules that it was made under."""
-    eras = {era.generation: era.rules for era in eras_of(ledger)}
-    rules = eras[0]
+    rules = _first(ledger)
     for line in ledger:
         if line["kind"] == "rules":
-            rules = eras[line["generation"]]
+            rules = Rules.from_json(line["rules"])
         yield rules, line
+
+
+def _first(ledger: Sequence[Mapping[str, Json]]) -> Rules:
+    """Read the rules that a run began under."""
+    header = ledger[0].get("rules")
+    return FIRST if header is None else Rules.from_json(header)
 
 
 def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:

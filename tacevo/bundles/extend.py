@@ -15,7 +15,6 @@ from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.identity import identity
 from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
-from tacevo.environment import deviations
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import Json, Mode
 from tacevo.rules import CURRENT, Era, Rules, eras_of
@@ -90,7 +89,8 @@ def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool
     last = eras[-1].rules
     if last == CURRENT:
         return eras
-    others = ", ".join(deviations(asdict(last), asdict(CURRENT)))
+    was, now = asdict(last), asdict(CURRENT)
+    others = ", ".join(f"{part} {was[part]} instead of {now[part]}" for part in now if was[part] != now[part])
     if not mix_rules:
         raise RunError(
             f"expected a run under the current rules; got one under others ({others}). Its candidates and new ones "

@@ -167,7 +167,8 @@ def check_records(run: Path, replayed: Replayed) -> int:
                 f"{replayed.spending.get(name)}; {remedy}"
             )
     recorded_run = directory.read_run()
-    pages = int(recorded_run.get("pages", FIRST_PAGES))
+    with directory.believed():
+        pages = int(recorded_run.get("pages", FIRST_PAGES))
     if pages != PAGES:
         return pages
     summary = summarise(recorded_run, directory.read_ledger(), directory.read_elites(), spending)

@@ -122,8 +122,8 @@ def open_tools(
         seen: told of every store entry that is read.
         notice: told of what holds each candidate, before its answer is kept.
     """
-    examples = None if data is None else _examples(data)
-    with _workers(config, data, _mode_under(rules, mode), notice) as (run, executor):
+    examples, mode = None if data is None else _examples(data), _mode_under(rules, mode)
+    with _workers(config, data, mode, notice) as (run, executor):
         fingerprint = facts.fingerprint
         yield build_tools(
             config, task, fingerprint, run, rules, executor=executor, examples=examples, mode=mode, seen=seen
@@ -152,10 +152,9 @@ def build_tools(
         rules: as in `open_tools`.
         executor: the threads that wait for it.
         examples: to train on; None where every answer is recorded.
-        mode: as in `open_tools`.
+        mode: as in `open_tools`; `replay` with other rules than the current ones.
         seen: told of every store entry that is read.
     """
-    mode = _mode_under(rules, mode)
     gate = build_gate(config, task.contract, run, mode, rules, seen=seen)
     evaluator = Evaluator(
         run=run,

@@ -95,7 +95,7 @@ def test_continuing_under_other_rules_is_said_and_must_be_asked_for(published: P
     command += [f"store.root={tmp_path / 'cache'}"]
     refused = release(LATER, *command)
     assert refused.returncode == 2
-    assert f"static is {CURRENT.static + 1}; the run had {CURRENT.static}" in refused.stderr
+    assert f"static {CURRENT.static} instead of {CURRENT.static + 1}" in refused.stderr
     assert "--rules current" in refused.stderr
     assert not longer.exists()
 
@@ -160,6 +160,14 @@ def test_every_line_has_the_rules_of_its_era() -> None:
     change = Era(generation=2, rules=new).line()
     lines = [header(), {"kind": "generation"}, change, {"kind": "candidate"}]
     assert [rules for rules, _ in by_rules(lines)] == [FIRST, FIRST, new, new]
+
+
+@pytest.mark.parametrize("generations", [(2, 2), (3, 2), (0,)])
+def test_eras_that_do_not_follow_each_other_are_refused(generations: tuple[int, ...]) -> None:
+    """A ledger can be edited."""
+    lines = [Era(generation=generation, rules=FIRST).line() for generation in generations]
+    with pytest.raises(ValueError, match="expected eras that begin one after the other"):
+        eras_of([header(), *lines])
 
 
 @pytest.mark.parametrize("value", [{}, {"static": 1}, {**asdict(FIRST), "core": "1"}, {**asdict(FIRST), "more": 1}])
