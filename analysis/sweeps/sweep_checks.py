@@ -42,8 +42,8 @@ def check_sweep(sweep: Sweep) -> None:
     """Refuse a sweep whose finished jobs are no comparison.
 
     Raises:
-        IncomparableError: two jobs differ in their data, budget, rules or versions, or in the niches of archives that are
-            otherwise alike, or two runs of an arm in more than their seed, or jobs in temperatures that the model
+        IncomparableError: two jobs differ in their data, budget, rules or versions, or in the niches of archives that
+            are otherwise alike, or two runs of an arm in more than their seed, or jobs in temperatures that the model
             refuses; the message names the jobs, the field and both values.
     """
     first = sweep.finished[0]
