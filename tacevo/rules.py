@@ -7,6 +7,7 @@ of its part that may give another answer; docs/publishing.md says what a raise c
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Self
 
 from tacevo.errors import RunError
@@ -102,6 +103,20 @@ def eras_of(ledger: Sequence[Mapping[str, Json]]) -> tuple[Era, ...]:
             if eras[-1].generation <= eras[-2].generation:
                 raise ValueError(f"expected eras that begin one after the other; got generation {line['generation']}")
     return tuple(eras)
+
+
+def eras_in_words(eras: Sequence[Era]) -> str:
+    """Write the numbers that a run began with, and from which generation on which of them changed.
+
+    Args:
+        eras: those of one run, in order; at least one.
+    """
+    begun, *_ = eras
+    words = [", ".join(f"{part} {number}" for part, number in asdict(begun.rules).items())]
+    for before, era in pairwise(eras):
+        changed = asdict(era.rules).items() - asdict(before.rules).items()
+        words.append(f"from generation {era.generation} " + ", ".join(f"{part} {to}" for part, to in sorted(changed)))
+    return "; ".join(words)
 
 
 def by_rules(ledger: Sequence[Mapping[str, Json]]) -> Iterator[tuple[Rules, Mapping[str, Json]]]:

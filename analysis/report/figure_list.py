@@ -59,10 +59,12 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         drawn.append(("network_map", partial(network_map, run, niches.networks), words))
     if run.config["prompts"]["policy"] != PromptPolicy.none:
         reached = reachable_prompt_niches(run, niches.prompts)
-        words = (
-            f"The prompt archive; each cell is a niche{unsent}. Shaded ones could not be reached, whatever the search "
-            "found: the temperature rule leads to no temperature in them."
-        )
+        words = f"The prompt archive; each cell is a niche{unsent}."
+        if len(reached) < len(niches.prompts):
+            words += (
+                " Shaded ones could not be reached, whatever the search found: the temperature rule leads to no "
+                "temperature in them."
+            )
         drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
     if run.instructions:
         words = "Children of each instruction that entered the network archive."

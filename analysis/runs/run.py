@@ -12,6 +12,7 @@ from tacevo.choices import ArchiveKind, Axis, Scale
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Operator, Reason, Stage
+from tacevo.rules import Era, eras_of
 from tacevo.search.archive import best_of_their_own
 from tacevo.search.descriptors import scaled
 from tacevo.search.unsent import dropped_settings, not_sent, sent_temperature
@@ -150,6 +151,8 @@ class Run:
     #: The (low, high) of each axis that the archive ended with; None where nothing was trained, or there are no niches.
     bounds: tuple[tuple[float, float], ...] | None
     prompt_trials: tuple[PromptTrial, ...]
+    #: The rules that it was made under, from which generation on; at least one.
+    eras: tuple[Era, ...]
 
     @property
     def task(self) -> str:
@@ -222,6 +225,7 @@ def load_run(path: Path) -> Run:
             elites=_elites(archive["elites"], candidates, Scale(run["config"]["archive"]["eff_ratio_scale"])),
             bounds=None if archive["bounds"] is None else _bounds(archive["bounds"]),
             prompt_trials=tuple(_trial(entry) for entry in prompts["trials"]),
+            eras=eras_of(lines),
         )
 
 

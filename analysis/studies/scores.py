@@ -79,13 +79,17 @@ class Study:
 
     def values(self, network: str, metric: str) -> NDArray[np.float64]:
         """Give a metric of a network, shape (S,), in the order of the seeds."""
-        chosen = sorted((score for score in self.scores if score.network == network), key=lambda score: score.seed)
-        return np.array([score.metrics[metric] for score in chosen], dtype=np.float64)
+        return np.array([score.metrics[metric] for score in self._of(network)], dtype=np.float64)
 
     def median_seed(self, network: str) -> int:
         """Return the seed that stands for a network: the first one whose primary metric is the median of all.
 
         Of an even number of seeds, the median is the lower one of the two in the middle, so that a seed has it.
         """
-        values = self.values(network, self.primary)
-        return int(np.argmax(values == np.sort(values)[(len(values) - 1) // 2]))
+        ranked = sorted(self._of(network), key=lambda score: score.metrics[self.primary])
+        median = ranked[(len(ranked) - 1) // 2].metrics[self.primary]
+        return next(score.seed for score in self._of(network) if score.metrics[self.primary] == median)
+
+    def _of(self, network: str) -> list[Score]:
+        """List the scores of a network, in the order of the seeds."""
+        return sorted((score for score in self.scores if score.network == network), key=lambda score: score.seed)

@@ -6,6 +6,7 @@ one seed. A run that is the reference's own, candidate by candidate, says nothin
 docs/ablation_study.md says why these.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -98,7 +99,7 @@ class Contrast:
     """An arm against the reference in one metric; runs of both that are one and the same are not compared."""
 
     comparability: Comparability
-    #: Runs of the arm that are not the reference's of the same seed.
+    #: Runs of the arm that are not the reference's of the same seed, whether their value is known or not.
     differing: int
     paired: Paired
     #: These are None unless the arms are `comparable`.
@@ -213,7 +214,7 @@ def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome]
     contrasts: dict[str, Contrast] = {}
     if REFERENCE in samples:
         same = {name: _same_runs(name, outcomes) for name in names if name != REFERENCE}
-        contrasts = _contrasts(metric, samples, same, seed)
+        contrasts = _contrasts(metric, samples, same, Counter(one.arm for one in outcomes), seed)
     return {
         name: Summary(
             values=sample,
@@ -238,7 +239,11 @@ def _same_runs(name: str, outcomes: Sequence[Outcome]) -> frozenset[int]:
 
 
 def _contrasts(
-    metric: Metric, samples: Mapping[str, Mapping[int, float]], same: Mapping[str, Set[int]], seed: int
+    metric: Metric,
+    samples: Mapping[str, Mapping[int, float]],
+    same: Mapping[str, Set[int]],
+    runs: Mapping[str, int],
+    seed: int,
 ) -> dict[str, Contrast]:
     """Compare the samples of all other arms with the reference's, and correct the family's p-values.
 
@@ -249,6 +254,7 @@ def _contrasts(
         metric: what the samples are of.
         samples: by arm and seed, those of the reference among them.
         same: by every other arm, the seeds of which its run is the reference's.
+        runs: by arm, how many it has; some may have no known value.
         seed: of the bootstrap.
     """
     ours = {name: _without(samples[name], seeds) for name, seeds in same.items()}
@@ -265,7 +271,7 @@ def _contrasts(
     return {
         name: Contrast(
             comparability=kind,
-            differing=len(ours[name]),
+            differing=runs[name] - len(same[name]),
             paired=_paired(metric, ours[name], theirs[name]),
             test=tests.get(name),
             p_holm=p_holm[name] if name in tests else None,

@@ -8,7 +8,7 @@ from pathlib import Path
 from analysis.runs.run import Run, load_run
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 
 #: Hashes what decides the results of a run, from the configuration in its run.json (`tacevo.config.identity`). It is
 #: handed in, for it needs Hydra's side of the house, which the analysis does not know.
@@ -60,12 +60,13 @@ def load_sweep(path: Path, hash_of: HashOf) -> Sweep:
         hash_of: gives what sweep.json has as `config` of a job.
 
     Raises:
-        RunError: this is no sweep, none of its jobs is finished, an arm has a seed twice, or a run was damaged or
-            edited or is not that of its job.
+        RunError: this is no sweep, none of its jobs is finished, an arm has a seed twice or another name than its
+            overrides give, or a run was damaged or edited or is not that of its job.
     """
     directory = SweepDirectory(path)
     _, jobs = directory.read()
     _refuse_twins(path, jobs)
+    _refuse_renamed(path, jobs)
     finished, missing = [], []
     for job in jobs:
         reason = _absence(directory, job)
@@ -115,4 +116,15 @@ def _refuse_twins(path: Path, jobs: tuple[Job, ...]) -> None:
             raise RunError(
                 f"{path}/sweep.json has {times} jobs of arm {arm} with seed {seed}; a seed is one run of an arm. Sweep "
                 "what they differ in, so that each has an arm of its own"
+            )
+
+
+def _refuse_renamed(path: Path, jobs: tuple[Job, ...]) -> None:
+    """Check that arms have the names of what they change; a published sweep has no overrides, and names are labels."""
+    for job in jobs:
+        if job.overrides and job.arm != name_arm(job.overrides):
+            raise RunError(
+                f"{path}/sweep.json calls the arm of job {job.name} {job.arm!r}, and its overrides make it "
+                f"{name_arm(job.overrides)!r}; restore the file, or delete it, and the `tacevo search -m` command that "
+                "began the sweep writes it again"
             )

@@ -11,6 +11,7 @@ from typing import NoReturn
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json
+from tacevo.rules import eras_in_words
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 
@@ -41,8 +42,8 @@ def check_sweep(sweep: Sweep) -> None:
     """Refuse a sweep whose finished jobs are no comparison.
 
     Raises:
-        IncomparableError: two jobs differ in their data, budget or versions, or in the niches of archives that are
-            otherwise alike, or two runs of an arm in more than their seed, or jobs in temperatures that the model
+        IncomparableError: two jobs differ in their data, budget, rules or versions, or in the niches of archives that
+            are otherwise alike, or two runs of an arm in more than their seed, or jobs in temperatures that the model
             refuses; the message names the jobs, the field and both values.
     """
     first = sweep.finished[0]
@@ -77,6 +78,7 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
         yield "budget", f"search.{key}", config["search"][key]
     for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", "device"):
         yield "budget", f"training.{key}", config["training"].get(key)
+    yield "versions", "the set of rules", eras_in_words(one.run.eras)
     yield "versions", "numerics.kind", config["numerics"]["kind"]
     for name in VERSIONS:
         yield "versions", f"the version of {name}", one.versions.get(name)

@@ -248,7 +248,8 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
     notes = [
         f"Runs that differ: those that are not the run of {REFERENCE} of the same seed, candidate by candidate. All "
-        "columns behind are of these runs: what is one and the same run in both arms says nothing of the arm.",
+        "columns behind are of these runs, as far as their values are known: what is one and the same run in both "
+        "arms says nothing of the arm.",
         f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
         f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "

@@ -11,12 +11,11 @@ from tacevo.text import counted, listed
 #: The variants of each task, by number, that have a change by the authors' supplement (docs/references.bib,
 #: tacevo_supplement, appendices A and B). A change with the name of one of our motifs is that motif; a head of 4 or 5
 #: layers is a deeper one. Others have no counterpart, because the supplement counts blocks, which may hold several
-#: convolutions, and we count convolutions. By either count all force variants have 2 to 4.
+#: convolutions, and we count convolutions.
 SUPPLEMENT: Mapping[str, Mapping[str, tuple[int, ...]]] = {
     "force": {
         "spatial attention": (1, 2, 3, 4),
         "strided convolution for max pooling": (1, 2, 3, 4),
-        "2 to 4 convolutional blocks": (1, 2, 3, 4),
         "1x1 convolution": (3,),
         "narrower hidden layer": (1, 2),
         "LeakyReLU": (1,),

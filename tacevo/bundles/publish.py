@@ -136,9 +136,12 @@ def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened
 
 
 def _published_job(folder: Path, job: Job) -> Job:
-    """Give a job without its overrides: the run that was staged records all settings, and no path of the machine."""
+    """Return a job without its overrides: the run that was staged records all settings, and no path of the machine.
+
+    A job that comes from a bundle has no overrides, and keeps the name of its arm.
+    """
     config, _, _ = read_run(RunDirectory(folder / job.name))
-    arm = name_arm(published_overrides(job.overrides))
+    arm = name_arm(published_overrides(job.overrides)) if job.overrides else job.arm
     return replace(job, arm=arm, overrides=(), config=config_hash(config))
 
 

@@ -12,15 +12,12 @@ from anthropic.types import Message
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import shares
+from tacevo.llm.hosted import listed_models, shares
 from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
 TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
-
-#: Seconds for the list of models: without it, a message is only less helpful.
-LISTING = 15.0
 
 #: What the SDK raises, or lets through, where there is no usable answer.
 FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
@@ -51,11 +48,7 @@ class AnthropicServer:
 
     async def models(self) -> tuple[str, ...]:
         """Return the names of the models that the server lists (see `tacevo.llm.hosted.Server`)."""
-        try:
-            page = await self._clients[0].models.list(timeout=LISTING)
-            return tuple(str(model.id) for model in page.data)
-        except (*FAILURES, AttributeError, TypeError):  # as of old servers, which know no such path
-            return ()
+        return await listed_models(self._clients[0], FAILURES)
 
     async def close(self) -> None:
         """Close the connections."""

@@ -12,8 +12,9 @@ from anthropic.types.messages import MessageBatch, MessageBatchIndividualRespons
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, LLMError, TransportError
-from tacevo.llm.anthropic import FAILURES, LISTING, fault_of, secrets_of
+from tacevo.llm.anthropic import FAILURES, fault_of, secrets_of
 from tacevo.llm.failures import Notices
+from tacevo.llm.hosted import LISTING
 from tacevo.llm.retry import Fault, FaultKind, Patience
 from tacevo.records import Json
 from tacevo.redaction import without_secrets

@@ -216,6 +216,24 @@ class _Asking:
         self._ended.set()
 
 
+#: Seconds for the list of models: without it, a message is only less helpful.
+LISTING = 15.0
+
+
+async def listed_models(client: Any, failures: tuple[type[Exception], ...]) -> tuple[str, ...]:
+    """Return the names of the models that a server lists; none where it gives no list.
+
+    Args:
+        client: of the SDK of a provider; all have the same call.
+        failures: what the SDK raises, or lets through, where there is no usable answer.
+    """
+    try:
+        page = await client.models.list(timeout=LISTING)
+        return tuple(str(model.id) for model in page.data)
+    except (*failures, AttributeError, TypeError):  # as of old servers, which know no such path
+        return ()
+
+
 #: Requests of one client at once, about.
 SHARE = 100
 

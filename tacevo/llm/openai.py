@@ -14,7 +14,7 @@ import httpx2
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import shares
+from tacevo.llm.hosted import listed_models, shares
 from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Json, Request
 
@@ -26,9 +26,6 @@ except ModuleNotFoundError as missing:
 
 #: Seconds for an answer, and for a connection to stand; a server of one's own may think for long.
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)
-
-#: Seconds for the list of models: without it, a message is only less helpful.
-LISTING = 15.0
 
 #: What the SDK raises, or lets through, where there is no usable answer.
 _FAILURES = (openai.OpenAIError, json.JSONDecodeError, UnicodeDecodeError)
@@ -69,11 +66,7 @@ class OpenAIServer:
 
     async def models(self) -> tuple[str, ...]:
         """Return the names of the models that the server lists (see `tacevo.llm.hosted.Server`)."""
-        try:
-            page = await self._clients[0].models.list(timeout=LISTING)
-            return tuple(str(model.id) for model in page.data)
-        except (*_FAILURES, AttributeError, TypeError):  # as of old servers, which know no such path
-            return ()
+        return await listed_models(self._clients[0], _FAILURES)
 
     async def close(self) -> None:
         """Close the connections."""

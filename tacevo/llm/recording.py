@@ -3,12 +3,12 @@
 import logging
 import queue
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from tacevo.errors import LLMError
-from tacevo.records import Completion, Price, Request, to_json
+from tacevo.records import Completion, Json, Price, Request, to_json
 from tacevo.search.effects import LLM
 from tacevo.storage.store import Store
 
@@ -40,14 +40,22 @@ def ever_answered(store: Store, request: Request) -> bool:
     )
 
 
-def ever_refused(store: Store, model: str, setting: str) -> bool:
-    """Say whether a store holds an answer of a model that was had without a sampling setting which it refuses.
+def ever_refused(store: Store, choice: Mapping[str, Json], setting: str) -> bool:
+    """Return whether a store holds an answer to requests of a choice that was got without a refused sampling setting.
+
+    A model may refuse a temperature beside one setting, such as thinking, and take it without.
+
+    Args:
+        store: of completions.
+        choice: `model`, `max_tokens` and `settings`, as a request's JSON has them.
+        setting: name of the sampling setting.
 
     Raises:
         StoreError: an entry that was looked at is damaged.
     """
     return any(
-        entry["request"]["model"] == model and setting in entry["answer"].get("dropped", ())
+        setting in entry["answer"].get("dropped", ())
+        and all(entry["request"].get(name) == choice[name] for name in _CHOICE)
         for entry in store.entries()
     )
 

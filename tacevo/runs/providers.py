@@ -19,7 +19,7 @@ from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.prices import PriceTable, parse_prices
 from tacevo.llm.recording import RecordingLLM, ever_answered, ever_refused
-from tacevo.records import Delivery, Mode, Price, Setting
+from tacevo.records import Delivery, Mode, Price, Setting, to_json
 from tacevo.search.effects import LLM
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import content_hash
@@ -52,7 +52,9 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
 
 
 def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
-    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers tell.
+    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers say.
+
+    An answer counts if it was given to the same model, token limit and settings.
 
     Args:
         overrides: what tells a search apart from those that it is compared with, among them its arm.
@@ -64,9 +66,11 @@ def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     choice, others = split_arm(overrides)
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
-    if settings and ever_refused(Store(Path(config.store.root), "completions"), config.llm.model, TEMPERATURE):
+    llm = config.llm
+    asked = {"model": llm.model, "max_tokens": llm.max_tokens, "settings": to_json(provider_settings(llm))}
+    if settings and ever_refused(Store(Path(config.store.root), "completions"), asked, TEMPERATURE):
         raise ConfigError(
-            f"{' '.join(settings)} is about temperatures, and {config.llm.model} refuses them, as its answers in "
+            f"{' '.join(settings)} is about temperatures, and {llm.model} refuses them, as its answers in "
             f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
         )
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from tacevo.choices import ArchiveKind
 from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Json, Operator, Stage
+from tacevo.rules import eras_in_words, eras_of
 from tacevo.search.unsent import TEMPERATURE, dropped_settings, not_sent
 from tacevo.text import misreported, table
 
@@ -33,7 +34,8 @@ def summarise(
     """
     candidates = {line["id"]: line for line in lines if line["kind"] == "candidate"}
     generations = [line for line in lines if line["kind"] == "generation"]
-    parts = [f"# {run['name']}", _headline(run, candidates, generations), *_not_sent(candidates.values())]
+    parts = [f"# {run['name']}", _headline(run, candidates, generations), *_rules(lines)]
+    parts += _not_sent(candidates.values())
     if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
@@ -53,6 +55,12 @@ def _headline(
         f"(the first is generation 0). Data {data['fingerprint'][:12]}: {train} training, {validation} validation and "
         f"{test} test images of {size} x {size} pixels; the test images play no part in a search."
     )
+
+
+def _rules(lines: Sequence[Mapping[str, Json]]) -> list[str]:
+    """Say from which generation on other rules hold, where a run was continued under others."""
+    eras = eras_of(lines) if lines else ()
+    return [f"Made under more than one set of rules: {eras_in_words(eras)}."] if len(eras) > 1 else []
 
 
 def _not_sent(lines: Collection[Mapping[str, Json]]) -> list[str]:

@@ -94,6 +94,15 @@ def test_runs_that_differ_are_counted() -> None:
     assert "half: no result of so few seeds is significant after Holm's correction." in table.notes
 
 
+def test_runs_that_differ_are_counted_without_a_value() -> None:
+    """Five runs differ, also where only three of them have a price."""
+    unpriced = [finished("a", seed, run_to(0.8, 0.3)) for seed in (3, 4)]
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("a", WORSE[:3]), *unpriced)
+    table = metric_table(sweep, found, Metric.cost, ARCHIVE)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["seeds"], row["runs that differ"]) == (3, 5)
+
+
 def test_single_run_that_differs_is_not_tested() -> None:
     """The word stands where p would."""
     sweep, found = compared(*jobs_of("none", NONE), *jobs_of("once", (*NONE[:4], 0.3)))

@@ -177,3 +177,10 @@ def test_mixed_studies_are_refused(change: Callable[[Study], Study], named: str,
 def test_median_seed_stands_for_a_network(values: tuple[float, ...], seed: int) -> None:
     """It has the median, and which one it is follows from the scores alone."""
     assert study_of({"baseline": values}, kind=Kind.classification).median_seed("baseline") == seed
+
+
+def test_median_seed_is_a_seed() -> None:
+    """Not its place among the seeds that there are."""
+    study = study_of({"baseline": (0.7, 0.9, 0.8)}, kind=Kind.classification)
+    later = replace(study, scores=tuple(replace(score, seed=score.seed + 5) for score in study.scores))
+    assert later.median_seed("baseline") == 7

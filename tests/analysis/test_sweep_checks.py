@@ -1,6 +1,6 @@
 """Promise: runs of other data, budgets, versions or niches, and arms of two searches, are refused by name and value."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pytest
@@ -11,8 +11,12 @@ from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
 from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json
+from tacevo.rules import FIRST, Era
 
 RUN = run_to(0.5, 0.4)
+
+#: Other rules than those of `RUN`.
+CHANGED = replace(FIRST, static=9)
 
 
 def changed(group: str, **fields: Json) -> Mapping[str, Json]:
@@ -91,6 +95,24 @@ def test_other_versions_are_refused(package: str) -> None:
         match=rf'version of {package} is "1\.0" in none-seed0 and "2\.0" in a-seed0\. Delete.*store\.root',
     ):
         beside(other)
+
+
+@pytest.mark.parametrize(
+    ("eras", "words"),
+    [
+        ([Era(generation=0, rules=CHANGED)], "static 9, probe 4, training 1, core 1"),
+        (
+            [Era(generation=0, rules=FIRST), Era(generation=1, rules=CHANGED)],
+            "static 1, probe 4, training 1, core 1; from generation 1 static 9",
+        ),
+    ],
+    ids=["begun", "continued"],
+)
+def test_other_rules_are_refused(eras: Sequence[Era], words: str) -> None:
+    """As the ledgers have them: one package version may have had several, and a continued run has two."""
+    first = r'the set of rules is "static 1, probe 4, training 1, core 1" in none-seed0'
+    with pytest.raises(IncomparableError, match=rf'{first} and "{words}" in a-seed0\. Delete'):
+        beside(finished("a", 0, replace(RUN, eras=tuple(eras))))
 
 
 def test_versions_that_change_no_result_may_differ() -> None:

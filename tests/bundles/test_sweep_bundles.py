@@ -11,6 +11,7 @@ from bundles import Members, entries_of, members_of, resealed, with_entries
 from tiny_sweep import OWN, edited, jobs_text
 
 from tacevo.bundles.format import JOBS, STORE
+from tacevo.bundles.open import opened
 from tacevo.cli.app import main
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
@@ -52,6 +53,14 @@ def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
     Store(tmp_path / "stores", "completions").write({"of": "another run"}, {"x": 1})
     command = ["publish", str(tmp_path / "elsewhere"), "--store", str(tmp_path / "stores"), "--author", "A. Nyone"]
     assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
+    assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
+
+
+def test_published_sweep_can_be_published_again(swept: Path, tmp_path: Path) -> None:
+    """A bundle has no overrides: its arms keep their names, and the bytes are the same again."""
+    with opened(swept / "sweep.zip") as place:
+        command = ["publish", str(place.folder), "--store", str(place.store), "--author", "A. Nyone"]
+        assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
     assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
 
 

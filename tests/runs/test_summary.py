@@ -1,11 +1,13 @@
 """Promise: a summary says what the ledger says, and can be written at any moment of a run."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tacevo.costs import Spending
 from tacevo.records import Json
+from tacevo.rules import FIRST, Era
 from tacevo.runs.summary import summarise
 from tacevo.text import table
 
@@ -79,6 +81,15 @@ def test_places_are_not_called_niches() -> None:
     words = "has no niches, but places for the best 7."
     assert words in page
     assert words not in summarise(RUN, LINES, ["g01s00"], {})
+
+
+def test_rules_that_changed_are_named() -> None:
+    """A run that was continued under other rules says from which generation on which numbers hold."""
+    change = Era(generation=2, rules=replace(FIRST, static=2, training=3)).line()
+    page = summarise(RUN, [*LINES[:-2], change, *LINES[-2:]], ["g01s00"], {})
+    begun = "static 1, probe 4, training 1, core 1"
+    assert f"Made under more than one set of rules: {begun}; from generation 2 static 2, training 3." in page
+    assert "rules" not in summarise(RUN, LINES, ["g01s00"], {})
 
 
 def test_candidates_without_a_promise_are_named() -> None:

@@ -11,11 +11,13 @@ from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.errors import ConfigError, DataError
-from tacevo.records import Mode
+from tacevo.records import Completion, Mode, Request, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
+from tacevo.runs.providers import provider_settings, require_temperature
 from tacevo.runs.wiring import open_tools
 from tacevo.sandbox.confinement import available, in_force
+from tacevo.storage.store import Store
 
 
 def load(tmp_path: Path, *overrides: str) -> Dataset:
@@ -128,3 +130,27 @@ def test_run_is_told_what_holds_its_candidates(overrides: list[str], level: Conf
     with open_tools(config, task, facts, None, Mode.record, rules=CURRENT, notice=told.append) as tools:
         tools.inspect(task.baseline)
     assert [in_force(measures)["level"] for measures in told] == [level]
+
+
+@pytest.mark.parametrize("other", ["llm.thinking_tokens=null", "llm.max_tokens=2048", "llm.model=another"])
+def test_refusal_of_a_temperature_is_of_one_choice_of_model(tmp_path: Path, other: str) -> None:
+    """A model that refuses a temperature beside thinking may take it without, so no other choice is refused."""
+    chosen = [f"store.root={tmp_path}", "llm=anthropic", "llm.thinking_tokens=1024"]
+    config = compose(chosen)
+    request = Request(
+        model=config.llm.model,
+        system="",
+        messages=(),
+        temperature=0.5,
+        max_tokens=config.llm.max_tokens,
+        draw=0,
+        settings=provider_settings(config.llm),
+    )
+    completion = Completion(
+        text="x", model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1, dropped=("temperature",)
+    )
+    Store(tmp_path, "completions").write(to_json(request), to_json(completion))
+    arm = ["ablation=fixed_temperature"]
+    with pytest.raises(ConfigError, match="refuses them"):
+        require_temperature(arm, config)
+    require_temperature(arm, compose([*chosen, other]))
