@@ -15,13 +15,13 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import cross_entropy, mse_loss
 from torch.utils.flop_counter import FlopCounterMode, _FlopCounterMode
 
-from tacevo.gate.honesty import check_leaves, check_names, unchanged
+from tacevo.gate.honesty import check_names, unchanged
 from tacevo.gate.portability import watching_portability
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, digest, fault
+from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, check_leaves, digest, fault
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import modules, parameters
 

@@ -13,11 +13,15 @@ from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
 
-from tacevo.gate.honesty import check_leaves, unchanged
+from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import check
 from tacevo.gate.probe import run
 from tacevo.records import MISREPORTING, Json, Reason, to_json
+from tacevo.sandbox.candidate import check_leaves
+
+#: Reasons that lies have, too, and that are older than these rules.
+OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}
 
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 
@@ -127,4 +131,4 @@ def test_leaves_are_found_in_a_deep_graph() -> None:
 def test_reasons_are_those_that_a_report_counts() -> None:
     """Every lie has a reason that summary and report count as misreporting, or one that the policy had before."""
     found = {lie.policy for lie in LIES.values()} | {lie.probe for lie in LIES.values()}
-    assert set(MISREPORTING) == found - {None, Reason.forbidden_construct, Reason.construction_failed}
+    assert set(MISREPORTING) == found - {None, *OTHERS}

@@ -32,6 +32,10 @@ HONEST = {
         f"y = {GOOD}\nif self.training:\n    with torch.no_grad():\n        self.weight_seen += y.mean()\nreturn y",
         "self.register_buffer('weight_seen', torch.zeros(1))",
     ),
+    "rows that an index selects, which are a copy": candidate(
+        f"rows = self.table[self.index]\nrows += 1.0\nreturn {GOOD} + rows.mean(0)",
+        "self.table = nn.Parameter(torch.zeros(16, 3))\nself.register_buffer('index', torch.arange(16))",
+    ),
     "reading the mode": candidate(f"return F.dropout({GOOD}, 0.2, self.training)"),
     "running statistics": candidate(
         "y = self.norm(self.conv(x))\nreturn self.head(y.mean((2, 3)))", "self.norm = nn.BatchNorm2d(4)"

@@ -10,6 +10,7 @@ from gate_cases import VALID, candidate
 from tacevo.records import MISREPORTING, Reason
 
 NAMES, WEIGHTS, MODE, HIDDEN = MISREPORTING
+HOOK = Reason.forbidden_name
 
 GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
 RETURN = f"return {GOOD}"
@@ -242,23 +243,58 @@ WEIGHTS_CHANGED = {
             "def change(module, inputs, output):\n    module.weight.data.mul_(2)",
             candidate(RETURN, "self.conv.register_forward_hook(change)"),
         ),
-        WEIGHTS,
+        HOOK,
         WEIGHTS,
     ),
     "by a hook of the backward pass": Lie(
         candidate(RETURN, "self.head.register_full_backward_hook(lambda m, i, o: (m.weight.data.mul_(2), None)[1])"),
-        WEIGHTS,
+        HOOK,
         WEIGHTS,
     ),
     "by a hook of a tensor": Lie(
         candidate(f"y = {GOOD}\ny.register_hook(lambda g: (self.conv.weight.data.mul_(2), None)[1])\nreturn y"),
-        WEIGHTS,
+        HOOK,
         WEIGHTS,
     ),
     "by a hook of a parameter": Lie(
         candidate(RETURN, "self.conv.weight.register_post_accumulate_grad_hook(lambda p: (p.data.neg_(), None)[1])"),
+        HOOK,
         WEIGHTS,
+    ),
+    "by a hook that stands in a dictionary": Lie(
+        candidate(RETURN, "self.conv._forward_pre_hooks[0] = lambda m, i: (m.weight.data.neg_(), None)[1]"),
+        HOOK,
         WEIGHTS,
+    ),
+    "by a hook with a computed name": Lie(
+        before(
+            "def change(module, inputs, output):\n    module.weight.data.mul_(2)",
+            candidate(RETURN, "getattr(self.conv, 'register_forward_' + 'hook')(change)"),
+        ),
+        None,
+        WEIGHTS,
+    ),
+    "by a hook that steps in large batches": Lie(
+        candidate(
+            f"self.images = x.shape[0]\n{RETURN}",
+            "self.images = 0\nkernel = self.conv.weight\n\ndef descend(slope):\n    if self.images > 5:\n"
+            "        with torch.no_grad():\n            kernel.sub_(slope, alpha=0.1)\n\nkernel.register_hook(descend)",
+        ),
+        HOOK,
+        None,
+    ),
+    "by a hook of a wide part that only large batches use": Lie(
+        candidate(
+            "y = F.relu(self.conv(x)).mean((2, 3))\nif x.shape[0] > 5:\n"
+            "    parts = [part.weight for part in self.kept]\n"
+            "    for part in parts:\n        def descend(slope, part=part):\n            with torch.no_grad():\n"
+            "                part.sub_(slope, alpha=0.01)\n        if self.training:\n"
+            "            part.register_hook(descend)\n"
+            "    y = y + self.kept[1](F.relu(self.kept[0](y)))\nreturn self.head(y)",
+            "self.kept = [nn.Linear(4, 512), nn.Linear(512, 4)]",
+        ),
+        HOOK,
+        None,
     ),
     "by an activation's property": Lie(
         before(
@@ -330,7 +366,7 @@ MODE_CHANGED = {
     "through the class": Lie(candidate("nn.Module.train(self, True)\n" + RETURN), MODE, MODE),
     "statistics stay": Lie(candidate("self.conv.eval()\n" + RETURN), MODE, MODE),
     "by a hook": Lie(
-        candidate(RETURN, "self.conv.register_forward_pre_hook(lambda m, i: (m.train(), None)[1])"), MODE, MODE
+        candidate(RETURN, "self.conv.register_forward_pre_hook(lambda m, i: (m.train(), None)[1])"), HOOK, MODE
     ),
     "name made at run time": Lie(candidate("getattr(self, 'tr' + 'ain')()\n" + RETURN), None, MODE),
 }
