@@ -8,34 +8,70 @@ and at each step of a training.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import chain
+from types import FunctionType
+from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn.utils import parametrize
 
 from tacevo.gate.policy.allowed import MODULE_NAMES
 from tacevo.records import Reason
-from tacevo.sandbox.candidate import NAME, CandidateError
+from tacevo.sandbox.candidate import CandidateError
 from tacevo.sandbox.network import attributes, modules, parameters, switch
 
 _CLASS_ATTRIBUTES = vars(type)["__dict__"]  # a metaclass may define its own `__dict__`
 
+_CLASS_ORDER = vars(type)["__mro__"]
+
+#: Names that decide what a module answers; `object` has the last one.
+_NAMES = MODULE_NAMES | {"__getattribute__"}
+
+
+def _meanings(kind: type) -> dict[str, Any]:
+    """Return what one class itself gives to these names."""
+    own = _CLASS_ATTRIBUTES.__get__(kind)
+    return {name: own[name] for name in _NAMES & own.keys()}
+
+
+def _with_subclasses(kind: type) -> Iterator[type]:
+    yield kind
+    for below in kind.__subclasses__():
+        yield from _with_subclasses(below)
+
+
+#: The meanings in torch's own modules, read before any candidate runs, who could change these classes, too.
+_TORCH = {kind: _meanings(kind) for kind in (object, *_with_subclasses(nn.Module))}
+
+#: What `parametrize` writes into each class that it makes, as code.
+_PARAMETRIZED = [part for part in parametrize._inject_new_class.__code__.co_consts if hasattr(part, "co_code")]
+
 
 def check_names(network: nn.Module) -> None:
     """Check that no module of a network has its own meaning for a name of `nn.Module`.
+
+    Nothing that a class says of itself is believed: a name means what it meant in this class before the candidate ran,
+    and a class that was not there defines none.
 
     Raises:
         CandidateError: one has, in its class or on the object.
     """
     stored = vars(nn.Module()).keys()
     for module in modules(network):
-        kinds = map(_CLASS_ATTRIBUTES.__get__, type.mro(type(module)))
-        written = (kind for kind in kinds if kind.get("__module__") == NAME)
-        own = (name for name in attributes(module) if name not in stored)
-        found = sorted(MODULE_NAMES.intersection(chain(own, *written)))
+        found = {name for kind in _CLASS_ORDER.__get__(type(module)) for name in _redefined(kind)}
+        found |= _NAMES & attributes(module).keys() - stored
         if found:
-            detail = f"expected nn.Module's own {found[0]}; got another one in {type(module).__name__}"
+            detail = f"expected nn.Module's own {min(found)}; got another one in {type(module).__name__}"
             raise CandidateError(Reason.redefines_module, detail)
+
+
+def _redefined(kind: type) -> Iterator[str]:
+    """Name what means something else in one class than in torch's own."""
+    before = _TORCH.get(kind, {})
+    for name, value in _meanings(kind).items():
+        is_parametrized = type(value) is FunctionType and value.__code__ in _PARAMETRIZED
+        if not is_parametrized and not (name in before and before[name] is value):
+            yield name
 
 
 @contextmanager

@@ -103,6 +103,21 @@ def test_network_that_waits_is_not_seen() -> None:
     assert "profile" in probed(patient)
 
 
+def test_change_of_a_class_of_torch_is_seen() -> None:
+    """A computed name reaches torch's own classes; each name must mean there what it meant before."""
+    source = candidate(
+        f"return self.drop({GOOD})",
+        "self.drop = nn.Dropout(0.3)\n"
+        "setattr(type(self.drop), 'train' + 'ing', property(lambda self: True, lambda self, value: None))",
+    )
+    assert check(source, contract()) is None
+    try:
+        answer = probed(source)
+    finally:
+        del torch.nn.Dropout.training
+    assert answer["rejection"]["reason"] == Reason.redefines_module.value
+
+
 def test_frozen_weights_outside_are_not_counted() -> None:
     """What does not learn is no parameter, wherever it is kept; docs/security.md says so."""
     frozen = candidate(f"return {GOOD} @ self.mix", "self.mix = torch.randn(3, 3)")

@@ -169,6 +169,37 @@ NAMES_TAKEN = {
         candidate(RETURN, "setattr(self.__class__, 'para' + 'meters', lambda self: iter([]))"), None, NAMES
     ),
     "name made in forward": Lie(candidate("setattr(self, 'ev' + 'al', lambda: self)\n" + RETURN), None, NAMES),
+    "class made by its metaclass, as torch's own": Lie(
+        before(
+            "Meta = type(nn.Linear(1, 1)).__class__\n"
+            "Kept = Meta('Kept', (nn.Dropout,), {'__module__': 'torch.nn', 'train': lambda self, mode=True: self,\n"
+            "    'training': property(lambda self: True, lambda self, value: None)})",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
+        None,
+        NAMES,
+    ),
+    "class that names another module as its own": Lie(
+        before(
+            "class Kept(nn.Dropout):\n    pass\n\n\n"
+            "setattr(Kept, 'train' + 'ing', property(lambda self: True, lambda self, value: None))\n"
+            "setattr(Kept, '__mod' + 'ule__', 'torch.nn')",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
+        None,
+        NAMES,
+    ),
+    "every attribute at once": Lie(
+        before(
+            "class Kept(nn.Dropout):\n    pass\n\n\n"
+            "def answer(self, name):\n"
+            "    return True if name == 'training' else nn.Dropout.__base__.__base__.__getattribute__(self, name)\n\n\n"
+            "setattr(Kept, '__getattri' + 'bute__', answer)",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
+        Reason.forbidden_name,
+        NAMES,
+    ),
 }
 
 WEIGHTS_CHANGED = {
