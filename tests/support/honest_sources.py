@@ -55,6 +55,9 @@ HONEST = {
         f"return self.twin({GOOD}) + {GOOD}",
         "self.twin = nn.Linear(3, 3)\nself.other = nn.Linear(3, 3)\nself.twin.weight = self.other.weight",
     ),
+    "weights that are computed once for a batch": candidate(
+        f"return self.last({GOOD})", "self.last = nn.utils.parametrizations.orthogonal(nn.Linear(3, 3))"
+    ),
     "spectral norm": candidate(
         RETURN, "self.conv = nn.utils.parametrizations.spectral_norm(nn.Conv2d(in_channels, 4, 3))"
     ),

@@ -9,7 +9,7 @@ from gate_cases import VALID, candidate
 
 from tacevo.records import MISREPORTING, Reason
 
-NAMES, WEIGHTS, MODE, HIDDEN = MISREPORTING
+NAMES, WEIGHTS, MODE, HIDDEN, BATCH = MISREPORTING
 HOOK = Reason.forbidden_name
 
 GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
@@ -450,6 +450,24 @@ PARAMETERS_HIDDEN = {
     ),
 }
 
+BATCH_CHOOSES = {
+    "wide for more than one image": Lie(
+        candidate(
+            f"if x.shape[0] == 1:\n    {RETURN}\nreturn self.wide(x)",
+            "self.wide = nn.Sequential(nn.Conv2d(in_channels, 64, 3, padding=1), nn.ReLU(), nn.Conv2d(64, 64, 3),\n"
+            "    nn.GELU(), nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(64, num_outputs))",
+        ),
+        None,
+        BATCH,
+    ),
+    "the same operations, at a lower resolution for one image": Lie(
+        candidate(f"x = F.interpolate(x, size=8 if len(x) == 1 else 32)\n{RETURN}"), None, BATCH
+    ),
+    "the same operations, at a higher resolution for one image": Lie(
+        candidate(f"x = F.interpolate(x, size=32 if len(x) == 1 else 8)\n{RETURN}"), None, BATCH
+    ),
+}
+
 LIES = {
     f"{kind}: {name}": lie
     for kind, lies in {
@@ -457,6 +475,7 @@ LIES = {
         "weights": WEIGHTS_CHANGED,
         "mode": MODE_CHANGED,
         "hidden": PARAMETERS_HIDDEN,
+        "batch": BATCH_CHOOSES,
     }.items()
     for name, lie in lies.items()
 }
