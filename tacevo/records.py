@@ -87,6 +87,7 @@ class Reason(StrEnum):
     changes_its_weights = "changes_its_weights"
     changes_its_mode = "changes_its_mode"
     hidden_parameters = "hidden_parameters"
+    depends_on_batch = "depends_on_batch"
     # probe and train: what happens when it runs
     construction_failed = "construction_failed"
     forward_failed = "forward_failed"
@@ -105,7 +106,13 @@ class Reason(StrEnum):
 
 
 #: Reasons of candidates that are not what they say: their size, their mode or their optimiser is another.
-MISREPORTING = (Reason.redefines_module, Reason.changes_its_weights, Reason.changes_its_mode, Reason.hidden_parameters)
+MISREPORTING = (
+    Reason.redefines_module,
+    Reason.changes_its_weights,
+    Reason.changes_its_mode,
+    Reason.hidden_parameters,
+    Reason.depends_on_batch,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

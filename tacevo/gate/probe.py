@@ -15,13 +15,13 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import cross_entropy, mse_loss
 from torch.utils.flop_counter import FlopCounterMode, _FlopCounterMode
 
-from tacevo.gate.honesty import check_leaves, check_names, unchanged
+from tacevo.gate.honesty import check_names, unchanged
 from tacevo.gate.portability import watching_portability
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, digest, fault
+from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, check_leaves, digest, fault
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import modules, parameters
 
@@ -65,7 +65,9 @@ def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[
     model = _built(source, contract, built)
     count, weights = _sizes(model, limits)
     first = _training_step(model, images[:few], targets[:few], contract)
-    flops, traced = _measured(model, images[:1], contract, limits)
+    flops, traced = _measured(model, images[:1], contract)
+    _check_limits(flops, traced, limits)
+    _check_batch(flops, traced, *_measured(model, images[:many], contract), many)
     _training_step(model, images[:many], targets[:many], contract)
     again = _built(source, contract, built)
     if _training_step(again, images[:few], targets[:few], contract) != first:
@@ -115,8 +117,8 @@ def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
     return count, weights
 
 
-def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict[str, int]) -> tuple[int, Trace]:
-    """Count the FLOPs of one image in eval mode and trace it, in one pass."""
+def _measured(model: nn.Module, images: Tensor, contract: Contract) -> tuple[int, Trace]:
+    """Count the FLOPs of some images in eval mode and trace them, in one pass."""
     counter = FlopCounterMode(display=False)
     # The counter knows matrix products but not the fused attention kernel of the CPU, which it takes for free.
     with (
@@ -127,13 +129,32 @@ def _measured(model: nn.Module, images: Tensor, contract: Contract, limits: dict
     ):
         traced = trace(model, images)
     _check_output(traced.output, len(images), contract)
-    flops = counter.get_total_flops()
+    return counter.get_total_flops(), traced
+
+
+def _check_limits(flops: int, traced: Trace, limits: dict[str, int]) -> None:
+    """Compare what one image took with the limits."""
     if flops > limits["flops"]:
         raise CandidateError(Reason.too_many_flops, f"expected at most {limits['flops']} FLOPs an image; got {flops}")
     if len(traced.graph.nodes) > limits["modules"]:
         detail = f"expected at most {limits['modules']} operations a pass; got {len(traced.graph.nodes)}"
         raise CandidateError(Reason.too_many_modules, detail)
-    return flops, traced
+
+
+def _check_batch(flops: int, traced: Trace, flops_of_batch: int, traced_batch: Trace, count: int) -> None:
+    """Check that a batch runs through the same operations as one image.
+
+    Work on the weights alone, such as an orthogonal parametrization, is done once for any batch. So the FLOPs of a
+    batch lie between those of one image and `count` times as many.
+    """
+    if traced_batch.graph != traced.graph:
+        detail = (
+            f"expected the same operations for 1 image and for {count}; got others; do not choose by the batch size"
+        )
+        raise CandidateError(Reason.depends_on_batch, detail)
+    if not flops <= flops_of_batch <= count * flops:
+        detail = f"expected {flops} to {count * flops} FLOPs for {count} images, of which one has {flops}; "
+        raise CandidateError(Reason.depends_on_batch, f"{detail}got {flops_of_batch}; do not choose by the batch size")
 
 
 def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:

@@ -17,7 +17,7 @@ import torch
 from torch import nn
 
 from tacevo.records import Contract, Reason
-from tacevo.sandbox.network import state
+from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
 torch.zeros(1).half()  # torch reads what the CPU can do from a file, when first needed; no candidate could
@@ -146,6 +146,27 @@ def blaming(reason: Reason) -> Iterator[None]:
         raise
     except Exception as error:
         raise CandidateError(_reason_for(error, reason), describe(error)) from error
+
+
+def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:
+    """Check that whatever an output learns by is listed.
+
+    Args:
+        output: what the network returned.
+        listed: the network's parameters.
+
+    Raises:
+        ValueError: the output does not require a gradient.
+        CandidateError: a tensor in the output's graph requires a gradient and is not a parameter of the network.
+    """
+    known = {id(parameter) for parameter in listed}
+    hidden = [leaf for leaf in leaves(output) if id(leaf) not in known]
+    if hidden:
+        detail = (
+            f"expected gradients of the network's parameters only; got {len(hidden)} other tensors, one of shape "
+            f"{tuple(hidden[0].shape)}; make them in the constructor, in attributes, nn.ModuleList or nn.ParameterList"
+        )
+        raise CandidateError(Reason.hidden_parameters, detail)
 
 
 def digest(model: nn.Module) -> str:

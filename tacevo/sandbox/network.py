@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from torch import Tensor, nn
+from torch.autograd.graph import get_gradient_edge
 
 _ATTRIBUTES = vars(nn.Module)["__dict__"]  # taken before any candidate runs; a class may define its own `__dict__`
 
@@ -68,6 +69,23 @@ def switch(network: nn.Module, *, training: bool) -> None:
     """Put every module into training or evaluation mode, as `nn.Module.train` does; raises as `modules` does."""
     for module in modules(network):
         attributes(module)["training"] = training
+
+
+def leaves(output: Tensor) -> Iterator[Tensor]:
+    """Find the tensors that an output learns by: those at which its graph ends.
+
+    Raises:
+        ValueError: the output does not require a gradient.
+    """
+    waiting = [get_gradient_edge(output).node]
+    seen = {*waiting}
+    while waiting:
+        node = waiting.pop()
+        if hasattr(node, "variable"):
+            yield node.variable
+        new = {following for following, _ in node.next_functions if following is not None} - seen
+        seen |= new
+        waiting += new
 
 
 def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:

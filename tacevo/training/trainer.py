@@ -18,7 +18,7 @@ from torch.nn.functional import cross_entropy, mse_loss
 
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
-from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, digest, fault, standardise
+from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, digest, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import parameters, switch
 from tacevo.training.determinism import noting_nondeterminism
@@ -94,10 +94,11 @@ def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; give the trained network."""
     with blaming(Reason.construction_failed):
         model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
-        optimiser = Adam(parameters(model), job.recipe.learning_rate)
+        listed = parameters(model)
+        optimiser = Adam(listed, job.recipe.learning_rate)
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
-            train_loss = _epoch(job, model, optimiser, epoch)
+            train_loss = _epoch(job, model, listed, optimiser, epoch)
             send({"epoch": epoch, "train_loss": train_loss}, _predict(job, model))
     with blaming(Reason.crashed):
         weights = {"weights_sha256": digest(model)}
@@ -115,17 +116,19 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
     return [order] if full == 0 else [order[i * size : (i + 1) * size] for i in range(full)]
 
 
-def _epoch(job: _Job, model: nn.Module, optimiser: Adam, epoch: int) -> float:
+def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, epoch: int) -> float:
     """Train on every batch of one epoch; give the mean of the batch losses."""
     switch(model, training=True)
     losses = [
-        _step(job, model, optimiser, positions)
+        _step(job, model, listed, optimiser, positions)
         for positions in batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
     ]
     return math.fsum(losses) / len(losses)
 
 
-def _step(job: _Job, model: nn.Module, optimiser: Adam, positions: NDArray[np.int64]) -> float:
+def _step(
+    job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, positions: NDArray[np.int64]
+) -> float:
     """Take one step on one batch; give its loss before the step."""
     output = _forward(job, model, job.train[positions])
     with blaming(Reason.backward_failed):
@@ -133,6 +136,7 @@ def _step(job: _Job, model: nn.Module, optimiser: Adam, positions: NDArray[np.in
         value = float(loss.detach())
         if not math.isfinite(value):
             raise CandidateError(Reason.not_finite, f"expected a finite training loss; got {value}")
+        check_leaves(output, listed)  # at every step: the probe's batches are smaller
         optimiser.zero_grad()  # what a forward left there
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()

@@ -13,11 +13,15 @@ from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
 
-from tacevo.gate.honesty import check_leaves, unchanged
+from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import check
 from tacevo.gate.probe import run
 from tacevo.records import MISREPORTING, Json, Reason, to_json
+from tacevo.sandbox.candidate import check_leaves
+
+#: Reasons that lies have, too, and that are older than these rules.
+OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}
 
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 
@@ -99,6 +103,21 @@ def test_network_that_waits_is_not_seen() -> None:
     assert "profile" in probed(patient)
 
 
+def test_change_of_a_class_of_torch_is_seen() -> None:
+    """A computed name reaches torch's own classes; each name must mean there what it meant before."""
+    source = candidate(
+        f"return self.drop({GOOD})",
+        "self.drop = nn.Dropout(0.3)\n"
+        "setattr(type(self.drop), 'train' + 'ing', property(lambda self: True, lambda self, value: None))",
+    )
+    assert check(source, contract()) is None
+    try:
+        answer = probed(source)
+    finally:
+        del torch.nn.Dropout.training
+    assert answer["rejection"]["reason"] == Reason.redefines_module.value
+
+
 def test_frozen_weights_outside_are_not_counted() -> None:
     """What does not learn is no parameter, wherever it is kept; docs/security.md says so."""
     frozen = candidate(f"return {GOOD} @ self.mix", "self.mix = torch.randn(3, 3)")
@@ -127,4 +146,4 @@ def test_leaves_are_found_in_a_deep_graph() -> None:
 def test_reasons_are_those_that_a_report_counts() -> None:
     """Every lie has a reason that summary and report count as misreporting, or one that the policy had before."""
     found = {lie.policy for lie in LIES.values()} | {lie.probe for lie in LIES.values()}
-    assert set(MISREPORTING) == found - {None, Reason.forbidden_construct, Reason.construction_failed}
+    assert set(MISREPORTING) == found - {None, *OTHERS}

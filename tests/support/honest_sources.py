@@ -32,6 +32,10 @@ HONEST = {
         f"y = {GOOD}\nif self.training:\n    with torch.no_grad():\n        self.weight_seen += y.mean()\nreturn y",
         "self.register_buffer('weight_seen', torch.zeros(1))",
     ),
+    "rows that an index selects, which are a copy": candidate(
+        f"rows = self.table[self.index]\nrows += 1.0\nreturn {GOOD} + rows.mean(0)",
+        "self.table = nn.Parameter(torch.zeros(16, 3))\nself.register_buffer('index', torch.arange(16))",
+    ),
     "reading the mode": candidate(f"return F.dropout({GOOD}, 0.2, self.training)"),
     "running statistics": candidate(
         "y = self.norm(self.conv(x))\nreturn self.head(y.mean((2, 3)))", "self.norm = nn.BatchNorm2d(4)"
@@ -50,6 +54,9 @@ HONEST = {
     "tied weights": candidate(
         f"return self.twin({GOOD}) + {GOOD}",
         "self.twin = nn.Linear(3, 3)\nself.other = nn.Linear(3, 3)\nself.twin.weight = self.other.weight",
+    ),
+    "weights that are computed once for a batch": candidate(
+        f"return self.last({GOOD})", "self.last = nn.utils.parametrizations.orthogonal(nn.Linear(3, 3))"
     ),
     "spectral norm": candidate(
         RETURN, "self.conv = nn.utils.parametrizations.spectral_norm(nn.Conv2d(in_channels, 4, 3))"

@@ -9,7 +9,8 @@ from gate_cases import VALID, candidate
 
 from tacevo.records import MISREPORTING, Reason
 
-NAMES, WEIGHTS, MODE, HIDDEN = MISREPORTING
+NAMES, WEIGHTS, MODE, HIDDEN, BATCH = MISREPORTING
+HOOK = Reason.forbidden_name
 
 GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
 RETURN = f"return {GOOD}"
@@ -168,6 +169,37 @@ NAMES_TAKEN = {
         candidate(RETURN, "setattr(self.__class__, 'para' + 'meters', lambda self: iter([]))"), None, NAMES
     ),
     "name made in forward": Lie(candidate("setattr(self, 'ev' + 'al', lambda: self)\n" + RETURN), None, NAMES),
+    "class made by its metaclass, as torch's own": Lie(
+        before(
+            "Meta = type(nn.Linear(1, 1)).__class__\n"
+            "Kept = Meta('Kept', (nn.Dropout,), {'__module__': 'torch.nn', 'train': lambda self, mode=True: self,\n"
+            "    'training': property(lambda self: True, lambda self, value: None)})",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
+        None,
+        NAMES,
+    ),
+    "class that names another module as its own": Lie(
+        before(
+            "class Kept(nn.Dropout):\n    pass\n\n\n"
+            "setattr(Kept, 'train' + 'ing', property(lambda self: True, lambda self, value: None))\n"
+            "setattr(Kept, '__mod' + 'ule__', 'torch.nn')",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
+        None,
+        NAMES,
+    ),
+    "every attribute at once": Lie(
+        before(
+            "class Kept(nn.Dropout):\n    pass\n\n\n"
+            "def answer(self, name):\n"
+            "    return True if name == 'training' else nn.Dropout.__base__.__base__.__getattribute__(self, name)\n\n\n"
+            "setattr(Kept, '__getattri' + 'bute__', answer)",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
+        Reason.forbidden_name,
+        NAMES,
+    ),
 }
 
 WEIGHTS_CHANGED = {
@@ -242,23 +274,58 @@ WEIGHTS_CHANGED = {
             "def change(module, inputs, output):\n    module.weight.data.mul_(2)",
             candidate(RETURN, "self.conv.register_forward_hook(change)"),
         ),
-        WEIGHTS,
+        HOOK,
         WEIGHTS,
     ),
     "by a hook of the backward pass": Lie(
         candidate(RETURN, "self.head.register_full_backward_hook(lambda m, i, o: (m.weight.data.mul_(2), None)[1])"),
-        WEIGHTS,
+        HOOK,
         WEIGHTS,
     ),
     "by a hook of a tensor": Lie(
         candidate(f"y = {GOOD}\ny.register_hook(lambda g: (self.conv.weight.data.mul_(2), None)[1])\nreturn y"),
-        WEIGHTS,
+        HOOK,
         WEIGHTS,
     ),
     "by a hook of a parameter": Lie(
         candidate(RETURN, "self.conv.weight.register_post_accumulate_grad_hook(lambda p: (p.data.neg_(), None)[1])"),
+        HOOK,
         WEIGHTS,
+    ),
+    "by a hook that stands in a dictionary": Lie(
+        candidate(RETURN, "self.conv._forward_pre_hooks[0] = lambda m, i: (m.weight.data.neg_(), None)[1]"),
+        HOOK,
         WEIGHTS,
+    ),
+    "by a hook with a computed name": Lie(
+        before(
+            "def change(module, inputs, output):\n    module.weight.data.mul_(2)",
+            candidate(RETURN, "getattr(self.conv, 'register_forward_' + 'hook')(change)"),
+        ),
+        None,
+        WEIGHTS,
+    ),
+    "by a hook that steps in large batches": Lie(
+        candidate(
+            f"self.images = x.shape[0]\n{RETURN}",
+            "self.images = 0\nkernel = self.conv.weight\n\ndef descend(slope):\n    if self.images > 5:\n"
+            "        with torch.no_grad():\n            kernel.sub_(slope, alpha=0.1)\n\nkernel.register_hook(descend)",
+        ),
+        HOOK,
+        None,
+    ),
+    "by a hook of a wide part that only large batches use": Lie(
+        candidate(
+            "y = F.relu(self.conv(x)).mean((2, 3))\nif x.shape[0] > 5:\n"
+            "    parts = [part.weight for part in self.kept]\n"
+            "    for part in parts:\n        def descend(slope, part=part):\n            with torch.no_grad():\n"
+            "                part.sub_(slope, alpha=0.01)\n        if self.training:\n"
+            "            part.register_hook(descend)\n"
+            "    y = y + self.kept[1](F.relu(self.kept[0](y)))\nreturn self.head(y)",
+            "self.kept = [nn.Linear(4, 512), nn.Linear(512, 4)]",
+        ),
+        HOOK,
+        None,
     ),
     "by an activation's property": Lie(
         before(
@@ -330,7 +397,7 @@ MODE_CHANGED = {
     "through the class": Lie(candidate("nn.Module.train(self, True)\n" + RETURN), MODE, MODE),
     "statistics stay": Lie(candidate("self.conv.eval()\n" + RETURN), MODE, MODE),
     "by a hook": Lie(
-        candidate(RETURN, "self.conv.register_forward_pre_hook(lambda m, i: (m.train(), None)[1])"), MODE, MODE
+        candidate(RETURN, "self.conv.register_forward_pre_hook(lambda m, i: (m.train(), None)[1])"), HOOK, MODE
     ),
     "name made at run time": Lie(candidate("getattr(self, 'tr' + 'ain')()\n" + RETURN), None, MODE),
 }
@@ -383,6 +450,24 @@ PARAMETERS_HIDDEN = {
     ),
 }
 
+BATCH_CHOOSES = {
+    "wide for more than one image": Lie(
+        candidate(
+            f"if x.shape[0] == 1:\n    {RETURN}\nreturn self.wide(x)",
+            "self.wide = nn.Sequential(nn.Conv2d(in_channels, 64, 3, padding=1), nn.ReLU(), nn.Conv2d(64, 64, 3),\n"
+            "    nn.GELU(), nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(64, num_outputs))",
+        ),
+        None,
+        BATCH,
+    ),
+    "the same operations, at a lower resolution for one image": Lie(
+        candidate(f"x = F.interpolate(x, size=8 if len(x) == 1 else 32)\n{RETURN}"), None, BATCH
+    ),
+    "the same operations, at a higher resolution for one image": Lie(
+        candidate(f"x = F.interpolate(x, size=32 if len(x) == 1 else 8)\n{RETURN}"), None, BATCH
+    ),
+}
+
 LIES = {
     f"{kind}: {name}": lie
     for kind, lies in {
@@ -390,6 +475,7 @@ LIES = {
         "weights": WEIGHTS_CHANGED,
         "mode": MODE_CHANGED,
         "hidden": PARAMETERS_HIDDEN,
+        "batch": BATCH_CHOOSES,
     }.items()
     for name, lie in lies.items()
 }

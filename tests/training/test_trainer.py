@@ -209,6 +209,14 @@ def test_gradient_that_a_forward_leaves_is_dropped() -> None:
     assert sent_by(net(forward=forward)) == sent_by(net())
 
 
+def test_what_learns_in_training_only_is_hidden() -> None:
+    """The probe's batches are smaller than the trainer's, so what learns is compared with the list at each step."""
+    forward = "y = self.head(x.flatten(1)); return y + self.kept[0](x.flatten(1)) if len(x) > 5 else y"
+    ((header, _),) = sent_by(net(construct="self.kept = [nn.Linear(48, 2)]", forward=forward))
+    assert header["rejection"]["reason"] == Reason.hidden_parameters.value
+    assert "got 2 other tensors" in header["rejection"]["detail"]
+
+
 def test_patched_loss_changes_no_prediction() -> None:
     """A candidate that replaces the library's losses trains on the true one all the same."""
     patched = "for F.mse_loss in [lambda a, b: (a * 0).sum()]:\n    pass\n" + SOURCE

@@ -121,6 +121,10 @@ _ATTRIBUTES = """
     f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
 """
 
+#: Names that have code called around a pass: honest answers do not use them, and a gradient given to one could be
+#: stepped by.
+_HOOK = re.compile(r"_?register_\w*hook|_\w*hooks(_\w+)?")
+
 _MODULE_NAMES = """
     T_destination add_module apply bfloat16 buffers call_super_init children compile cpu cuda double dump_patches eval
     float get_buffer get_extra_state get_parameter get_submodule half ipu load_state_dict modules mtia named_buffers
@@ -150,8 +154,7 @@ UNSTABLE = frozenset(_UNSTABLE.split())
 #: Built-in functions that may be called by name but never passed around.
 CALLED_ONLY = frozenset(_CALLED_ONLY.split())
 
-#: Attributes of tensors, frames and functions that lead out of the network.
-ATTRIBUTES = frozenset(_ATTRIBUTES.split())
+_REFUSED = frozenset(_ATTRIBUTES.split())
 
 #: Special methods that a candidate may define.
 SPECIAL_METHODS = frozenset(_SPECIAL_METHODS.split())
@@ -164,6 +167,11 @@ SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
 
 #: Special names that it may read.
 SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
+
+
+def is_refused(attribute: str) -> bool:
+    """Say whether an attribute of a tensor, module, frame or function leads out of the network or hooks into a pass."""
+    return attribute in _REFUSED or _HOOK.fullmatch(attribute) is not None
 
 
 def is_module(path: str) -> bool:

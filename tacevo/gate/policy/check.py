@@ -231,7 +231,7 @@ def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Probl
 
 def _problems_of_attribute_name(node: ast.AST, name: str) -> Iterator[Problem]:
     """Find attribute names that are forbidden whatever they are taken of."""
-    if name in allowed.ATTRIBUTES or (is_special(name) and name not in allowed.SPECIAL_NAMES):
+    if allowed.is_refused(name) or (is_special(name) and name not in allowed.SPECIAL_NAMES):
         yield Problem.at(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
 
 

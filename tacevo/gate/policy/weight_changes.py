@@ -26,8 +26,6 @@ _PARAMETER_CLASSES = ("Parameter", "ParameterList", "ParameterDict")
 
 _CONSTRUCTORS = ("__init__", "__post_init__")
 
-_HOOK = re.compile(r"register_\w*hook")
-
 _Function = ast.FunctionDef | ast.Lambda
 
 
@@ -64,13 +62,19 @@ class _Names:
         return isinstance(node, ast.Name) and node.id in self.imported
 
     def hold(self, node: ast.AST | None) -> bool:
-        """Say whether an expression is a parameter, or shares the memory of one."""
+        """Say whether an expression is a parameter, or shares the memory of one.
+
+        An element or a slice of a tensor shares its memory. What a tensor or a list selects is a copy, and a variable
+        may be one, so it is left to the probe.
+        """
         match node:
             case ast.Name(id=name):
                 return name in self.variables
             case ast.Attribute(attr=name):
                 return name in self.attributes or _LAYER_PARAMETER.fullmatch(name) is not None
-            case ast.Subscript(value=value) | ast.Call(func=ast.Attribute(value=value, attr="detach")):
+            case ast.Subscript(value=value, slice=index):
+                return _is_fixed(index) and self.hold(value)
+            case ast.Call(func=ast.Attribute(value=value, attr="detach")):
                 return self.hold(value)
         return False
 
@@ -85,7 +89,7 @@ def _problems_of(node: ast.AST, names: _Names) -> Iterator[Problem]:
                 yield _problem_of_attribute(node, name)
         case ast.AugAssign(target=target) if names.hold(target):
             yield _problem_of_change(node, target)
-        case ast.Subscript(ctx=ast.Store()) if names.hold(node):
+        case ast.Subscript(value=value, ctx=ast.Store()) if names.hold(value):  # whatever the index, nothing is copied
             yield _problem_of_change(node, node)
     if isinstance(node, ast.Call):
         for changed in _changed(node, names):
@@ -103,6 +107,16 @@ def _changed(call: ast.Call, names: _Names) -> Iterator[ast.expr]:
             case _:  # a function, such as nn.init.zeros_
                 yield from call.args[:1]
     yield from (word.value for word in call.keywords if word.arg in ("out", "tensor"))
+
+
+def _is_fixed(index: ast.expr) -> bool:
+    """Say whether an index is written out: numbers, slices, `...`, `None`, or a tuple of them."""
+    match index:
+        case ast.Constant() | ast.Slice() | ast.UnaryOp(operand=ast.Constant()):
+            return True
+        case ast.Tuple(elts=parts):
+            return all(map(_is_fixed, parts))
+    return False
 
 
 def _problem_of_attribute(node: ast.AST, name: str) -> Problem:
@@ -150,8 +164,7 @@ def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
         named.setdefault(name, []).append(function)
     known = {id(function) for function in chain(*named.values(), *map(_applied, nodes))}
     named[""] = [node for node in nodes if isinstance(node, ast.Lambda) and id(node) not in known]
-    hooks = {name for node in nodes if _is_hook(node) for name in _mentions(ast.walk(node))}
-    reached = ["", "forward", *hooks, *filter(is_special, named)]
+    reached = ["", "forward", *filter(is_special, named)]
     seen = {*reached}
     for name in reached:  # grows while it is walked
         for function in named.get(name, ()):
@@ -179,10 +192,6 @@ def _applied(node: ast.AST) -> list[ast.Lambda]:
         case ast.Call(func=ast.Attribute(attr="apply"), args=args):
             return [part for part in args if isinstance(part, ast.Lambda)]
     return []
-
-
-def _is_hook(node: ast.AST) -> bool:
-    return isinstance(node, ast.Call) and _HOOK.fullmatch(_called(node)) is not None
 
 
 def _mentions(nodes: Iterable[ast.AST]) -> set[str]:
