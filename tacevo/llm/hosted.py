@@ -227,10 +227,11 @@ async def listed_models(client: Any, failures: tuple[type[Exception], ...]) -> t
         client: of the SDK of a provider; all have the same call.
         failures: what the SDK raises, or lets through, where there is no usable answer.
     """
+    unusable: tuple[type[Exception], ...] = (*failures, AttributeError, TypeError)  # as of servers without that path
     try:
         page = await client.models.list(timeout=LISTING)
         return tuple(str(model.id) for model in page.data)
-    except (*failures, AttributeError, TypeError):  # as of old servers, which know no such path
+    except unusable:
         return ()
 
 
