@@ -36,7 +36,8 @@ def _meanings(kind: type) -> dict[str, Any]:
 
 def _with_subclasses(kind: type) -> Iterator[type]:
     yield kind
-    for below in kind.__subclasses__():
+    subclasses: list[type] = kind.__subclasses__()
+    for below in subclasses:
         yield from _with_subclasses(below)
 
 
