@@ -41,7 +41,7 @@ TRAINED = ASKED | {
     "flops", "arch_div", "eff_ratio", "entropy", "density", "variation", "niche", "status", "curiosity"
 }  # fmt: skip
 KEYS = {
-    "run": SEALED | {"schema", "config", "task", "data", "centroids"},
+    "run": SEALED | {"schema", "config", "task", "data", "centroids", "rules"},
     "trained": TRAINED,
     "trained with a recorded prompt": TRAINED | {"prompt_niche", "prompt_status"},
     "rejected": ASKED | {"stage", "reason"},
