@@ -252,8 +252,8 @@ def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: 
         assert search(server, "run.dir=again", "llm.delivery=batch") == 0
         assert len(server.batches) == 2
     assert digest(batch) == digest(direct)
-    assert f"5 answers, 55 + 35 tokens, {dollars(math.fsum([11.5e-6] * 5))} USD" in direct
-    assert f"5 answers, 55 + 35 tokens, {dollars(math.fsum([11.5e-6 / 2] * 5))} USD" in batch
+    assert f"5 answers, 55 + 35 tokens, {dollars(math.fsum([46e-6] * 5))} USD" in direct
+    assert f"5 answers, 55 + 35 tokens, {dollars(math.fsum([46e-6 / 2] * 5))} USD" in batch
 
 
 class Moody(Script):
