@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tacevo import records
+from tacevo import profile, records
 from tacevo.config import schema
 from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import (
@@ -108,7 +108,8 @@ def test_record_comes_back_from_json(record: Any) -> None:
 
 def test_every_class_with_from_json_is_tried_here() -> None:
     """A class that learns to read itself back must be added to the list above."""
-    readers = {value for value in vars(records).values() if isinstance(value, type) and hasattr(value, "from_json")}
+    values = [*vars(records).values(), *vars(profile).values()]
+    readers = {value for value in values if isinstance(value, type) and hasattr(value, "from_json")}
     assert readers == {type(record) for record in READ_BACK}
 
 
