@@ -107,7 +107,7 @@ def test_bytes_are_those_of_every_machine() -> None:
 
 def printed_digest(*emulator: str, before: str = "pass", **variables: str) -> str:
     """Draw in a process of its own, after another statement; give what it prints."""
-    script = f"import test_data_simulator as t; {before}; print(t.drawn_bytes())"
+    script = f"import test_simulator as t; {before}; print(t.drawn_bytes())"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **variables}
     command = [*emulator, sys.executable, "-W", "ignore", "-c", script]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
