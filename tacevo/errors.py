@@ -34,13 +34,34 @@ message, because exceptions with other signatures do not survive pickling from a
     │   └── TransportError   the model could not be reached, after all retries
     └── SandboxError         the sandbox itself is broken (never: a candidate is)
 
-A candidate that fails is a value, `tacevo.records.Rejection`, and never an exception. Each class takes one
-message, because exceptions with other signatures do not survive pickling from a worker.
+A candidate that fails is a value, `tacevo.records.Rejection`, and never an exception.
 """
 
 
 class TacevoError(Exception):
-    """Anything tacevo raises on purpose; its message says what was expected, what came and what to do."""
+    """Anything tacevo raises on purpose.
+
+    Its text reads `PLACE: expected EXPECTED; got GOT; REMEDY`; what is not given is left out. Code that knows more
+    than the code that raised it sets `place` or `remedy` on the error and raises it again.
+
+    Args:
+        got: what came, or what happened.
+        place: where: a configuration key, a file, a line of it.
+        expected: what can be used there, e.g. `an integer of at least 1`.
+        remedy: what the user can do, as an order.
+    """
+
+    def __init__(self, got: str, *, place: str = "", expected: str = "", remedy: str = "") -> None:
+        super().__init__(got)  # the only argument, so that an error survives pickling from a worker
+        self.got = got
+        self.place = place
+        self.expected = expected
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        """Return the fields as one sentence."""
+        came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
+        return (f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else "")
 
 
 class ConfigError(TacevoError, ValueError):

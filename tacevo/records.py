@@ -15,6 +15,9 @@ from typing import Any, Self
 #: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
 Json = Any
 
+#: For `__pydantic_config__` of a record that is read from outside (`tacevo.typed`): nothing is guessed or dropped.
+STRICT = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
+
 #: A provider's setting: a number, a word, or several words.
 Setting = float | str | tuple[str, ...]
 
@@ -308,6 +311,8 @@ class Training:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataFacts:
     """What a run must know of its data set to be replayed without it."""
+
+    __pydantic_config__ = STRICT
 
     #: SHA-256 over images, labels, split, label scaling and input statistics.
     fingerprint: str

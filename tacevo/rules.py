@@ -11,12 +11,14 @@ from itertools import pairwise
 from typing import Self
 
 from tacevo.errors import RunError
-from tacevo.records import Json
+from tacevo.records import STRICT, Json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rules:
     """What decides the results of a search, beside its configuration."""
+
+    __pydantic_config__ = STRICT
 
     #: Extraction and policy; part of the key of every verdict on an answer.
     static: int

@@ -1,0 +1,86 @@
+"""JSON from outside, checked once and turned into records.
+
+A record is a frozen dataclass whose class sets `__pydantic_config__ = STRICT`: an unknown key, a number as text, or NaN
+is an error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`.
+"""
+
+import json
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from tacevo.errors import TacevoError
+from tacevo.records import Json
+
+T = TypeVar("T")
+
+#: What can stand at a key, by the type of pydantic's error.
+_EXPECTED = {
+    "missing": "a value",
+    "extra_forbidden": "only keys of this version",
+    "unexpected_keyword_argument": "only keys of this version",
+    "json_invalid": "JSON",
+    "int_type": "an integer",
+    "int_from_float": "an integer",
+    "float_type": "a number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "dict_type": "an object",
+    "dataclass_type": "an object",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of at least {ge}",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number of at most {le}",
+}
+
+
+def parse(kind: type[T], text: str | bytes, *, place: str, error: type[TacevoError], remedy: str = "") -> T:
+    """Read a record from JSON text.
+
+    Args:
+        kind: the record's class, or a union of such.
+        text: UTF-8.
+        place: of the text, for the message.
+        error: what to raise.
+        remedy: for the message.
+
+    Raises:
+        TacevoError: of the class `error`: the text does not hold such a record; the message names the first key at
+            fault, what can stand there, and what does.
+    """
+    try:
+        record: T = _adapter(kind).validate_json(text, strict=True)
+    except ValidationError as problem:
+        raise error(**_explained(problem, place), remedy=remedy) from problem
+    return record
+
+
+def convert(kind: type[T], value: Json, *, place: str, error: type[TacevoError], remedy: str = "") -> T:
+    """Turn JSON values that are read already into a record; arguments and errors are those of `parse`."""
+    return parse(kind, json.dumps(value), place=place, error=error, remedy=remedy)
+
+
+_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)  # building one costs more than using it
+
+
+def _explained(problem: ValidationError, place: str) -> dict[str, str]:
+    """Write the first problem of a text as the fields of an error."""
+    first = problem.errors(include_url=False)[0]
+    kind, context = first["type"], first.get("ctx", {})
+    words = _EXPECTED.get(kind) or first["msg"].removeprefix("Input should be ").replace("{", "{{").replace("}", "}}")
+    got = {
+        "missing": "nothing",
+        "extra_forbidden": "another",
+        "unexpected_keyword_argument": "another",
+        "json_invalid": str(context.get("error")),
+    }.get(kind) or _brief(first["input"])
+    key = ".".join(map(str, first["loc"]))
+    return {"place": ", ".join(part for part in (place, key) if part), "expected": words.format(**context), "got": got}
+
+
+def _brief(value: Any, limit: int = 80) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."

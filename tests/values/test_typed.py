@@ -1,0 +1,69 @@
+"""JSON from outside becomes records, or an error that names the key."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+from annotated_types import Ge
+from refusals import refused
+
+from tacevo.errors import RunError
+from tacevo.records import STRICT, Kind
+from tacevo.typed import convert, parse
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inner:
+    """A record in a record."""
+
+    __pydantic_config__ = STRICT
+
+    count: Annotated[int, Ge(1)]
+    kind: Kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outer:
+    """What the tests read."""
+
+    __pydantic_config__ = STRICT
+
+    inner: tuple[Inner, ...]
+    share: float = 1.0
+    names: dict[str, str] | None = None
+
+
+def test_sound_text_becomes_a_record() -> None:
+    """Lists become tuples, and words become enums."""
+    text = '{"inner": [{"count": 2, "kind": "regression"}], "share": 0.5}'
+    assert parse(Outer, text, place="f", error=RunError) == Outer(
+        inner=(Inner(count=2, kind=Kind.regression),), share=0.5
+    )
+
+
+def test_values_become_a_record() -> None:
+    """JSON that another reader has parsed goes the same way."""
+    assert convert(Outer, {"inner": []}, place="f", error=RunError) == Outer(inner=())
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "expected", "got"),
+    [
+        ('{"inner": [{"count": 0, "kind": "regression"}]}', "f, inner.0.count", "a number of at least 1", "0"),
+        ('{"inner": [{"count": "1", "kind": "regression"}]}', "f, inner.0.count", "an integer", '"1"'),
+        ('{"inner": [{"count": true, "kind": "regression"}]}', "f, inner.0.count", "an integer", "true"),
+        ('{"inner": [{"count": 1, "kind": "x"}]}', "f, inner.0.kind", "'regression' or 'classification'", '"x"'),
+        ('{"inner": [{"kind": "regression"}]}', "f, inner.0.count", "a value", "nothing"),
+        ('{"inner": [], "other": 1}', "f, other", "only keys of this version", "another"),
+        ('{"inner": [], "share": NaN}', "f, share", "finite number", "NaN"),
+        ('{"inner": [], "names": {"{a}": 1}}', "f, names.{a}", "text", "1"),
+        ("{", "f", "JSON", "EOF"),
+        ("[" * 100_000, "f", "JSON", "recursion"),
+        ("3", "f", "an object", "3"),
+        ('{"inner": "\\ud800"}', "f", "JSON", "escape"),
+    ],
+)
+def test_unsound_text_is_an_error_at_its_key(text: str, place: str, expected: str, got: str) -> None:
+    """Nothing is guessed, dropped or filled in."""
+    with refused(RunError, place=place, expected=expected, got=got, remedy="restore f"):
+        parse(Outer, text, place="f", error=RunError, remedy="restore f")
