@@ -95,7 +95,7 @@ def test_paper_experiments_are_what_is_written_here(task: str, images: int, llm:
 @TASKS
 def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_path: Path) -> None:
     """Neither another default choice, nor another value in a file that is a default and not the paper's."""
-    compose([])  # tells Hydra the schema
+    compose([])  # tells Hydra the defaults
     conf = shutil.copytree(conf_root(), tmp_path / "conf")
     edits = {
         "config.yaml": [
@@ -128,7 +128,7 @@ def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_p
     GlobalHydra.instance().clear()
     with initialize_config_dir(config_dir=str(conf), version_base="1.3"):
         chosen = hydra_compose("config", overrides=[f"experiment=paper_{task}", "llm=anthropic"])
-        insist(from_plain(OmegaConf.to_container(chosen, resolve=True, enum_to_str=True)), task, images, PAPER["llm"])  # type: ignore[arg-type]
+        insist(from_plain(OmegaConf.to_container(chosen, resolve=True)), task, images, PAPER["llm"])  # type: ignore[arg-type]
 
 
 def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:
