@@ -207,6 +207,6 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
         left = [line for line in lines[options[0] + 1 :] if not line.startswith(("Config search path", "provider="))]
         return ConfigError(missing.group(2), place=missing.group(1), expected=f"one of {', '.join(left)}")
     if isinstance(error, OverrideParseException):
-        remedy = "put a value with special characters in quotes of its own, as in 'KEY=\"VALUE\"'"
+        remedy = "quote a value with special characters, as in 'KEY=\"VALUE\"', and write a home directory in full"
         return ConfigError("a value that cannot be read", place=str(error.override), remedy=remedy)
     return ConfigError(": ".join([lines[0], *str(error.__cause__ or "").splitlines()[:1]]))

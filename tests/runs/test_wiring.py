@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
 from tacevo.choices import Confinement
@@ -91,9 +92,9 @@ def test_data_that_do_not_suit_the_task_are_refused_before_decoding(tmp_path: Pa
     """No image can be decoded, but what is told is the number of outputs or the kind of the labels."""
     save_folder(tmp_path / "recording", *(f"{number % 2}/{number}.png" for number in range(40)))
     cut_all_images(tmp_path / "recording")
-    with pytest.raises(ConfigError, match=r"task.outputs is 7, but the data set has 2 \(0, 1\); set task.outputs=2"):
+    with refused(ConfigError, place="task.outputs", expected="2, as the data set has (0, 1)", got="7"):
         load(tmp_path, "data=folder", "task=grating")
-    with pytest.raises(ConfigError, match=r"task.kind is regression, but the data set's labels are for classification"):
+    with refused(ConfigError, place="task.kind", expected="classification", got="regression"):
         load(tmp_path, "data=folder", "task=force")
     with pytest.raises(DataError, match=r"some images cannot be read \(40 found\)"):
         load(tmp_path, "data=folder", "task=grating", "task.outputs=2")
