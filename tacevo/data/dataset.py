@@ -110,7 +110,9 @@ def read(folder: Path) -> Dataset:
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(
-            f"the cached data set {folder} is damaged ({error}); delete that folder and run again"
+            f"the cached data set is damaged ({error})",
+            place=str(folder),
+            remedy="delete that directory and start again",
         ) from error
 
 

@@ -118,7 +118,7 @@ def format_of(path: Path) -> str:
         ConfigError: it is none of `FORMATS`.
     """
     if path.suffix.lower() not in FORMATS:
-        raise ConfigError(f"a picture's name must end in one of {', '.join(FORMATS)}; got {path.name!r}")
+        raise ConfigError(path.name, place="-o", expected=f"a file name that ends in one of {', '.join(FORMATS)}")
     return path.suffix.lower()
 
 

@@ -95,14 +95,18 @@ def load(
 
 
 def _read(folder: Path) -> Dataset:
-    """Read an entry of the cache, and hold it against its fingerprint.
+    """Read an entry of the cache, and compare it with its fingerprint.
 
     Raises:
         DataError: it was changed or damaged.
     """
     dataset = datasets.read(folder)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
-        raise DataError(f"the cached data set {folder} was changed or damaged; delete that folder and run again")
+        raise DataError(
+            "the cached data set was changed or damaged",
+            place=str(folder),
+            remedy="delete that directory and start again",
+        )
     return dataset
 
 
@@ -113,7 +117,8 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int) -> Split:
         DataError: the source has no split of its own, has too few groups, or a class would be absent from a part.
     """
     if rule is SplitRule.release and catalogue.release is None:
-        raise DataError("data.split=release needs a recording that names its own split; set data.split=random")
+        got = "release, and the source does not name a split"
+        raise DataError(got, place="data.split", remedy="set data.split=random")
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
     if rule is SplitRule.release and catalogue.release is not None:
         parts = catalogue.release
@@ -137,14 +142,14 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
     refuse(
         f"some labels are beyond {LARGEST_LABEL:g} in size",
         _told(catalogue, excessive),
-        "Correct them, or choose a larger unit.",
+        "correct them, or choose a larger unit",
     )
     offset, scale = target_scale(labels, train, scaling, catalogue.names, chosen_by=catalogue.names_chosen_by)
     with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
     infinite = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
-    refuse(problem, _told(catalogue, infinite), "Correct them.")
+    refuse(problem, _told(catalogue, infinite), "correct them")
     return targets, offset, scale
 
 
@@ -192,14 +197,14 @@ def _assemble(
 def _check(catalogue: Catalogue) -> None:
     """Refuse what the protocol cannot split or learn."""
     if len(catalogue.labels) < MINIMUM_IMAGES:
-        raise DataError(
-            f"a data set needs at least {MINIMUM_IMAGES} images, so that each part of the split has one; "
-            f"got {len(catalogue.labels)}"
-        )
+        expected = f"at least {MINIMUM_IMAGES} images, so that each part of the split has one"
+        raise DataError(str(len(catalogue.labels)), place="the data set", expected=expected)
     if catalogue.kind is Kind.classification and len(catalogue.names) < 2:
         raise DataError(
-            f"classification needs at least two classes; got only {list(catalogue.names)}; add others, or set "
-            "data.root to the folder that holds the folders of all classes"
+            str(list(catalogue.names)),
+            place="the data set",
+            expected="at least two classes",
+            remedy="add others, or set data.root to the directory that holds the directories of all classes",
         )
 
 
@@ -215,7 +220,7 @@ def _make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progr
             faults.extend(f"{_place(catalogue, row)} ({fault})" for row, fault in found)
             if progress is not None and not faults:  # who reads "all images made" shall have them
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
-    refuse("some images cannot be read", faults, "Repair or remove them.")
+    refuse("some images cannot be read", faults, "repair or remove them")
     return path
 
 

@@ -56,7 +56,7 @@ class Catalogue:
 
 
 class Source(Protocol):
-    """Anything that images and labels can be had from."""
+    """Anything that images and labels can be read from."""
 
     def describe(self) -> Json:
         """Name everything that determines the images, labels and groups: the source's part of the cache key."""
@@ -67,13 +67,13 @@ class Source(Protocol):
         ...
 
 
-def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
+def refuse(problem: str, faults: Sequence[str], remedy: str) -> None:
     """Raise one error about all faults of one kind; do nothing where there are none.
 
     Args:
         problem: what is wrong, e.g. `labels.csv names images that do not exist`.
         faults: one short text per faulty row or file; the first few are shown.
-        advice: what the user can do about it.
+        remedy: what the user can do about it.
 
     Raises:
         DataError: `faults` is not empty.
@@ -81,7 +81,7 @@ def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
     if not faults:
         return
     shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
-    raise DataError(f"{problem} ({len(faults)} found): {shown}. {advice}")
+    raise DataError(f"{problem} ({len(faults)} found): {shown}", remedy=remedy)
 
 
 def shortened(text: str) -> str:

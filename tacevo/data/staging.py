@@ -20,7 +20,7 @@ from tacevo.errors import DataError
 #: A folder in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
 PART, LOCK = ".tacevo-part", ".tacevo-lock"
 
-REMEDY = "make room there, choose a folder on another disk (store.root), or lower data.image_size"
+REMEDY = "make room there, choose a directory on another disk (store.root), or lower data.image_size"
 
 #: How an operating system says that there is no room: on the disk, for this user, for one file.
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
@@ -45,7 +45,8 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
         folder.parent.mkdir(parents=True, exist_ok=True)
         lock = _open_lock(_hidden(folder, LOCK))
     except OSError as error:
-        raise DataError(f"{folder.parent} cannot be written to ({error.strerror}); choose another folder") from error
+        got = f"a directory that cannot be written to ({error.strerror})"
+        raise DataError(got, place=str(folder.parent), remedy="choose another directory") from error
     with lock:
         _take(lock, waiting)
         if folder.is_dir():
@@ -59,7 +60,9 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
             _publish(stage, folder)
         except OSError as error:
             if error.errno in NO_ROOM:
-                raise DataError(f"{folder.parent} has no room ({error.strerror}); {REMEDY}") from error
+                raise DataError(
+                    f"the disk is full ({error.strerror})", place=str(folder.parent), remedy=REMEDY
+                ) from error
             raise
         finally:
             shutil.rmtree(stage, ignore_errors=True)
@@ -82,8 +85,10 @@ def reserve(file: BinaryIO, size: int) -> None:
             raise
         place = Path(file.name).parent.parent
         raise DataError(
-            f"{place} has no room for {size:,} bytes of images ({error.strerror}; {shutil.disk_usage(place).free:,} "
-            f"bytes are free); {REMEDY}"
+            f"{shutil.disk_usage(place).free:,} ({error.strerror})",
+            place=str(place),
+            expected=f"{size:,} free bytes for the images",
+            remedy=REMEDY,
         ) from error
 
 
@@ -129,9 +134,8 @@ def _clear(stage: Path) -> None:
     """Remove what a killed process left of this very folder."""
     shutil.rmtree(stage, ignore_errors=True)
     if stage.exists():
-        raise DataError(
-            f"{stage} is left of a killed process and cannot be removed; have user {stage.stat().st_uid} remove it"
-        )
+        got = "a killed process left this directory, and it cannot be removed"
+        raise DataError(got, place=str(stage), remedy=f"ask user {stage.stat().st_uid} to remove it")
 
 
 def _hidden(folder: Path, suffix: str) -> Path:

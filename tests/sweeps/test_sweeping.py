@@ -40,8 +40,8 @@ def test_several_values_tell_jobs_apart() -> None:
     [
         ("run.dir=runs/mine", r"a folder of its own in that of the sweep \(--into\); got 'run.dir=runs/mine'"),
         ("tracking.uri='postgresql://me:hunter2@host/db'", "may hold a password; give it to the environment"),
-        ("search.generations=interval(1,5)", "needs values that can be counted"),
-        ("seed=range(3,3)", "stands for none"),
+        ("search.generations=interval(1,5)", "one value or more that can be counted"),
+        ("seed=range(3,3)", "one value or more that can be counted"),
         ("seed=1,", "cannot be read"),
         ("store={root:/home/a/x}", r"write store\.NAME=VALUE in place of store=\{\.\.\.\}"),
         ("run={dir:mine}", r"write run\.NAME=VALUE"),

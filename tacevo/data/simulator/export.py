@@ -61,7 +61,8 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
         OSError: the files cannot be written.
     """
     if list(source.spacings_mm) != sorted(source.spacings_mm):
-        raise ConfigError(f"an export needs data.spacings_mm in ascending order; got {list(source.spacings_mm)}")
+        got = str(list(source.spacings_mm))
+        raise ConfigError(got, place="data.spacings_mm", expected="ascending order, in which files are read back")
     catalogue = source.catalogue()
     names = image_names(source, catalogue)
     with _staged(_vacant(out)) as stage:
@@ -112,9 +113,9 @@ def _vacant(out: Path) -> Path:
     """Find where a new folder is to stand, links and dots resolved; refuse what could not be replaced."""
     place = out.resolve()
     if place == Path.cwd():
-        raise DataError(f"out={out} is the current folder; name one to make, e.g. out=simulated")
+        raise DataError("the current directory", place="out", expected="a new directory, e.g. out=simulated")
     if place.exists() and not (place.is_dir() and not any(place.iterdir())):
-        raise DataError(f"out={out} exists and is no empty folder; remove it or choose another name")
+        raise DataError(f"{out}, which is not empty", place="out", expected="a new directory, e.g. out=simulated")
     return place
 
 

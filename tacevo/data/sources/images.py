@@ -1,9 +1,7 @@
 """Image files as every loader reads them: decoded, upright, RGB, square, uint8; and hashed by content."""
 
 import hashlib
-import struct
 import warnings
-import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,25 +30,6 @@ STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 
 #: What is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything.
 _FLOATING = "holds floating-point values, whose full range is unknown"
-
-#: What Pillow raises for a file that is no image, or a damaged one.
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    SyntaxError,
-    EOFError,
-    MemoryError,
-    RuntimeError,
-    struct.error,
-    zlib.error,
-    Image.DecompressionBombError,
-    UserWarning,
-    Image.DecompressionBombWarning,
-)
 
 
 def image_files(folder: Path, pattern: str) -> list[Path]:
@@ -118,17 +97,17 @@ def _opened(path: Path) -> Iterator[Image.Image]:
                 warnings.simplefilter("error", kind)
             with Image.open(path) as file:
                 yield file
-    except _UNREADABLE as error:
+    except Exception as error:  # of Pillow and its decoders, which raise more than a dozen classes
         raise DataError(_fault(path, error)) from error
 
 
-def _fault(path: Path, error: BaseException) -> str:
+def _fault(path: Path, error: Exception) -> str:
     """Say what is wrong with a file that Pillow cannot read."""
     match error:
         case Image.DecompressionBombError() | Image.DecompressionBombWarning():
             return "has more pixels than any tactile image"
         case UnidentifiedImageError():
-            return "is empty" if path.stat().st_size == 0 else "is no image of a known format"
+            return "is empty" if path.stat().st_size == 0 else "is not an image of a known format"
         case OSError(strerror=str() as reason):
             return reason
         case MemoryError():
@@ -195,13 +174,13 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
             sizes.append((name, _upright_size(path)))
         except DataError as error:
             unreadable.append(f"{name} ({error})")
-    refuse("some images cannot be read", unreadable, "Repair or remove them.")
+    refuse("some images cannot be read", unreadable, "repair or remove them")
     (width, height), images = Counter(size for _, size in sizes).most_common(1)[0]
     others = [f"{name} {size[0]}x{size[1]}" for name, size in sizes if size != (width, height)]
     refuse(
-        f"the images of a data set need one size; {images} have {width}x{height} pixels (width x height), others not",
+        f"images have several sizes; {images} have {width}x{height} pixels (width x height), others not",
         others,
-        "Crop or remove these.",
+        "crop or remove the others",
     )
     return width, height
 
@@ -239,5 +218,5 @@ def files_hash(paths: Iterable[Path]) -> str:
             with path.open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
-            raise DataError(f"{path} cannot be read ({error.strerror}); see that you may read it") from error
+            raise DataError(f"a file that cannot be read ({error.strerror})", place=str(path)) from error
     return digest.hexdigest()
