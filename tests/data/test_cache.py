@@ -108,7 +108,7 @@ def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Pa
     assert unfinished(tmp_path) == []
 
 
-NO_ROOM = r"error: {cache} has no room for 230,528 bytes of images \(.* bytes are free\); make room there, .*\n"
+NO_ROOM = r"error: {cache}: expected 230,528 free bytes for the images; got .*; make room there, .*\n"
 
 
 def test_file_that_may_not_grow_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from refusals import refused
 from small_recordings import loaded
 
 from tacevo.data.figures import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
@@ -200,7 +201,7 @@ def test_equal_data_give_equal_bytes(ending: str, tmp_path: Path) -> None:
 
 def test_unknown_format_is_refused(tmp_path: Path) -> None:
     """The message lists the endings that are known."""
-    with pytest.raises(ConfigError, match=r"must end in one of \.png, \.pdf, \.svg; got 'a\.bmp'"):
+    with refused(ConfigError, place="-o", expected=".png, .pdf, .svg", got="a.bmp"):
         save(Figure(), tmp_path / "a.bmp")
 
 
