@@ -83,7 +83,7 @@ def _check_llm(llm: LLMConfig) -> None:
 
 
 def _is_address(value: str) -> bool:
-    """Say whether a server can be reached by this, with a path behind it."""
+    """Answer whether this is the address of a server, to which a path can be added."""
     if not value.isprintable() or set(value) & set(" ?#"):
         return False
     try:

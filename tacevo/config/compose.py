@@ -184,7 +184,7 @@ def _near(name: str, names: Sequence[str], command: str = "search") -> str:
 
 
 def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str], command: str) -> ConfigError:
-    """Say what Hydra or OmegaConf found wrong, and what the user may have meant."""
+    """Return the error that says what Hydra or OmegaConf found wrong, and what the user may have meant."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
     unknown = re.match(r"Could not override '([^']+)'", lines[0])
     if unknown:

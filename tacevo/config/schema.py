@@ -203,7 +203,7 @@ class StoreConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class OutputConfig(Settings):
-    """Where a run is written; None names a folder after the task, the seed and the configuration."""
+    """Where a run is written; None names a directory after the task, the seed and the configuration."""
 
     dir: Text | None = None
 

@@ -20,7 +20,7 @@ class StudyStoreConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class MarginConfig(Settings):
-    """The largest difference from the baseline that counts as none."""
+    """The largest difference from the baseline that still counts as equality."""
 
     #: In parts of the baseline's median, or in the unit of the metric.
     value: Positive

@@ -31,7 +31,7 @@ class _Library(Settings):
     mutations: tuple[_Mutation, ...]
 
 
-def require_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
+def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
     """Refuse labels that are not what a task asks a network for.
 
     Args:
@@ -82,7 +82,7 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
             library has fewer instructions than `prompts.pool`.
     """
     task = config.task
-    require_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
+    check_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
     contract = Contract(
         class_name=task.class_name,
         kind=task.kind,

@@ -157,9 +157,9 @@ def _shown(console: Console) -> Iterator[Progress]:
     with Bars(TextColumn("images"), BarColumn(), *columns, console=console) as bars:
         task = bars.add_task("images", total=None, rate="", visible=False)
 
-        def told(done: int, total: int) -> None:
+        def show_progress(done: int, total: int) -> None:
             bars.update(task, completed=done, total=total, visible=True)
             speed = bars.tasks[task].speed
             bars.update(task, rate="" if speed is None else f"{speed:.0f}/s")
 
-        yield told
+        yield show_progress

@@ -38,7 +38,7 @@ class Estimate:
     requests: int
     #: Requests of generation 0 whose answers are recorded already; they cost nothing.
     recorded: int
-    #: Completions of this model in the store, from which the likely length of an answer is taken; 0 for none.
+    #: How many completions of this model the store has; they give the likely length of an answer.
     samples: int
     likely: Tokens
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from refusals import refused
 
-from tacevo.data.staging import LOCK, PART, staged, sweep
+from tacevo.data.staging import LOCK, PART, remove_leftovers, staged
 from tacevo.errors import DataError
 
 
@@ -87,7 +87,7 @@ def test_reader_of_a_finished_set_sweeps_up_others(tmp_path: Path) -> None:
     """What a killed maker left of one set does not stay because everybody needs another one, which is whole."""
     (tmp_path / f".dead{PART}").mkdir()
     (tmp_path / f".dead{PART}" / "images.npy").write_text("half")
-    sweep(tmp_path)
+    remove_leftovers(tmp_path)
     assert not (tmp_path / f".dead{PART}").exists()
 
 

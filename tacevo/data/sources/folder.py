@@ -1,6 +1,7 @@
-"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or any other of `photos.SUFFIXES`).
+"""Classification from a directory of directories: `<root>/<class>/**/*.png` (or any other of `images.SUFFIXES`).
 
-Files with other endings, and files beside the class folders, are no part of the data set; the catalogue names them.
+Files with other endings, and files beside the class directories, are not part of the data set; the catalogue lists
+them.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from tacevo.records import Json, Kind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Folder:
-    """One folder per class, named after it; classes are in the order of their numbers, or of their names."""
+    """One directory per class, named after it; classes are in the order of their numbers, or of their names."""
 
     root: Path
     #: Height and width that images are resized to, in pixels.
@@ -28,7 +29,7 @@ class Folder:
         """Name the content: class names, and the name and bytes of every image, not where they lie.
 
         Raises:
-            DataError: the folder is missing or has no classes, or a class has no images.
+            DataError: the directory is missing or has no classes, or a class has no images.
         """
         classes = _classes(self.root)
         images = [path for paths in classes.values() for path in paths]
@@ -45,7 +46,7 @@ class Folder:
         """List labels and images, class by class, images in the order of their names.
 
         Raises:
-            DataError: the folder is missing or has no classes, a class has no images, or an image is unreadable or
+            DataError: the directory is missing or has no classes, a class has no images, or an image is unreadable or
                 of another size than the rest.
         """
         classes = _classes(self.root)
@@ -98,7 +99,7 @@ def _key(name: str) -> float | str:
 
 
 def _images(folder: Path) -> list[Path]:
-    """Find the images below a class folder, sorted by path."""
+    """Find the images below a class directory, sorted by path."""
     paths = image_files(folder, "**/*")
     names = [path.relative_to(folder).as_posix() for path in paths]
     twice = repeats((name, name.casefold()) for name in names)

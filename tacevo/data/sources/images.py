@@ -18,14 +18,14 @@ from tacevo.errors import DataError
 #: Changes when the same file would be decoded to other pixels.
 DECODING = "pillow-rgb-bilinear-2"
 
-#: Endings of the image files that are looked for in folders, in lower case.
+#: Endings of the image files that are looked for in directories, in lower case.
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 
 #: The EXIF tag of the camera's orientation, and its values that exchange width and height.
 ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 
-#: Formats in which a file may hold several images, of which the first alone is no fair choice. Phones' JPEG files hold
-#: a preview behind the photograph, which is no image of its own.
+#: Formats in which a file may hold several images, so that the first alone would be an arbitrary choice. Phones' JPEG
+#: files hold a preview behind the photograph, which does not count.
 STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 
 #: What is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything.
@@ -33,26 +33,26 @@ _FLOATING = "holds floating-point values, whose full range is unknown"
 
 
 def image_files(folder: Path, pattern: str) -> list[Path]:
-    """Find the images of a folder, sorted by path.
+    """Find the images of a directory, sorted by path.
 
-    Hidden files and what lies in hidden folders are left out: editors and systems put copies and stubs there, such as
+    Hidden files and directories are left out: editors and systems put copies and stubs there, such as
     `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
 
     Args:
         folder: where to look; its own name may begin with a dot.
-        pattern: `*`, or `**/*` for all folders below too.
+        pattern: `*`, or `**/*` for all directories below too.
     """
     images = (path for path in folder.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
     return sorted(path for path in images if not _hidden(path.relative_to(folder)))
 
 
 def other_files(folder: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
-    """Find the files of a folder that are not hidden and not used, sorted by path: `image_files`' remainder.
+    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder.
 
     Args:
         folder: where to look.
         pattern: as in `image_files`.
-        used: files that belong to the data set, below the folder as `image_files` gives them.
+        used: files that belong to the data set, below the directory as `image_files` gives them.
     """
     known = set(used)
     files = (path for path in folder.glob(pattern) if path not in known and path.is_file())
@@ -77,8 +77,8 @@ def decode(path: Path, image_size: int) -> Picture:
         uint8, shape (3, image_size, image_size).
 
     Raises:
-        DataError: the file is no readable image, has transparent pixels, or values of no known full range; the
-            message tells the fault alone, because the caller knows what the user calls this image.
+        DataError: the file cannot be read, has transparent pixels, or values of an unknown range; the
+            message names the fault alone, because the caller knows what the user calls this image.
     """
     with _opened(path) as file:
         upright = ImageOps.exif_transpose(file)
@@ -87,9 +87,9 @@ def decode(path: Path, image_size: int) -> Picture:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open an image; what goes wrong while Pillow reads it is a `DataError` that tells the fault.
+    """Open an image; an error of Pillow becomes a `DataError` that names the fault.
 
-    Only Pillow's own work belongs inside: a slip of ours would be told as damage of the file.
+    Only Pillow's own work belongs inside: a bug of ours would be reported as damage of the file.
     """
     try:
         with warnings.catch_warnings():
@@ -102,7 +102,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
 
 
 def _fault(path: Path, error: Exception) -> str:
-    """Say what is wrong with a file that Pillow cannot read."""
+    """Return what is wrong with a file that Pillow cannot read."""
     match error:
         case Image.DecompressionBombError() | Image.DecompressionBombWarning():
             return "has more pixels than any tactile image"
@@ -165,7 +165,7 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
         Width and height in pixels.
 
     Raises:
-        DataError: files are no readable images, hold several or floating-point values, or differ in size.
+        DataError: files cannot be read, hold several or floating-point values, or differ in size.
     """
     sizes: list[tuple[str, tuple[int, int]]] = []
     unreadable = []
@@ -189,7 +189,7 @@ def _upright_size(path: Path) -> tuple[int, int]:
     """Read width and height from a header, as they are after the orientation note is obeyed.
 
     Raises:
-        DataError: the header tells that the image cannot be used.
+        DataError: the header shows that the image cannot be used.
     """
     with _opened(path) as file:
         stacked = file.format in STACKS and getattr(file, "n_frames", 1) > 1

@@ -23,7 +23,7 @@ class Row:
     name: str
     #: The image, links followed; `is_there` says whether it exists.
     path: Path
-    #: The folder that the image was found in, as it is written: not where a link leads.
+    #: The directory that the image was found in, as it is written: not where a link leads.
     folder: Path
     is_there: bool
     #: The text of each target column, in their order.
@@ -36,7 +36,7 @@ class Row:
 
     @property
     def labels(self) -> tuple[float, ...]:
-        """The values of the target columns; NaN for what is no number."""
+        """The values of the target columns; NaN for what is not a number."""
         return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
 
 
@@ -48,7 +48,7 @@ def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture
 def unnamed_images(rows: Sequence[Row]) -> list[Path]:
     """Find the images that lie beside those of the rows, and that no row names."""
     named = {row.path for row in rows}
-    folders = {row.folder.resolve(): row.folder for row in rows}  # a folder may be written in several ways
+    folders = {row.folder.resolve(): row.folder for row in rows}  # a directory may be written in several ways
     return [
         path for folder in sorted(folders.values()) for path in image_files(folder, "*") if path.resolve() not in named
     ]
@@ -70,9 +70,9 @@ def read_rows(
 
     Args:
         table: the file; a CSV table in UTF-8 with a header.
-        image_column: holds each image's path, relative to one of the folders.
+        image_column: holds each image's path, relative to one of the directories.
         target_columns: hold the labels.
-        asked_by: who says so, for messages: the settings of image column and target columns.
+        asked_by: for messages: the settings of image column and target columns.
         remedy: what the user can do where a column is absent.
         folders: where images are looked for, in this order.
         skip_missing: leave out rows whose image is missing, instead of refusing the table.
@@ -82,7 +82,7 @@ def read_rows(
         left out.
 
     Raises:
-        DataError: the table is no such table, or a row is faulty: all rows with the same fault are named at once.
+        DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
     """
     asked = [(image_column, asked_by[0]), *((name, asked_by[1]) for name in target_columns)]
     rows = list(_rows(table, asked, remedy, folders))
@@ -201,10 +201,10 @@ def _open_quote(table: Path, line: int) -> DataError:
 
 
 def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path, bool]:
-    """Find an image in the first folder that has it; where none has, name the place where it should be.
+    """Find an image in the first directory that has it; else name the place where it should be.
 
     Returns:
-        Where the image is, links followed; the folder that it was found in, as it is written; and whether it is there.
+        Where the image is, links followed; the directory that it was found in, as written; and whether it is there.
     """
     found = (folder / name for folder in folders if os.path.isfile(folder / name))
     path = next(found, None)

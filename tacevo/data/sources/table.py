@@ -14,12 +14,12 @@ from tacevo.records import Json, Kind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A folder with a CSV table; the first row holds the column names."""
+    """A directory with a CSV table; the first row holds the column names."""
 
     root: Path
     #: The table, relative to `root`, e.g. `labels.csv`.
     table: str
-    #: The column with each image's path, relative to `root` or to the folder of the table.
+    #: The column with each image's path, relative to `root` or to the directory of the table.
     image_column: str
     #: The columns to regress, in the order of the outputs.
     target_columns: tuple[str, ...]
@@ -32,7 +32,7 @@ class Table:
         """Name the content: the bytes of the table and of every image, not where they lie.
 
         Raises:
-            DataError: the folder, the table or an image is missing, or the table is broken.
+            DataError: the directory, the table or an image is missing, or the table is broken.
         """
         rows, _ = self._read()
         return {
@@ -50,7 +50,7 @@ class Table:
         """List labels and images in the order of the table.
 
         Raises:
-            DataError: the folder, the table or an image is missing, unreadable or of another size than the rest, or
+            DataError: the directory, the table or an image is missing, unreadable or of another size than the rest, or
                 the table is broken.
         """
         rows, skipped = self._read()

@@ -43,7 +43,7 @@ COLUMNS = {SensorTask.force: ("fx", "fy", "fz"), SensorTask.hardness: ("shore",)
 
 OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
 
-#: Units of exported simulations; the release states none.
+#: Units of exported simulations; the release does not state them.
 UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
 
 
@@ -53,9 +53,9 @@ class TacVerse:
 
     root: Path
     task: SensorTask
-    #: The folder of the sensor, e.g. `ViTacTip`.
+    #: The directory of the sensor, e.g. `ViTacTip`.
     sensor: str
-    #: Gratings: the folder of the specimens, e.g. `Blackdot`.
+    #: Gratings: the directory of the specimens, e.g. `Blackdot`.
     pattern: str | None
     #: Height and width that images are resized to, in pixels.
     image_size: int
@@ -66,7 +66,7 @@ class TacVerse:
         """Name the content: labels, and the bytes of every image, not where they lie.
 
         Raises:
-            DataError: a folder, the table or an image is missing, or the table or a file name is broken.
+            DataError: a directory, the table or an image is missing, or the table or a file name is broken.
         """
         described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
         if self.task is SensorTask.grating:
@@ -90,7 +90,7 @@ class TacVerse:
         return Catalogue(
             kind=Kind.regression,
             names=OUTPUTS[self.task],
-            units=UNITS[self.task] if self._simulated() else None,
+            units=UNITS[self.task] if self._is_simulated() else None,
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures(rows, self.image_size),
@@ -102,8 +102,8 @@ class TacVerse:
             ignored=unnamed_images(rows),
         )
 
-    def _simulated(self) -> bool:
-        """Tell whether these are images of ours, whose units we know."""
+    def _is_simulated(self) -> bool:
+        """Answer whether these are images of our simulator, whose units we know."""
         if self.sensor != SIMULATED_SENSOR:
             return False
         try:
@@ -191,7 +191,7 @@ def _order(frame: Frame) -> tuple[float, int, int]:
 
 
 def _frame(path: Path) -> Frame | None:
-    """Read a file name; None where it is no such name."""
+    """Read a file name; None where it is not such a name."""
     parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
     if parts is None:
         return None
@@ -216,7 +216,7 @@ def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.i
 
 
 def _enter(directory: Path, names: dict[str, str]) -> Path:
-    """Go down into directories, each of which a setting names."""
+    """Enter nested directories, each of which a setting names."""
     check_directory(directory, next(iter(names)), f"the directory that holds {next(iter(names.values()))}")
     for key, name in names.items():
         check_directory(directory / name, key, "a directory")
