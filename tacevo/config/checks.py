@@ -17,9 +17,15 @@ from tacevo.choices import (
     ParentPolicy,
     Scale,
 )
-from tacevo.config.archive import ArchiveConfig
-from tacevo.config.data import DataConfig
-from tacevo.config.schema import LLMConfig, ProposalsConfig, RunConfig, TaskConfig, deliveries
+from tacevo.config.schema import (
+    ArchiveConfig,
+    DataConfig,
+    LLMConfig,
+    ProposalsConfig,
+    RunConfig,
+    TaskConfig,
+    deliveries,
+)
 from tacevo.errors import ConfigError
 from tacevo.records import Kind, Loss, Mode, to_json
 

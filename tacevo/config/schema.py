@@ -11,20 +11,26 @@ from typing import Annotated
 from annotated_types import Ge, Gt, Le
 
 from tacevo.choices import (
+    ArchiveKind,
+    Axis,
+    BoundsRule,
     Confinement,
+    DataSource,
     Device,
     ExecutorKind,
+    LightScene,
+    Normalisation,
     Numerics,
     OperatorScope,
     ParentPolicy,
     PromptPolicy,
     Provider,
+    Scale,
+    SplitRule,
     TargetScaling,
     TemperatureRule,
     Tracking,
 )
-from tacevo.config.archive import ArchiveConfig
-from tacevo.config.data import DataConfig
 from tacevo.config.ranges import Count, Fraction, Identifier, Memory, Name, Natural, Positive, Settings, Text, is_a
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Kind, Loss, Mode
@@ -61,6 +67,57 @@ class TaskConfig(Settings):
     baseline: str
     instructions: str
     system: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataConfig(Settings):
+    """Where the images come from, and how they are prepared."""
+
+    source: DataSource
+    #: Height and width, in pixels.
+    image_size: Annotated[int, Ge(16)]
+    #: Simulated: how many images, the seed of the contacts, that of the sensor, and its light.
+    images: Annotated[int, Ge(10)]
+    seed: Natural
+    sensor_seed: Natural
+    light: LightScene
+    #: Simulated gratings: the spacings that are the classes, in mm.
+    spacings_mm: tuple[Positive, ...]
+    #: Recorded: the directory of the data set, or the file of a NumPy archive.
+    root: str | None
+    #: CSV: the table and the columns to read.
+    table: str
+    image_column: str
+    target_columns: tuple[str, ...]
+    #: TacVerse: the directories to read; the pattern is for gratings.
+    sensor: Text
+    pattern: Text | None
+    #: Tables: leave out rows whose image is missing, instead of refusing the table.
+    skip_missing: bool
+    split: SplitRule
+    split_seed: Natural
+    normalisation: Normalisation
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArchiveConfig(Settings):
+    """The archives of networks and of prompts; that of prompts is always a CVT archive."""
+
+    niches: Count
+    prompt_niches: Count
+    #: Uniform points from which k-means finds the centroids.
+    samples: int
+    seed: int
+    bounds: BoundsRule
+    #: With `bounds=fixed`: the (low, high) of each descriptor.
+    arch_div_bounds: tuple[float, ...]
+    eff_ratio_bounds: tuple[float, ...]
+    eff_ratio_scale: Scale
+    kind: ArchiveKind = ArchiveKind.cvt
+    #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
+    kept: Count = 10
+    #: The axes of the networks' niches.
+    axes: tuple[Axis, ...] = tuple(Axis)
 
 
 def deliveries(provider: Provider) -> tuple[Delivery, ...]:
