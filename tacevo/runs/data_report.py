@@ -132,7 +132,7 @@ def _ignored_lines(found: Inspection) -> Iterator[str]:
     """Name the files that lie among the images and are not used."""
     files = list(map(str, found.catalogue.ignored))
     if files:
-        yield f"ignored:     {counted(len(files), 'file')} that belong to no row or class: {_shortened(files, ', ')}"
+        yield f"ignored:     {counted(len(files), 'file')} outside the data set: {_shortened(files, ', ')}"
 
 
 def _row(found: Inspection, row: int) -> str:

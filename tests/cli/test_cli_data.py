@@ -249,6 +249,6 @@ def test_check_names_files_that_are_left_out(capsys: pytest.CaptureFixture[str])
     Image.new("RGB", (20, 24)).save("photos/a/40.bmp")
     Image.new("RGB", (20, 24)).save("photos/loose.png")
     assert main(["data", "check", *overrides]) == 0
-    assert "ignored:     2 files of no row or class: photos/a/40.bmp, photos/loose.png" in capsys.readouterr().out
+    assert "ignored:     2 files outside the data set: photos/a/40.bmp, photos/loose.png" in capsys.readouterr().out
     assert main(["data", "check", *overrides, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ignored"] == ["photos/a/40.bmp", "photos/loose.png"]
