@@ -158,7 +158,7 @@ def test_demo_is_small() -> None:
 
 
 def test_images_follow_the_task() -> None:
-    """Choosing a task chooses its number of images; naming a number holds against it."""
+    """Choosing a task chooses its number of images; a number that the user gives wins."""
     assert compose(["task=grating"]).data.images == 3507
     assert compose(["task=grating", "data.images=100"]).data.images == 100
 

@@ -36,7 +36,7 @@ def test_floats_are_regressed(tmp_path: Path) -> None:
 
 
 def test_whole_numbers_are_classes(tmp_path: Path) -> None:
-    """Classes are called by their numbers where nobody names them."""
+    """Classes without names are called by their numbers."""
     catalogue = save_arrays(tmp_path / "set.npz", labels=CLASSES.astype(np.uint8)).catalogue()
     assert (catalogue.kind, catalogue.names) == (Kind.classification, ("0", "1", "2"))
     assert catalogue.labels.dtype == np.int64

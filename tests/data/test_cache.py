@@ -1,4 +1,4 @@
-"""The cache of data sets: an entry is whole or absent, whoever is killed, starts at once or finds no room."""
+"""The cache of data sets: an entry is whole or absent after kills, simultaneous starts and full disks."""
 
 import fcntl
 import re
@@ -58,7 +58,7 @@ def unfinished(cache: Path) -> list[Path]:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_a_killed_process_left_is_removed(tmp_path: Path, seed: int) -> None:
-    """After a kill half-way the entry is absent; the next process, whatever it makes, clears the rest away."""
+    """After a kill half-way the entry is absent; the next process, for any data set, clears the rest away."""
     killed = start(tmp_path, "die")
     killed.communicate()
     assert killed.returncode == -9
@@ -82,7 +82,7 @@ def test_processes_that_start_at_once_share_one_entry(tmp_path: Path) -> None:
 
 
 def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
-    """One line, before the wait, so that nobody takes it for a hang; who need not wait says nothing."""
+    """One line, before the wait, so that it does not look like a hang; without a wait, no line."""
     said: list[str] = []
     folder = load_greys(Greys(), tmp_path, say=said.append).images.parent
     assert said == []

@@ -191,7 +191,7 @@ def test_training_pictures_decide_the_statistics(tmp_path: Path, form: str) -> N
 
 
 def test_release_names_its_own_parts(tmp_path: Path) -> None:
-    """`release` takes the parts from the source, whatever the seed."""
+    """`release` takes the parts from the source, for every seed."""
     dataset = load_greys(Greys(released=True), tmp_path, split=SplitRule.release)
     assert dataset.facts.counts == (12, 4, 4)
     assert dataset.test.tolist() == [16, 17, 18, 19]
@@ -218,7 +218,7 @@ def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:
 
 
 def test_unreadable_images_are_counted_and_leave_no_entry(tmp_path: Path) -> None:
-    """All faults are collected, the first few are named, nothing is cached, and nobody is told that all is done."""
+    """All faults are collected, the first few are named, nothing is cached, and progress does not reach the end."""
     seen: list[tuple[int, int]] = []
     with pytest.raises(DataError, match=r"7 found\): row 0 \(0.png\), row 1 \(1.png\), .*, \.\.\."):
         load_greys(Greys(broken=7), tmp_path, progress=lambda done, total: seen.append((done, total)))

@@ -81,7 +81,7 @@ def test_only_a_source_whose_outputs_are_chosen_is_told_to_leave_one_out() -> No
 
 @pytest.mark.parametrize("scaling", TargetScaling)
 def test_target_scale_is_blind_to_every_other_row(scaling: TargetScaling) -> None:
-    """Rows outside the training split may hold anything, even what is no number."""
+    """Rows outside the training split may hold anything, even NaN."""
     train = np.array([0, 2, 3])
     spoilt = LABELS.copy()
     spoilt[1] = (np.nan, np.inf)
@@ -97,7 +97,7 @@ def test_zscore_squares_are_products() -> None:
 
 
 def test_zscore_sums_are_exact() -> None:
-    """Ten tenths beside a huge value and its opposite: a plain sum loses them, whatever the order of the rows."""
+    """Ten tenths beside a huge value and its opposite: a plain sum loses them, in every order of the rows."""
     column = np.array([0.1] * 10 + [1e16, -1e16])
     for order in (np.arange(12), np.arange(12)[::-1], np.roll(np.arange(12), 5)):
         offset, _ = target_scale(column[order, None], np.arange(12), TargetScaling.zscore, ("a",))

@@ -1,4 +1,4 @@
-"""A data set on disk: it comes back unchanged, and whatever training can see changes its fingerprint."""
+"""A data set on disk: it comes back unchanged, and everything that training can see changes its fingerprint."""
 
 from collections.abc import Callable
 from dataclasses import replace

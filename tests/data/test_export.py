@@ -184,7 +184,7 @@ def test_link_to_an_empty_folder_is_followed(tmp_path: Path) -> None:
 
 
 def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
-    """Whoever is first keeps the name."""
+    """The process that is first keeps the name."""
     out = tmp_path / "out"
     source = simulated(SensorTask.force)
     with pytest.raises(OSError, match="not empty"):
@@ -194,7 +194,7 @@ def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
 
 
 def test_empty_folder_is_filled(tmp_path: Path) -> None:
-    """A folder made beforehand is no obstacle."""
+    """A directory that exists and is empty is used."""
     (tmp_path / "out").mkdir()
     export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert (tmp_path / "out" / "simulation.json").is_file()

@@ -19,7 +19,7 @@ def test_classes_are_ordered_as_numbers_where_all_are_numbers(tmp_path: Path) ->
 
 
 def test_classes_are_ordered_by_name_otherwise(tmp_path: Path) -> None:
-    """One name that is no number makes all of them text."""
+    """One name that is not a number makes all of them text."""
     assert save_folder(tmp_path, "wood/a.png", "10/a.png", "2/a.png").catalogue().names == ("10", "2", "wood")
 
 
@@ -34,7 +34,7 @@ def test_other_files_are_left_alone(tmp_path: Path) -> None:
     "stray", ["a/.ipynb_checkpoints/1-checkpoint.png", "a/._1.png", "a/deep/.trash/deeper/1.png", "a/.hidden.png"]
 )
 def test_hidden_files_and_folders_within_a_class_are_no_images(tmp_path: Path, stray: str) -> None:
-    """An editor's copy of an image would stand in two parts of a split; a system's stub is no image at all."""
+    """An editor's copy of an image would stand in two parts of a split; a system's stub is not an image at all."""
     source = save_folder(tmp_path / ".data", "a/1.png", "a/deep/2.png", "b/1.png")
     before = source.describe()
     (tmp_path / ".data" / stray).parent.mkdir(parents=True, exist_ok=True)
@@ -80,7 +80,7 @@ def test_empty_classes_are_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("first", "second"), [("0.5", "0.50"), ("Wood", "wood"), ("1", "1.0")])
 def test_classes_that_are_one_are_refused(tmp_path: Path, first: str, second: str) -> None:
-    """Two folders for one number or one word would be two classes that nobody can tell apart."""
+    """Two directories for one number or one word would be two classes with equal content."""
     source = save_folder(tmp_path, f"{first}/a.png", f"{second}/b.png", "2/c.png")
     with pytest.raises(DataError, match=rf"are there twice \(1 found\): ({first}|{second}); join"):
         source.describe()

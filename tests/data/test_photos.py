@@ -1,4 +1,4 @@
-"""Image files become upright RGB squares of 8 bits, whatever they were; what cannot become one is refused by name."""
+"""Image files become upright RGB squares of 8 bits, from every format; what cannot become one is refused by name."""
 
 import hashlib
 import struct
@@ -113,7 +113,7 @@ def test_palette_is_looked_up(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
 def test_transparent_pixels_are_refused_and_opaque_alpha_is_dropped(tmp_path: Path, mode: str) -> None:
-    """What stands behind a transparent pixel is anybody's guess."""
+    """What stands behind a transparent pixel is unknown."""
     image = Image.new("RGBA", (2, 2), (50, 50, 50, 255))
     image.convert(mode).save(tmp_path / "opaque.png")
     assert (decode(tmp_path / "opaque.png", 2) == 50).all()
@@ -177,7 +177,7 @@ def test_turned_image_among_lying_ones_is_of_another_size(tmp_path: Path) -> Non
 
 
 def test_unreadable_headers_are_all_named(tmp_path: Path) -> None:
-    """Files that are no images are found without decoding."""
+    """Files that are not images are found without decoding."""
     Image.new("L", (4, 4)).save(tmp_path / "good.png")
     for name in ("text", "empty"):
         (tmp_path / f"{name}.png").write_text("no image" if name == "text" else "")

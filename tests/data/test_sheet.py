@@ -88,7 +88,7 @@ def written(figure: Figure) -> list[str]:
     ],
 )
 def test_units_are_those_that_a_name_ends_in(name: str, unit: str, plain: str) -> None:
-    """A force may be in mN: where a source states no unit, and neither does the column, there is none."""
+    """A force may be in mN: where neither the source nor the column states a unit, it is unknown."""
     assert units_of(Greys(labels=((1.0,),), names=(name,), units=None).catalogue()) == (unit,)
     assert plain_name(name, unit) == plain
 

@@ -54,7 +54,7 @@ def test_split_of_ungrouped_rows_is_pinned() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_every_part_of_a_small_set_has_every_class(seed: int) -> None:
-    """Four classes of 15 rows, dealt out evenly: each part holds each class, whatever the seed."""
+    """Four classes of 15 rows, dealt out evenly: each part holds each class, for every seed."""
     classes = np.repeat(np.arange(4), 15)
     parts = random_split(60, seed, classes=classes)
     for part in (parts.train, parts.validation, parts.test):

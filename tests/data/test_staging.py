@@ -21,7 +21,7 @@ def visible(parent: Path) -> list[str]:
 
 
 def test_folder_appears_only_when_it_is_whole(tmp_path: Path) -> None:
-    """While it is filled nobody sees it; afterwards it has everything, and the parent is made on the way."""
+    """While it is filled it is hidden; afterwards it has everything, and the parent is made on the way."""
     with staged(tmp_path / "cache" / "set") as stage:
         assert stage is not None
         (stage / "a").write_text("half")
@@ -43,7 +43,7 @@ def fill_half(folder: Path, error: type[BaseException]) -> None:
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, DataError])
 def test_failure_leaves_no_folder(tmp_path: Path, error: type[BaseException]) -> None:
-    """Whatever ends the filling, nothing of it stays, and the error passes."""
+    """After an error nothing of it stays, and the error passes."""
     with pytest.raises(error):
         fill_half(tmp_path / "set", error)
     assert [path for path in tmp_path.iterdir() if path.is_dir()] == []
@@ -71,7 +71,7 @@ def test_who_comes_second_waits_and_has_nothing_to_do(tmp_path: Path) -> None:
 
 
 def test_leftovers_go_and_folders_in_the_making_stay(tmp_path: Path) -> None:
-    """A hidden folder whose lock is free belongs to nobody; one whose lock is held, and any other folder, is kept."""
+    """A hidden directory whose lock is free is removed; one whose lock is held, and any other directory, is kept."""
     for name in ("dead", "alive"):
         (tmp_path / f".{name}{PART}").mkdir()
         (tmp_path / f".{name}{PART}" / "images.npy").write_text("half")
@@ -105,7 +105,7 @@ def as_another_user() -> Iterator[None]:
 
 @pytest.fixture
 def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a folder that everybody may write to, as a relative path, which needs no permission above it."""
+    """Make a directory that every user may write to, as a relative path, which needs no permission above it."""
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
     monkeypatch.chdir(tmp_path / "cache")
@@ -113,7 +113,7 @@ def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("mode", [0o000, 0o444])
-def test_leftover_of_another_user_stops_nobody(shared: Path, mode: int) -> None:
+def test_leftover_of_another_user_is_skipped(shared: Path, mode: int) -> None:
     """In a shared cache a lock that may not be opened, or a folder that may not be removed, is its owner's affair."""
     left = shared / f".dead{PART}"
     left.mkdir()

@@ -104,7 +104,7 @@ def test_missing_columns_are_named_beside_those_that_exist(tmp_path: Path) -> No
         save_table(tmp_path, "0.png,1,2\n", header="image_name,force_x,fz\n").catalogue()
 
 
-def test_column_is_found_whatever_its_case(tmp_path: Path) -> None:
+def test_column_is_found_in_any_case(tmp_path: Path) -> None:
     """`Image_Name, FX, Fz` are the asked columns; the exact name wins where both are there."""
     assert save_table(tmp_path, "1.png,1,2\n", header="Image_Name,FX,Fz\n").catalogue().labels.tolist() == [[2.0, 1.0]]
     both = save_table(tmp_path, "1.png,1,2,3\n", header="image_name,FX,fz,fx\n")
@@ -112,7 +112,7 @@ def test_column_is_found_whatever_its_case(tmp_path: Path) -> None:
 
 
 def test_columns_that_cannot_be_told_apart_are_refused(tmp_path: Path) -> None:
-    """Two columns of one name, or two that differ from the asked one in case only, are no answer."""
+    """Two columns of one name, or two that differ from the asked one in case only, are refused."""
     with pytest.raises(DataError, match=r"several columns of one name \(1 found\): 'fx'; rename"):
         save_table(tmp_path, "1.png,1,2,3\n", header="image_name,fx,fz, fx\n").describe()
     with refused(DataError, expected="'fx'", got="'FX', 'Fx'"):
@@ -120,7 +120,7 @@ def test_columns_that_cannot_be_told_apart_are_refused(tmp_path: Path) -> None:
 
 
 def test_missing_images_are_left_out_only_where_that_is_asked_for(tmp_path: Path) -> None:
-    """The error names the setting; with it the other rows stay, whatever stands in those without an image."""
+    """The error names the setting; with it the other rows stay."""
     source = save_table(tmp_path, "0.png,1,2,\n9.png,3,nan,\n2.png,5,6,\n")
     with pytest.raises(DataError, match=r"line 3 '9.png'; restore .* or leave them out with data.skip_missing=true"):
         source.catalogue()
@@ -287,7 +287,7 @@ def test_long_texts_are_cut(tmp_path: Path) -> None:
 
 
 def test_images_that_no_row_names_are_told(tmp_path: Path) -> None:
-    """They are no part of the data set, and the catalogue says which they are."""
+    """They are not part of the data set, and the catalogue says which they are."""
     source = save_table(tmp_path, "0.png,1,2,\n2.png,3,4,\n")
     assert [path.name for path in source.catalogue().ignored] == ["1.png"]
 

@@ -39,7 +39,7 @@ def save_presses(root: Path, *, sizes: int, groups: int, frames: int) -> TacVers
 
 
 def test_forces_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    """10 comes after 9, whatever the order of the rows; spaces and case of the header do not matter."""
+    """10 comes after 9, for every order of the rows; spaces and case of the header do not matter."""
     rows = "image_10.png,1,2,3\nimage_9.png,4,5,6\nimage_0.png,7,8,9\n"
     source = save_forces(tmp_path, rows, images=11, header=" Image_Name , Fx ,FY, fz\n")
     catalogue = source.catalogue()
@@ -220,7 +220,7 @@ def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, task: Senso
 
 
 def test_images_of_other_names_are_refused(tmp_path: Path) -> None:
-    """A name without size and press has no class; files that are no images are left alone."""
+    """A name without size and press has no class; files that are not images are left alone."""
     source = save_gratings(tmp_path, "1_1.png", "flat.png", "1_2_3_4.png", "-1_2.png", "1_x.png", "1,5_2.png")
     (tmp_path / "Grating_Classification" / "ViTacTip" / "Blackdot" / "notes.txt").write_text("a rainy day")
     with pytest.raises(DataError, match=r"are not named <size>_<group>_<frame>, .* \(5 found\): -1_2.png, 1,5_2.png, "):

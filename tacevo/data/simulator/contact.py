@@ -46,7 +46,7 @@ def normal_field(distance: Field, contact_radius: float, radius: float) -> tuple
 
     Args:
         distance: r > 0 from the centre of the contact, any shape.
-        contact_radius: a >= 0; 0 is no contact.
+        contact_radius: a >= 0; 0 without contact.
         radius: R, of the combined surfaces.
 
     Returns:

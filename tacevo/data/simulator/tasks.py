@@ -59,7 +59,7 @@ PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING, PLATE_SHADE = 20.0, 0.5, 1.0, 50.0
 SPECIMEN_NOISE = 2.5
 
 #: Effective Young's modulus of the sensor in MPa; for hardness the stiffer of two published calibrations, because
-#: a soft sensor takes almost the whole approach whatever it presses on.
+#: a soft sensor takes almost the whole approach on every specimen.
 SOFT_SKIN, STIFF_SKIN = 0.14, 0.88
 
 #: Sideways stiffness of the dome as a whole, N/mm. We know of no measurement: slices of the dome that shear over one
