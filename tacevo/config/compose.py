@@ -117,7 +117,7 @@ def _converted(kind: type[T], plain: Json) -> T:
         return convert(kind, plain, place="", error=ConfigError)
     except ConfigError as error:
         if error.expected == "text":
-            error.remedy = f"put it in quotes of its own, as in '{error.place}=\"VALUE\"'"
+            error.remedy = "put it in quotes, as in 'run.dir=\"5\"' or 'data.target_columns=[\"5\"]'"
         elif error.expected.startswith("only keys"):  # a file of conf/ misspells one
             error.remedy = _near(error.place, keys(kind))
         raise
