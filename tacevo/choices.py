@@ -14,7 +14,7 @@ class DataSource(StrEnum):
 
 
 class SensorTask(StrEnum):
-    """What is pressed onto a ViTacTip, and what is to be told from the image."""
+    """What is pressed onto a ViTacTip, and what the network must read from the image."""
 
     force = "force"
     grating = "grating"

@@ -30,10 +30,10 @@ _EXPECTED = {
     "tuple_type": "a list",
     "dict_type": "an object",
     "dataclass_type": "an object",
-    "greater_than": "a number above {gt}",
-    "greater_than_equal": "a number of at least {ge}",
-    "less_than": "a number below {lt}",
-    "less_than_equal": "a number of at most {le}",
+    "greater_than": "{number} above {gt}",
+    "greater_than_equal": "{number} of at least {ge}",
+    "less_than": "{number} below {lt}",
+    "less_than_equal": "{number} of at most {le}",
 }
 
 
@@ -78,7 +78,10 @@ def _explained(problem: ValidationError, place: str) -> dict[str, str]:
         "json_invalid": str(context.get("error")),
     }.get(kind) or _brief(first["input"])
     key = ".".join(map(str, first["loc"]))
-    return {"place": ", ".join(part for part in (place, key) if part), "expected": words.format(**context), "got": got}
+    limits = {name: f"{value:g}" if isinstance(value, float) else value for name, value in context.items()}
+    number = "an integer" if any(isinstance(value, int) for value in limits.values()) else "a number"
+    expected = words.format(**limits, number=number)
+    return {"place": ", ".join(part for part in (place, key) if part), "expected": expected, "got": got}
 
 
 def _brief(value: Any, limit: int = 80) -> str:

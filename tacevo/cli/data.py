@@ -7,7 +7,7 @@ from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
 _EPILOG = """\
 examples:
   tacevo data check task=force
-  tacevo data check task=force data=tacverse data.root=FOLDER
+  tacevo data check task=force data=tacverse data.root=DIR
   tacevo data show task=grating -o gratings.pdf
   tacevo data simulate task=force n=3000 out=simulated
 """
@@ -51,11 +51,11 @@ def add_data(commands: "argparse._SubParsersAction[Parser]") -> None:
     simulate = choices.add_parser(
         "simulate",
         help="write a simulated data set as images and labels, in TacVerse's layout",
-        description="Write a simulated data set as images and labels, in TacVerse's layout; the folder is whole or "
+        description="Write a simulated data set as images and labels, in TacVerse's layout; the directory is whole or "
         "absent.",
         fromfile_prefix_chars="@",
     )
-    settings = "out=FOLDER, n=IMAGES, or an override: " + OVERRIDE
+    settings = "out=DIR, n=IMAGES, or an override: " + OVERRIDE
     simulate.add_argument("overrides", nargs="+", metavar="SETTING", help=settings)
     simulate.set_defaults(command=_simulate)
 

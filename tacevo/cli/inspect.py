@@ -6,13 +6,14 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from tacevo.choices import Numerics
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
@@ -49,7 +50,8 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
     with contextlib.ExitStack() as stack:
-        config.store.root = stack.enter_context(tempfile.TemporaryDirectory())  # a check leaves nothing behind
+        store = StoreConfig(root=stack.enter_context(tempfile.TemporaryDirectory()))  # a check leaves nothing behind
+        config = replace(config, store=store)
         sandbox = Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={})
         gate = build_gate(config, judged.contract, stack.enter_context(sandbox).run, Mode.record, CURRENT)
         for file, completion in answers:
@@ -232,7 +234,7 @@ def _sandbox(notice: Notice) -> str:
     """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
     config, task = task_without_data("force", 32)
     with tempfile.TemporaryDirectory() as store:
-        config.store.root = store  # nothing recorded may answer instead
+        config = replace(config, store=StoreConfig(root=store))  # nothing recorded may answer instead
         with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}, notice=notice) as sandbox:
             verdict = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
     if isinstance(verdict, Rejection):

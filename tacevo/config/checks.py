@@ -1,18 +1,134 @@
-"""How a setting with an impossible value is refused."""
+"""What settings ask of each other; the range of a single one stands at its field."""
 
+import json
 import math
-from enum import Enum
+from urllib.parse import urlsplit
 
+from tacevo.choices import (
+    OPTIONAL_SAMPLING,
+    ArchiveKind,
+    Axis,
+    BoundsRule,
+    Confinement,
+    DataSource,
+    Device,
+    Numerics,
+    OperatorScope,
+    ParentPolicy,
+    Scale,
+)
+from tacevo.config.schema import (
+    ArchiveConfig,
+    DataConfig,
+    LLMConfig,
+    ProposalsConfig,
+    RunConfig,
+    TaskConfig,
+    deliveries,
+)
 from tacevo.errors import ConfigError
+from tacevo.records import Kind, Loss, Mode, to_json
 
 
-def require(holds: bool, key: str, expected: str, got: object) -> None:
-    """Refuse an impossible value by the key that the user wrote."""
+def check_together(config: RunConfig) -> None:
+    """Compare settings of a run with each other.
+
+    Raises:
+        ConfigError: two settings do not go together; the error's place is the one to change.
+    """
+    _check_task(config.task)
+    _check_data(config.data)
+    _check_llm(config.llm)
+    _check_sampling(config.llm)
+    _check_archive(config.archive)
+    _check_proposals(config.proposals)
+    if config.training.device is Device.cuda:
+        walls, numerics = config.sandbox.require, config.numerics.kind
+        why = "with training.device=cuda, whose driver does not work in a sandbox"
+        _require(walls is Confinement.none, "sandbox.require", f"none {why}", walls)
+        why = "with training.device=cuda, where equal bits are promised on one GPU only"
+        _require(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
+
+
+def _require(holds: bool, key: str, expected: str, got: object) -> None:
     if not holds:
-        written = str(got) if isinstance(got, Enum) else repr(got)  # a choice, as the user writes it
-        raise ConfigError(f"{key} needs {expected}; got {written}")
+        raise ConfigError(json.dumps(to_json(got)), place=key, expected=expected)
 
 
-def is_positive(value: float) -> bool:
-    """Tell whether a value is above 0 and finite."""
-    return 0 < value < math.inf
+def _check_task(task: TaskConfig) -> None:
+    classes = task.kind is Kind.classification
+    _require(task.outputs >= 2 or not classes, "task.outputs", "at least 2 for classification", task.outputs)
+    loss = Loss.cross_entropy if classes else Loss.mse
+    _require(task.loss is loss, "task.loss", f"{loss} for {task.kind}", task.loss)
+
+
+def _check_data(data: DataConfig) -> None:
+    simulated = data.source is DataSource.simulated
+    most = 256 if simulated else 1024
+    _require(data.image_size <= most, "data.image_size", f"at most {most} for data={data.source}", data.image_size)
+    what = "file" if data.source is DataSource.numpy else "directory"
+    _require(simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root)
+    columns = data.target_columns
+    named = data.source is not DataSource.csv or _distinct(columns)
+    _require(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
+    _require(_distinct(data.spacings_mm), "data.spacings_mm", "different spacings, at least one", data.spacings_mm)
+
+
+def _distinct(values: tuple[object, ...]) -> bool:
+    return 0 < len(set(values)) == len(values)
+
+
+def _check_llm(llm: LLMConfig) -> None:
+    sound = llm.base_url is None or _is_address(llm.base_url)
+    shown = (llm.base_url or "").rpartition("@")[2]  # an error holds no login
+    _require(sound, "llm.base_url", "an address such as http://localhost:8000/v1, without ? and #, or null", shown)
+    known = llm.delivery in deliveries(llm.provider)
+    _require(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
+    kept = llm.budget_usd is None or llm.mode is not Mode.live
+    _require(kept, "llm.budget_usd", "null with llm.mode=live, which pays for every answer again", llm.budget_usd)
+
+
+def _is_address(value: str) -> bool:
+    """Answer whether this is the address of a server, to which a path can be added."""
+    if not value.isprintable() or set(value) & set(" ?#"):
+        return False
+    try:
+        parts = urlsplit(value)
+        return parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # half an IPv6 address, or a port that is not a number
+        return False
+
+
+def _check_sampling(llm: LLMConfig) -> None:
+    for key, providers in OPTIONAL_SAMPLING.items():
+        value = getattr(llm, key)
+        known = llm.provider in providers or not value
+        _require(known, f"llm.{key}", f"nothing for llm={llm.provider}, which does not have this setting", value)
+    thinking, most = llm.thinking_tokens, llm.max_tokens
+    fits = thinking is None or thinking < most
+    _require(fits, "llm.thinking_tokens", f"a number below llm.max_tokens={most}", thinking)
+
+
+def _check_archive(archive: ArchiveConfig) -> None:
+    known = archive.axes in (tuple(Axis), *((axis,) for axis in Axis))
+    _require(known, "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]", archive.axes)
+    whole = archive.kind is ArchiveKind.cvt or len(archive.axes) == len(Axis)
+    _require(whole, "archive.axes", "[arch_div,eff_ratio] with archive.kind=best, which has no axes", archive.axes)
+    for key in ("niches", "prompt_niches"):
+        value = getattr(archive, key)
+        _require(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
+    logarithmic = archive.bounds is BoundsRule.fixed and archive.eff_ratio_scale is Scale.log
+    for key, least in (("arch_div_bounds", -math.inf), ("eff_ratio_bounds", 0 if logarithmic else -math.inf)):
+        pair = getattr(archive, key)
+        _require(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
+        _require(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
+
+
+def _check_proposals(proposals: ProposalsConfig) -> None:
+    p_m = proposals.mutation_probability
+    crosses = proposals.parents is not ParentPolicy.baseline or p_m == 1
+    why = "with proposals.parents=baseline, where a crossover lacks a second parent"
+    _require(crosses, "proposals.mutation_probability", f"1 {why}", p_m)
+    drawn = proposals.operator_for is OperatorScope.generation or 0 < p_m < 1
+    scope = f"generation with proposals.mutation_probability={p_m:g}"
+    _require(drawn, "proposals.operator_for", scope, proposals.operator_for)

@@ -6,16 +6,18 @@ from tacevo.errors import ConfigError
 
 
 def conf_root() -> Path:
-    """Find the folder of configs: inside an installed package, or beside it in a checkout.
+    """Find the directory of configs: inside an installed package, or beside it in a checkout.
 
     Raises:
-        ConfigError: there is neither.
+        ConfigError: both are missing.
     """
     here = Path(__file__).parents[1]
     for folder in (here / "conf", here.parent / "conf"):
         if (folder / "config.yaml").is_file():
             return folder
-    raise ConfigError(f"conf/ was expected in {here} or beside it and is in neither; install tacevo again")
+    raise ConfigError(
+        "nothing", place=f"{here / 'conf'}", expected="the directory conf/", remedy="install tacevo again"
+    )
 
 
 def groups() -> dict[str, list[str]]:

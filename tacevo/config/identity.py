@@ -1,8 +1,6 @@
 """What decides the results of a run, and its hash."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
 
 from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, Axis, Device, OperatorScope
 from tacevo.config.compose import from_plain
@@ -12,14 +10,14 @@ from tacevo.storage.canonical import content_hash
 
 
 def identity(config: RunConfig) -> dict[str, Json]:
-    """Give the part of a configuration that decides a run's results, for its ledger.
+    """Return the part of a configuration that decides a run's results, for its ledger.
 
     The number of generations is left out, so that a longer run begins with the very lines of a shorter one;
     data enter by their fingerprint, task files by their text; where a run is computed and written, and how it
     is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
     stays the run it was.
     """
-    whole: dict[str, Any] = asdict(config)
+    whole = to_json(config)
     chosen = {key: whole[key] for key in ("seed", "archive", "temperature", "prompts", "proposals", "training", "gate")}
     chosen["search"] = {key: whole["search"][key] for key in ("candidates", "initial")}
     chosen["llm"] = {key: whole["llm"][key] for key in ("provider", "model", "max_tokens", "slip_rate")}
@@ -34,7 +32,7 @@ def identity(config: RunConfig) -> dict[str, Json]:
         del chosen["proposals"]["operator_for"]
     if config.archive.kind is ArchiveKind.cvt:
         del chosen["archive"]["kind"], chosen["archive"]["kept"]
-    if config.archive.axes == list(Axis):
+    if config.archive.axes == tuple(Axis):
         del chosen["archive"]["axes"]
     chosen["numerics"] = whole["numerics"]["kind"]
     return chosen
@@ -49,13 +47,13 @@ def recorded_hash(config: Mapping[str, Json]) -> str:
     """Hash what decides the results of a run, from the configuration in its run.json: 64 hex digits.
 
     Raises:
-        ConfigError: it is no configuration of this version.
+        ConfigError: it is not a configuration of this version.
     """
     return config_hash(from_plain(config))
 
 
 def decisive(config: RunConfig) -> Json:
-    """Give what decides the results of a job.
+    """Return what decides the results of a job.
 
     Unlike a ledger's header it is known without the data, and holds the number of generations.
     """

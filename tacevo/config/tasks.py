@@ -1,17 +1,37 @@
-"""Whether the labels of a data set are what a task asks for, told before any image is decoded."""
+"""A task's texts, and whether the labels of a data set are what it asks for."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
 
 import yaml
 
 from tacevo.config.compose import read_named
+from tacevo.config.ranges import Settings, is_a
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Contract, DataFacts, Json, Kind
+from tacevo.records import Contract, DataFacts, Kind
 from tacevo.search.proposals import Instruction, Task, system_prompt
+from tacevo.typed import convert
+
+_Words = Annotated[str, is_a("text that is not empty", str.strip)]
 
 
-def require_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Mutation(Settings):
+    id: _Words
+    text: _Words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Library(Settings):
+    """The file of a task's instructions."""
+
+    crossover: str
+    mutations: tuple[_Mutation, ...]
+
+
+def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
     """Refuse labels that are not what a task asks a network for.
 
     Args:
@@ -25,20 +45,24 @@ def require_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[s
     """
     if kind is not task.kind:
         raise ConfigError(
-            f"task.kind is {task.kind}, but the data set's labels are for {kind}; data=csv gives regression, "
-            "data=folder classification, data=numpy what the type of its labels says (floats or whole numbers), "
-            "data=tacverse what task.name says"
+            str(task.kind),
+            place="task.kind",
+            expected=f"{kind}, as the labels of the data set are",
+            remedy="data=csv is for regression, data=folder for classification, data=numpy for what the type of its "
+            "labels says (floats or integers), data=tacverse for what task.name says",
         )
     if outputs != task.outputs:
         shown = ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
         raise ConfigError(
-            f"task.outputs is {task.outputs}, but the data set has {outputs} ({shown}); set "
-            f"task.outputs={outputs}, or choose other data"
+            str(task.outputs),
+            place="task.outputs",
+            expected=f"{outputs}, as the data set has ({shown})",
+            remedy=f"set task.outputs={outputs}, or choose other data",
         )
 
 
 def facts_without_data(config: RunConfig) -> DataFacts:
-    """Describe the data set that a task expects, for work that needs none of its images."""
+    """Describe the data set that a task expects, for work without its images."""
     return DataFacts(
         fingerprint="",
         kind=config.task.kind,
@@ -58,7 +82,7 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
             library has fewer instructions than `prompts.pool`.
     """
     task = config.task
-    require_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
+    check_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
     contract = Contract(
         class_name=task.class_name,
         kind=task.kind,
@@ -69,38 +93,31 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         output_argument=task.output_argument,
     )
     library = _read_library(task.instructions)
-    config.prompts.check_library(len(library["mutations"]))
+    config.prompts.check_library(len(library.mutations))
     template = read_named("task.system", task.system)
     try:
         system = system_prompt(template, contract, facts.names)
     except ValueError as error:
-        raise ConfigError(f"task.system: {error}") from error
+        raise ConfigError(str(error), place="task.system") from error
     return Task(
         name=task.name,
         contract=contract,
         baseline=read_named("task.baseline", task.baseline),
         system=system,
-        instructions=tuple(Instruction(id=entry["id"], text=entry["text"]) for entry in library["mutations"]),
-        crossover=library["crossover"],
+        instructions=tuple(Instruction(id=entry.id, text=entry.text) for entry in library.mutations),
+        crossover=library.crossover,
     )
 
 
-def _read_library(name: str) -> dict[str, Json]:
-    """Read a prompt library and check its shape."""
-    key = "task.instructions"
+def _read_library(name: str) -> _Library:
+    """Read the instructions of a task."""
+    place = f"task.instructions, {name}"
     try:
-        library: dict[str, Json] = yaml.safe_load(read_named(key, name))
+        written = yaml.load(read_named("task.instructions", name), yaml.BaseLoader)  # every scalar is text
     except yaml.YAMLError as error:
-        raise ConfigError(f"{key} names {name}, which is not YAML: {error}") from error
-    shaped = isinstance(library, dict) and set(library) == {"crossover", "mutations"}
-    if not shaped or not isinstance(library["crossover"], str) or not isinstance(library["mutations"], list):
-        raise ConfigError(f"{key} names {name}, which needs `crossover: TEXT` and `mutations: [...]`")
-    ids = []
-    for number, entry in enumerate(library["mutations"], 1):
-        sound = isinstance(entry, dict) and set(entry) == {"id", "text"}
-        if not sound or not all(isinstance(value, str) and value.strip() for value in entry.values()):
-            raise ConfigError(f"{key} names {name}, whose mutation {number} needs an `id` and a `text`; got {entry!r}")
-        ids.append(entry["id"])
+        raise ConfigError(f"a file that is not YAML ({error})", place=place) from error
+    library = convert(_Library, written, place=place, error=ConfigError)
+    ids = [entry.id for entry in library.mutations]
     if not ids or len(set(ids)) != len(ids):
-        raise ConfigError(f"{key} names {name}, whose mutations need different ids, at least one; got {ids}")
+        raise ConfigError(str(ids), place=f"{place}, mutations", expected="different ids, at least one")
     return library

@@ -1,6 +1,6 @@
 """A finished data set: uint8 images on disk, scaled targets, the split, and a fingerprint over all of it.
 
-Promises: what `write` left on disk, `read` gives back unchanged; every value that training can see enters the
+Promises: `read` returns unchanged what `write` left on disk; every value that training can see enters the
 fingerprint. It does not check the images again on reading: that is what comparing `fingerprint` is for.
 """
 
@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from tacevo.data.scaling import BLOCK
 from tacevo.errors import DataError
-from tacevo.records import DataFacts, to_json
+from tacevo.records import STRICT, DataFacts, to_json
 from tacevo.storage.canonical import canonical
+from tacevo.typed import parse
 
 #: Changes when the header or the order of the bytes that enter the fingerprint changes.
 FINGERPRINT_SCHEMA = 1
@@ -30,6 +31,19 @@ ARRAYS = ("targets", "train", "validation", "test")
 
 #: The fields of `Dataset` that stand in `facts.json` beside the facts.
 STATISTICS = ("mean", "deviation", "offset", "scale")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Facts:
+    """What stands in `facts.json`; the fields are those of `Dataset`."""
+
+    __pydantic_config__ = STRICT
+
+    facts: DataFacts
+    mean: tuple[float, ...]
+    deviation: tuple[float, ...]
+    offset: tuple[float, ...]
+    scale: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,12 +90,12 @@ def fingerprint(dataset: Dataset) -> str:
 
 
 def with_fingerprint(dataset: Dataset) -> Dataset:
-    """Give back the data set with its fingerprint in its facts."""
+    """Return the data set with its fingerprint in its facts."""
     return replace(dataset, facts=replace(dataset.facts, fingerprint=fingerprint(dataset)))
 
 
 def write(dataset: Dataset, folder: Path) -> None:
-    """Put everything but the images into a folder; the images are expected to lie there already."""
+    """Write everything but the images into a directory, where the images are already."""
     for name in ARRAYS:
         np.save(folder / f"{name}.npy", getattr(dataset, name))
     facts = {"facts": to_json(dataset.facts), **{name: to_json(getattr(dataset, name)) for name in STATISTICS}}
@@ -89,29 +103,21 @@ def write(dataset: Dataset, folder: Path) -> None:
 
 
 def read(folder: Path) -> Dataset:
-    """Read what `write` left in a folder, without touching the images.
+    """Read what `write` left in a directory, without reading the images.
 
     Raises:
         DataError: a file is missing or damaged.
     """
+    remedy = f"delete {folder} and start again"
     try:
-        facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
-        return Dataset(
-            facts=DataFacts.from_json(facts["facts"]),
-            images=(folder / IMAGES).resolve(strict=True),
-            targets=np.load(folder / "targets.npy"),
-            train=np.load(folder / "train.npy"),
-            validation=np.load(folder / "validation.npy"),
-            test=np.load(folder / "test.npy"),
-            mean=tuple(facts["mean"]),
-            deviation=tuple(facts["deviation"]),
-            offset=tuple(facts["offset"]),
-            scale=tuple(facts["scale"]),
-        )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DataError(
-            f"the cached data set {folder} is damaged ({error}); delete that folder and run again"
-        ) from error
+        text = (folder / FACTS).read_bytes()
+        images = (folder / IMAGES).resolve(strict=True)
+        arrays = {name: np.load(folder / f"{name}.npy") for name in ARRAYS}
+    except (OSError, ValueError) as error:
+        raise DataError(f"the cached data set is damaged ({error})", place=str(folder), remedy=remedy) from error
+    found = parse(_Facts, text, place=str(folder / FACTS), error=DataError, remedy=remedy)
+    statistics = {name: getattr(found, name) for name in STATISTICS}
+    return Dataset(facts=found.facts, images=images, **arrays, **statistics)
 
 
 def _blocks(images: npt.NDArray[np.uint8]) -> Iterator[npt.NDArray[np.uint8]]:

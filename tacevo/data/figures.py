@@ -53,7 +53,7 @@ ZOOM_FROM = 96
 
 ZOOM = 3
 
-#: Vermillion of the Okabe-Ito palette, which people with any colour vision tell from grey.
+#: Vermillion of the Okabe-Ito palette, which people with any colour vision distinguish from grey.
 ACCENT = "#D55E00"
 
 #: Inches.
@@ -65,7 +65,7 @@ FONT = 6.5
 DOTS_PER_INCH = 300
 
 _STYLE: list[str | dict[str, Any]] = [
-    "default",  # whatever the user's own matplotlibrc says
+    "default",  # not the user's own matplotlibrc
     {"font.family": "DejaVu Sans", "font.size": FONT, "pdf.fonttype": 42, "svg.fonttype": "none"}
     | {"svg.hashsalt": "tacevo", "image.interpolation": "none"},
 ]
@@ -115,10 +115,10 @@ def format_of(path: Path) -> str:
     """Find the format of a picture by the end of its name.
 
     Raises:
-        ConfigError: it is none of `FORMATS`.
+        ConfigError: it is not one of `FORMATS`.
     """
     if path.suffix.lower() not in FORMATS:
-        raise ConfigError(f"a picture's name must end in one of {', '.join(FORMATS)}; got {path.name!r}")
+        raise ConfigError(path.name, place="-o", expected=f"a file name that ends in one of {', '.join(FORMATS)}")
     return path.suffix.lower()
 
 
@@ -154,7 +154,7 @@ def _samples(dataset: Dataset, units: tuple[str, ...]) -> list[int]:
 
 
 def _even(rows: npt.NDArray[np.int64], count: int) -> list[int]:
-    """Take `count` rows at even steps, the first and the last among them; all where there are no more."""
+    """Take `count` rows at even steps, the first and the last among them; all where there are fewer."""
     if len(rows) <= count:
         return [int(row) for row in rows]
     return [int(rows[index]) for index in np.linspace(0, len(rows) - 1, count).round().astype(np.int64)]

@@ -9,7 +9,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
 from tacevo.records import Kind
 
-#: Units that the name of a column may end in, e.g. `depth_mm`; who writes so states the unit.
+#: Units that the name of a column may end in, e.g. `depth_mm`; such a name states the unit.
 _ENDINGS = ("mm", "um", "deg", "rad", "N", "mN", "Nm", "MPa", "kPa")
 
 
@@ -17,7 +17,7 @@ def units_of(catalogue: Catalogue) -> tuple[str, ...]:
     """Find the unit of every output: the source's statement, else the ending of its name.
 
     Returns:
-        One text for each name, empty where nobody states a unit: a force may be in N or in mN.
+        One text for each name, empty where the unit is unknown: a force may be in N or in mN.
     """
     return tuple(map(_stated, catalogue.names)) if catalogue.units is None else catalogue.units
 

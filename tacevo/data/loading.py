@@ -1,8 +1,8 @@
 """From a source to a finished data set, made once and then kept in a cache.
 
 Promises: an entry of the cache is whole or absent, however many processes start at once and whenever one is
-killed (`staging`); the number of workers cannot change a byte; every fault that names, tables and the images'
-headers tell is told before any image is decoded.
+killed (`staging`); the number of workers cannot change a byte; faults of names, tables and image headers
+are reported before any image is decoded.
 """
 
 import math
@@ -19,7 +19,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Picture, Source, refuse
 from tacevo.data.splitting import Split, random_split, refuse_unbalanced
-from tacevo.data.staging import reserve, staged, sweep
+from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import DataError
 from tacevo.records import DataFacts, Kind
@@ -51,15 +51,15 @@ def load(
 
     Args:
         source: where images and labels come from.
-        split_seed: seed of a random split; a release's own has none, but the seed still names the cache entry.
+        split_seed: seed of a random split; a release's own split does not use it, but it still names the cache entry.
         normalisation: how inputs are to be normalised; only its statistics are computed here.
         target_scaling: how regression targets are scaled; classification ignores it.
-        cache: folder of all cached data sets; made where it is absent.
+        cache: directory of all cached data sets; made where it is absent.
         workers: processes that make pictures; 1, or a small data set, makes them in this one.
         split: who decides which images are for training.
         accept: called with the catalogue before any picture is made; raises where it does not suit.
-        progress: told after every chunk of pictures, while they are being made.
-        say: told in one line where another process makes the data set, so that this one waits.
+        progress: called after every chunk of pictures, while they are being made.
+        say: called with one line where another process makes the data set and this one waits.
         catalogue: what the source lists, where the caller has it already; else it is listed where it is needed.
 
     Returns:
@@ -90,19 +90,23 @@ def load(
                 images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:
-        sweep(cache)
+        remove_leftovers(cache)
     return _read(folder)
 
 
 def _read(folder: Path) -> Dataset:
-    """Read an entry of the cache, and hold it against its fingerprint.
+    """Read an entry of the cache, and compare it with its fingerprint.
 
     Raises:
         DataError: it was changed or damaged.
     """
     dataset = datasets.read(folder)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
-        raise DataError(f"the cached data set {folder} was changed or damaged; delete that folder and run again")
+        raise DataError(
+            "the cached data set was changed or damaged",
+            place=str(folder),
+            remedy="delete that directory and start again",
+        )
     return dataset
 
 
@@ -113,7 +117,8 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int) -> Split:
         DataError: the source has no split of its own, has too few groups, or a class would be absent from a part.
     """
     if rule is SplitRule.release and catalogue.release is None:
-        raise DataError("data.split=release needs a recording that names its own split; set data.split=random")
+        got = "release, and the source does not name a split"
+        raise DataError(got, place="data.split", remedy="set data.split=random")
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
     if rule is SplitRule.release and catalogue.release is not None:
         parts = catalogue.release
@@ -136,19 +141,19 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
     excessive = np.flatnonzero((np.abs(labels) > LARGEST_LABEL).any(axis=1))
     refuse(
         f"some labels are beyond {LARGEST_LABEL:g} in size",
-        _told(catalogue, excessive),
-        "Correct them, or choose a larger unit.",
+        _named(catalogue, excessive),
+        "correct them, or choose a larger unit",
     )
     offset, scale = target_scale(labels, train, scaling, catalogue.names, chosen_by=catalogue.names_chosen_by)
     with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
     infinite = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
-    refuse(problem, _told(catalogue, infinite), "Correct them.")
+    refuse(problem, _named(catalogue, infinite), "correct them")
     return targets, offset, scale
 
 
-def _told(catalogue: Catalogue, rows: npt.NDArray[np.intp]) -> list[str]:
+def _named(catalogue: Catalogue, rows: npt.NDArray[np.intp]) -> list[str]:
     """Name some rows, given by number, each with its labels."""
     return [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in rows.tolist()]
 
@@ -192,14 +197,14 @@ def _assemble(
 def _check(catalogue: Catalogue) -> None:
     """Refuse what the protocol cannot split or learn."""
     if len(catalogue.labels) < MINIMUM_IMAGES:
-        raise DataError(
-            f"a data set needs at least {MINIMUM_IMAGES} images, so that each part of the split has one; "
-            f"got {len(catalogue.labels)}"
-        )
+        expected = f"at least {MINIMUM_IMAGES} images, so that each part of the split has one"
+        raise DataError(str(len(catalogue.labels)), place="the data set", expected=expected)
     if catalogue.kind is Kind.classification and len(catalogue.names) < 2:
         raise DataError(
-            f"classification needs at least two classes; got only {list(catalogue.names)}; add others, or set "
-            "data.root to the folder that holds the folders of all classes"
+            str(list(catalogue.names)),
+            place="the data set",
+            expected="at least two classes",
+            remedy="add others, or set data.root to the directory that holds the directories of all classes",
         )
 
 
@@ -213,9 +218,9 @@ def _make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progr
     with mapper(workers, len(pictures)) as run:
         for done, found in enumerate(run(partial(_make_chunk, path), starts, chunks), start=1):
             faults.extend(f"{_place(catalogue, row)} ({fault})" for row, fault in found)
-            if progress is not None and not faults:  # who reads "all images made" shall have them
+            if progress is not None and not faults:  # "all images made" must be true
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
-    refuse("some images cannot be read", faults, "Repair or remove them.")
+    refuse("some images cannot be read", faults, "repair or remove them")
     return path
 
 

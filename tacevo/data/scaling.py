@@ -86,7 +86,9 @@ def target_scale(
     if constant:
         choice = "" if chosen_by is None else f", or leave it out of {chosen_by}"
         raise DataError(
-            f"target {constant} has one value in the whole training split; add images in which it varies{choice}"
+            "one value in the whole training split",
+            place=f"label {', '.join(constant)}",
+            remedy=f"add images in which it varies{choice}",
         )
     pairs = [_offset_and_scale(column, scaling) for column in columns]
     return tuple(offset for offset, _ in pairs), tuple(scale for _, scale in pairs)

@@ -15,7 +15,7 @@ from tacevo.records import Json, Kind
 #: How many faults a message spells out before it only counts them.
 SHOWN_FAULTS = 5
 
-#: How many names of columns, files or folders a message lists, and how much of one text it shows.
+#: How many names of columns, files or directories a message lists, and how much of one text it shows.
 SHOWN_NAMES, SHOWN_CHARACTERS = 10, 60
 
 #: One picture: uint8, shape (3, image_size, image_size), channels in the order red, green, blue.
@@ -35,13 +35,13 @@ class Catalogue:
     image_size: int
     #: One call per picture, in the order of the labels; picklable, so that worker processes can make it.
     pictures: Sequence[Callable[[], Picture]]
-    #: Regression: the unit of every output, e.g. `N`; None where the source states none. Never guessed.
+    #: Regression: the unit of every output, e.g. `N`; None where the source does not state it. Never guessed.
     units: tuple[str, ...] | None = None
     #: Regression: the setting that names the outputs, for messages; None where the source fixes them.
     names_chosen_by: str | None = None
     #: int64 (N,): rows with the same number were recorded together and share a part of a random split; None: no two.
     groups: npt.NDArray[np.int64] | None = None
-    #: The split that the authors of the recording name; None where they name none.
+    #: The split that the authors of the recording name; None where they do not name one.
     release: Split | None = None
     #: Width and height of the images before they are resized, in pixels; None where they are drawn to size.
     recorded_size: tuple[int, int] | None = None
@@ -51,12 +51,12 @@ class Catalogue:
     places: Sequence[str] | None = None
     #: How many labelled rows were left out because their image is missing.
     skipped: int = 0
-    #: Files that lie among the images and are no part of the data set.
+    #: Files that lie among the images and are not part of the data set.
     ignored: Sequence[Path] = ()
 
 
 class Source(Protocol):
-    """Anything that images and labels can be had from."""
+    """Anything that images and labels can be read from."""
 
     def describe(self) -> Json:
         """Name everything that determines the images, labels and groups: the source's part of the cache key."""
@@ -67,13 +67,13 @@ class Source(Protocol):
         ...
 
 
-def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
-    """Raise one error about all faults of one kind; do nothing where there are none.
+def refuse(problem: str, faults: Sequence[str], remedy: str) -> None:
+    """Raise one error about all faults of one kind; do nothing where there are not any.
 
     Args:
         problem: what is wrong, e.g. `labels.csv names images that do not exist`.
         faults: one short text per faulty row or file; the first few are shown.
-        advice: what the user can do about it.
+        remedy: what the user can do about it.
 
     Raises:
         DataError: `faults` is not empty.
@@ -81,7 +81,7 @@ def refuse(problem: str, faults: Sequence[str], advice: str) -> None:
     if not faults:
         return
     shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
-    raise DataError(f"{problem} ({len(faults)} found): {shown}. {advice}")
+    raise DataError(f"{problem} ({len(faults)} found): {shown}", remedy=remedy)
 
 
 def shortened(text: str) -> str:

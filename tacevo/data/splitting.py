@@ -52,9 +52,8 @@ def random_split(
         return _split_at(_spread(rng.permutation(count), classes), ends)
     _, first, members, sizes = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
     if len(sizes) < 3:
-        raise DataError(
-            f"a split by groups needs at least 3 groups, one for each part; got {len(sizes)}; record more groups"
-        )
+        expected = "at least 3 groups, one for each part of the split"
+        raise DataError(str(len(sizes)), place="the data set", expected=expected)
     order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
     place_of_group = np.argsort(order)
     rows = np.argsort(place_of_group[members], kind="stable")
@@ -122,7 +121,8 @@ def refuse_unbalanced(parts: Split, classes: npt.NDArray[np.int64], names: tuple
         absent = [name for name, images in zip(names, present, strict=True) if images == 0]
         if absent:
             raise DataError(
-                f"the {part} split has no images of {len(absent)} of {len(names)} classes ({', '.join(absent[:5])}); "
-                "take more images (simulated: data.images) or groups of them, leave these classes out, or try another "
-                "data.split_seed"
+                f"no images of {len(absent)} of {len(names)} classes ({', '.join(absent[:5])})",
+                place=f"the {part} split",
+                remedy="take more images (simulated: data.images) or groups of them, leave these classes out, or try "
+                "another data.split_seed",
             )

@@ -1,6 +1,6 @@
-"""Folders that are whole or absent: filled out of sight, flushed to the disk, then renamed.
+"""Directories that are whole or absent: filled out of sight, flushed to the disk, then renamed.
 
-Promises: one process at a time makes a folder, and others say so and wait for it; what a killed process left is
+Promises: one process at a time makes a directory, and others report it and wait; what a killed process left is
 removed by the next one that makes or reads anything there and may remove it; a disk without room is an error before
 anything is written to it.
 What it does not: it needs a file system on which `flock` works across the processes that share it.
@@ -17,12 +17,12 @@ from typing import BinaryIO
 
 from tacevo.errors import DataError
 
-#: A folder in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
+#: A directory in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
 PART, LOCK = ".tacevo-part", ".tacevo-lock"
 
-REMEDY = "make room there, choose a folder on another disk (store.root), or lower data.image_size"
+REMEDY = "make room there, choose a directory on another disk (store.root), or lower data.image_size"
 
-#: How an operating system says that there is no room: on the disk, for this user, for one file.
+#: The system's errors for missing space: on the disk, for this user, for one file.
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
@@ -32,26 +32,27 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
 
     Args:
         folder: what shall exist afterwards; its parent is made where it is absent.
-        waiting: called where another process makes the folder, before we wait for it.
+        waiting: called where another process makes the directory, before we wait for it.
 
     Yields:
-        The folder to fill; None where another process was first, so that there is nothing left to do.
+        The directory to fill; None where another process was first, so that there is nothing left to do.
 
     Raises:
-        DataError: the parent folder cannot be written to, or holds a part of the folder that we may not remove.
+        DataError: the parent directory cannot be written to, or holds a part of the directory that we may not remove.
     """
     stage = _hidden(folder, PART)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         lock = _open_lock(_hidden(folder, LOCK))
     except OSError as error:
-        raise DataError(f"{folder.parent} cannot be written to ({error.strerror}); choose another folder") from error
+        got = f"a directory that cannot be written to ({error.strerror})"
+        raise DataError(got, place=str(folder.parent), remedy="choose another directory") from error
     with lock:
         _take(lock, waiting)
         if folder.is_dir():
             yield None
             return
-        sweep(folder.parent)
+        remove_leftovers(folder.parent)
         _clear(stage)
         try:
             stage.mkdir()
@@ -59,21 +60,23 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
             _publish(stage, folder)
         except OSError as error:
             if error.errno in NO_ROOM:
-                raise DataError(f"{folder.parent} has no room ({error.strerror}); {REMEDY}") from error
+                raise DataError(
+                    f"the disk is full ({error.strerror})", place=str(folder.parent), remedy=REMEDY
+                ) from error
             raise
         finally:
             shutil.rmtree(stage, ignore_errors=True)
 
 
 def reserve(file: BinaryIO, size: int) -> None:
-    """Give a file its room on the disk now, because a full disk under a memory map would kill the process.
+    """Reserve the space of a file now, because a full disk under a memory map would kill the process.
 
     Args:
-        file: open for writing, in a folder that `staged` offers.
+        file: open for writing, in a directory that `staged` offers.
         size: in bytes.
 
     Raises:
-        DataError: there is no room; the message names the folder and the bytes.
+        DataError: the space is missing; the error names the directory and the bytes.
     """
     try:
         os.posix_fallocate(file.fileno(), 0, size)
@@ -82,28 +85,30 @@ def reserve(file: BinaryIO, size: int) -> None:
             raise
         place = Path(file.name).parent.parent
         raise DataError(
-            f"{place} has no room for {size:,} bytes of images ({error.strerror}; {shutil.disk_usage(place).free:,} "
-            f"bytes are free); {REMEDY}"
+            f"{shutil.disk_usage(place).free:,} ({error.strerror})",
+            place=str(place),
+            expected=f"{size:,} free bytes for the images",
+            remedy=REMEDY,
         ) from error
 
 
-def sweep(parent: Path) -> None:
-    """Remove what killed processes left: folders in the making whose lock nobody holds (a maker holds its own)."""
+def remove_leftovers(parent: Path) -> None:
+    """Remove what killed processes left: directories in the making whose lock is free (a maker holds its own)."""
     for stage in parent.glob(f".*{PART}"):
         try:
             with _open_lock(stage.with_suffix(LOCK)) as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(stage, ignore_errors=True)
-        except OSError:  # it is held, or another user's, who will remove the folder
+        except OSError:  # another process holds it, or another user owns it
             continue
 
 
 def _publish(stage: Path, folder: Path) -> None:
-    """Flush a filled folder to the disk and give it its name."""
+    """Flush a filled directory to the disk and give it its name."""
     for file in stage.iterdir():
         _sync(file)
     _sync(stage)
-    stage.rename(folder)  # atomic: a reader sees the whole folder or none
+    stage.rename(folder)  # atomic: a reader sees the whole directory or nothing
     _sync(folder.parent)
 
 
@@ -126,12 +131,11 @@ def _take(lock: BinaryIO, waiting: Callable[[], None] | None) -> None:
 
 
 def _clear(stage: Path) -> None:
-    """Remove what a killed process left of this very folder."""
+    """Remove what a killed process left of this very directory."""
     shutil.rmtree(stage, ignore_errors=True)
     if stage.exists():
-        raise DataError(
-            f"{stage} is left of a killed process and cannot be removed; have user {stage.stat().st_uid} remove it"
-        )
+        got = "a killed process left this directory, and it cannot be removed"
+        raise DataError(got, place=str(stage), remedy=f"ask user {stage.stat().st_uid} to remove it")
 
 
 def _hidden(folder: Path, suffix: str) -> Path:
@@ -139,7 +143,7 @@ def _hidden(folder: Path, suffix: str) -> Path:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file or folder is on the disk."""
+    """Wait until a file or directory is on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

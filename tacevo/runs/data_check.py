@@ -37,7 +37,7 @@ def check(overrides: Sequence[str], output: str | None, console: Console) -> Ins
 
     Args:
         overrides: as for a search.
-        output: the sheet's file; None for `contact-sheet-<fingerprint>.png` in the current folder.
+        output: the sheet's file; None for `contact-sheet-<fingerprint>.png` in the current directory.
         console: where progress is shown.
 
     Raises:
@@ -81,12 +81,12 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
 
     Args:
         path: the run directory.
-        store: where its stores lie, if not where the run had them; what is simulated anew is kept there.
+        store: where its stores lie, if not where the run had them; what is simulated again is kept there.
         console: where progress is shown.
 
     Raises:
         DataError: the data set is missing, or is not the one that the run had.
-        TacevoError: this is no run directory.
+        TacevoError: this is not a run directory.
     """
     config, _, facts = read_run(RunDirectory(path), store)
     catalogue = source_of(config).catalogue()
@@ -99,22 +99,20 @@ def simulate(settings: Sequence[str], console: Console) -> str:
     """Write a simulated data set as files.
 
     Args:
-        settings: overrides as for a search, and two of its own: `out=FOLDER`, and `n=IMAGES` for `data.images`.
+        settings: overrides as for a search, and two of its own: `out=DIR`, and `n=IMAGES` for `data.images`.
         console: where progress is shown.
 
     Returns:
         What was written, and the command that reads it.
 
     Raises:
-        TacevoError: a setting is missing or wrong, or the folder exists.
+        TacevoError: a setting is missing or wrong, or the directory exists.
     """
     out, overrides = _taken_out(settings)
     config = compose([_NO_MODEL, *overrides])
     source = source_of(config)
     if not isinstance(source, Simulated):
-        raise ConfigError(
-            f"only simulated data can be written as files; got data={config.data.source}; set data=simulated"
-        )
+        raise ConfigError(str(config.data.source), place="data", expected="simulated, which alone is written as files")
     with _shown(console) as progress:
         count = export(source, out, workers=config.executor.workers, progress=progress)
     command = shlex.join(overrides_for(source, out))
@@ -122,7 +120,7 @@ def simulate(settings: Sequence[str], console: Console) -> str:
 
 
 def _load(config: RunConfig, catalogue: Catalogue, console: Console) -> Dataset:
-    """Load a data set whose catalogue is there already, and see that it suits its task, as a search does."""
+    """Load a data set from its catalogue, and check that it suits its task, as a search does."""
     with _shown(console) as progress:
         dataset = load_data(config, progress, PlainView(console).say, catalogue=catalogue)
     load_task(config, dataset.facts)
@@ -134,17 +132,17 @@ def _writable(name: str) -> Path:
     path = Path(name)
     format_of(path)
     if path.is_dir():
-        raise ConfigError(f"-o names {path}, which is a folder; name a file")
+        raise ConfigError(f"{path}, which is a directory", place="-o", expected="a file name")
     if not path.absolute().parent.is_dir():
-        raise ConfigError(f"-o names a file in {path.parent}, which is no folder; make it first")
+        raise ConfigError(f"{path.parent}, which is not one", place="-o", expected="a file in a directory")
     return path
 
 
 def _taken_out(settings: Sequence[str]) -> tuple[Path, list[str]]:
-    """Part `out=` from the overrides, and give `n=` its long name."""
+    """Take `out=` out of the overrides, and write `n=` by its long name."""
     outs = [setting.removeprefix("out=") for setting in settings if setting.startswith("out=")]
     if len(outs) != 1 or not outs[0]:
-        raise ConfigError(f"out=FOLDER must say once where the files go; got {outs}")
+        raise ConfigError(str(outs), place="out", expected="one new directory, as in out=DIR")
     others = [setting for setting in settings if not setting.startswith("out=")]
     return Path(outs[0]), [f"data.images={own[2:]}" if own.startswith("n=") else own for own in others]
 
@@ -159,9 +157,9 @@ def _shown(console: Console) -> Iterator[Progress]:
     with Bars(TextColumn("images"), BarColumn(), *columns, console=console) as bars:
         task = bars.add_task("images", total=None, rate="", visible=False)
 
-        def told(done: int, total: int) -> None:
+        def show_progress(done: int, total: int) -> None:
             bars.update(task, completed=done, total=total, visible=True)
             speed = bars.tasks[task].speed
             bars.update(task, rate="" if speed is None else f"{speed:.0f}/s")
 
-        yield told
+        yield show_progress

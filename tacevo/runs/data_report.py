@@ -30,7 +30,7 @@ class Inspection:
 
 
 def describe(found: Inspection) -> dict[str, Json]:
-    """Give an inspection as plain JSON values."""
+    """Return an inspection as plain JSON values."""
     data, facts, survey = found.config.data, found.dataset.facts, found.survey
     counts = dict(zip(("train", "validation", "test"), facts.counts, strict=True))
     return {
@@ -109,7 +109,7 @@ def _duplicate_lines(found: Inspection) -> Iterator[str]:
     if not groups:
         yield "equal:       no two images are equal"
         return
-    verdict = f"{len(leaks)} of them in more than one split, which is a leak" if leaks else "none in two splits"
+    verdict = f"{len(leaks)} of them in more than one split, which is a leak" if leaks else "each within one split"
     yield f"equal:       {counted(len(groups), 'group')} of equal images, {verdict}"
     for group in sorted(groups, key=lambda group: not group.leak)[:SHOWN]:
         members = [f"{_row(found, row)} ({part})" for row, part in zip(group.rows, group.parts, strict=True)]
@@ -132,7 +132,7 @@ def _ignored_lines(found: Inspection) -> Iterator[str]:
     """Name the files that lie among the images and are not used."""
     files = list(map(str, found.catalogue.ignored))
     if files:
-        yield f"ignored:     {counted(len(files), 'file')} of no row or class: {_shortened(files, ', ')}"
+        yield f"ignored:     {counted(len(files), 'file')} outside the data set: {_shortened(files, ', ')}"
 
 
 def _row(found: Inspection, row: int) -> str:
@@ -142,7 +142,7 @@ def _row(found: Inspection, row: int) -> str:
 
 
 def _file(found: Inspection, row: int) -> str | None:
-    """Name the file of a row; None where there is none."""
+    """Name the file of a row; None where images are not files."""
     files = found.catalogue.files
     return None if files is None else str(files[row])
 

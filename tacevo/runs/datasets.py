@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tacevo.choices import DataSource, SensorTask
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import require_fit
+from tacevo.config.tasks import check_fit
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
 from tacevo.data.simulator.tasks import Simulated
@@ -69,7 +69,7 @@ def load_data(
         target_scaling=config.task.target_scaling,
         cache=Path(config.store.root) / "data",
         workers=min(config.executor.workers, os.cpu_count() or 1),
-        accept=lambda catalogue: require_fit(
+        accept=lambda catalogue: check_fit(
             config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
         ),
         progress=progress,

@@ -6,8 +6,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, Device, ExecutorKind
-from tacevo.config.archive import ArchiveConfig
-from tacevo.config.schema import ExecutorConfig, RunConfig
+from tacevo.config.schema import ArchiveConfig, ExecutorConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed

@@ -7,7 +7,6 @@ import pytest
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.bundles.extend import continued
-from tacevo.choices import Confinement
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
@@ -165,8 +164,8 @@ def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
 
 def test_publisher_chooses_neither_the_server_nor_the_walls() -> None:
     """Whom the reader's key is sent to, what a token costs, and how candidates are held is settled here."""
-    theirs = compose([*TINY, "llm=openai", "llm.model=m", "llm.base_url=http://evil.example", "llm.prices=/dev/zero"])
-    theirs.sandbox.require = Confinement.none
+    model = ["llm=openai", "llm.model=m", "llm.base_url=http://evil.example", "llm.prices=/dev/zero"]
+    theirs = compose([*TINY, *model, "sandbox.require=none"])
     here = continued(theirs, ["search.generations=3"])
     default = compose(["llm=openai", "llm.model=m"])
     assert (here.llm.provider, here.llm.model) == (theirs.llm.provider, theirs.llm.model)

@@ -285,10 +285,10 @@ def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: py
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["search", "archive.nichs=3"], "no setting 'archive.nichs'; did you mean 'archive.niches'?"),
-        (["search", "seed=abc"], "seed needs a whole number; got abc"),
-        (["search", "archive.niches=0"], "archive.niches needs"),
-        (["search", "task=forse"], "choose one of force, grating, hardness"),
+        (["search", "archive.nichs=3"], "archive.nichs: not a setting; did you mean archive.niches?"),
+        (["search", "seed=abc"], 'seed: expected an integer; got "abc"'),
+        (["search", "archive.niches=0"], "archive.niches: expected"),
+        (["search", "task=forse"], "one of force, grating, hardness"),
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
         (["replay", "nowhere"], "nowhere is not the folder of a run"),
         (["show", "nowhere"], "nowhere is not the folder of a run"),

@@ -141,17 +141,23 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
     [
         (["check", "task=grating", "data=folder", "data.root=absent"], "absent"),
         (["check", *SMALL, "task.outputs=2"], "set task.outputs=3"),
-        (["check", *SMALL, "-o", "sheet.gif"], "must end in one of .png, .pdf, .svg"),
-        (["check", "sheet"], "a setting is written KEY=VALUE or GROUP=CHOICE; got 'sheet'"),
-        (["check", "data=folder", "data.root=~/photos"], "write a home folder in full instead of ~"),
-        (["show", *SMALL, "-o", "absent/figure.pdf"], "-o names a file in absent, which is no folder"),
+        (
+            ["check", *SMALL, "-o", "sheet.gif"],
+            "-o: expected a file name that ends in one of .png, .pdf, .svg; got sheet.gif",
+        ),
+        (["check", "sheet"], "expected KEY=VALUE or GROUP=CHOICE; got 'sheet'"),
+        (["check", "data=folder", "data.root=~/photos"], "write a home directory in full"),
+        (["show", *SMALL, "-o", "absent/figure.pdf"], "-o: expected a file in a directory; got absent"),
         (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
-        (["simulate", "task=force", "n=40"], "out=FOLDER must say once where the files go; got []"),
-        (["simulate", "task=force", "n=4", "out=made"], "data.images needs a value >= 10"),
-        (["simulate", "task=force", "n=40", "out=."], "out=. is the current folder; name one to make"),
+        (["simulate", "task=force", "n=40"], "out: expected one new directory, as in out=DIR; got []"),
+        (["simulate", "task=force", "n=4", "out=made"], "data.images: expected an integer of at least 10"),
+        (
+            ["simulate", "task=force", "n=40", "out=."],
+            "out: expected a new directory, e.g. out=simulated; got the current directory",
+        ),
         (
             ["simulate", "data=folder", "data.root=x", "out=made"],
-            "only simulated data can be written as files; got data=folder; set data=simulated",
+            "data: expected simulated, which alone is written as files; got folder",
         ),
     ],
 )
@@ -243,6 +249,6 @@ def test_check_names_files_that_are_left_out(capsys: pytest.CaptureFixture[str])
     Image.new("RGB", (20, 24)).save("photos/a/40.bmp")
     Image.new("RGB", (20, 24)).save("photos/loose.png")
     assert main(["data", "check", *overrides]) == 0
-    assert "ignored:     2 files of no row or class: photos/a/40.bmp, photos/loose.png" in capsys.readouterr().out
+    assert "ignored:     2 files outside the data set: photos/a/40.bmp, photos/loose.png" in capsys.readouterr().out
     assert main(["data", "check", *overrides, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ignored"] == ["photos/a/40.bmp", "photos/loose.png"]

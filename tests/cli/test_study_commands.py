@@ -5,14 +5,14 @@ import re
 from dataclasses import asdict
 
 import pytest
+from refusals import refused
 from rich.console import Console
 
 from tacevo.choices import MarginKind
 from tacevo.cli.app import main
 from tacevo.cli.study import SETTINGS
 from tacevo.config.compose import compose_study
-from tacevo.config.keys import expected, keys
-from tacevo.config.schema import ExecutorConfig
+from tacevo.config.schema import ExecutorConfig, keys
 from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import LiveStudyView, PlainView, make_study_view
@@ -22,9 +22,8 @@ UNTOLD = {"executor", "executor.kind", "store", "margins", "margins.regression",
 
 
 def test_every_setting_is_told() -> None:
-    """What a study takes stands in its help, and nothing else; each can be described in a message."""
+    """What a study takes stands in its help, and nothing else."""
     assert SETTINGS.keys() == set(keys(StudyConfig)) - UNTOLD
-    assert all(expected(key, StudyConfig) for key in keys(StudyConfig))
 
 
 def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,31 +49,41 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize(
-    ("override", "message"),
+    ("override", "place", "expected"),
     [
-        ("run=", "run needs the folder of a finished run"),
-        ("elites=0", "elites needs a value >= 1; got 0"),
-        ("seeds=0", "seeds needs a value >= 1; got 0"),
-        ("epochs=0", "epochs needs a value >= 1; got 0"),
-        ("seconds=0", "seconds needs a finite value > 0; got 0.0"),
-        ("memory_mib=63", "memory_mib needs a value >= 64; got 63"),
-        ("alpha=1", "alpha needs a value in (0, 1); got 1.0"),
-        ("margins.regression.value=0", "margins.regression.value needs a finite value > 0; got 0.0"),
-        ("margins.classification.value=inf", "margins.classification.value needs a finite value > 0; got inf"),
-        ("margins.regression.kind=both", "margins.regression.kind needs one of relative, absolute; got both"),
-        ("store.root=''", "store.root needs the name of a folder, or null; got ''"),
-        ("executor.workers=0", "executor.workers needs a value >= 1; got 0"),
-        ("executor.worker=2", "there is no setting 'executor.worker'; did you mean 'executor.workers'"),
-        ("epochs=ten", "epochs needs a whole number; got ten"),
-        ("executor=slurm", "choose one of local"),
-        ("task=force", "there is no setting 'task'; `tacevo study --help` lists the settings"),
-        ("+new=1", "none can be added or removed"),
+        ("run=", "run", "the directory of a finished run"),
+        ("elites=0", "elites", "an integer of at least 1"),
+        ("seeds=0", "seeds", "an integer of at least 1"),
+        ("epochs=ten", "epochs", "an integer"),
+        ("seconds=0", "seconds", "a number above 0"),
+        ("memory_mib=63", "memory_mib", "an integer of at least 64"),
+        ("alpha=1", "alpha", "a number below 1"),
+        ("margins.regression.value=0", "margins.regression.value", "a number above 0"),
+        ("margins.classification.value=inf", "margins.classification.value", "a finite number"),
+        ("margins.regression.kind=both", "margins.regression.kind", "'relative' or 'absolute'"),
+        ("store.root=''", "store.root", "text that is not empty"),
+        ("executor.workers=0", "executor.workers", "an integer of at least 1"),
+        ("executor=slurm", "executor", "one of local"),
+        ("+new=1", "", "KEY=VALUE"),
     ],
 )
-def test_wrong_setting_is_refused_by_its_name(override: str, message: str) -> None:
-    """In the words of a study, not of a search."""
-    with pytest.raises(ConfigError, match=re.escape(message)):
+def test_wrong_setting_is_refused_by_its_name(override: str, place: str, expected: str) -> None:
+    """As a setting of a search is."""
+    with refused(ConfigError, place=place, expected=expected):
         compose_study(["run=x", override] if not override.startswith("run") else [override])
+
+
+@pytest.mark.parametrize(
+    ("override", "remedy"),
+    [
+        ("executor.worker=2", "did you mean executor.workers?"),
+        ("task=force", "`tacevo study --help` lists the settings"),
+    ],
+)
+def test_unknown_setting_is_refused(override: str, remedy: str) -> None:
+    """In the words of a study, not of a search."""
+    with refused(ConfigError, got="not a setting", remedy=remedy):
+        compose_study(["run=x", override])
 
 
 def test_settings_reach_the_configuration() -> None:

@@ -1,4 +1,4 @@
-"""Promise: an arm of an ablation changes what it is about, whatever else was chosen, and is never a copy of another.
+"""Promise: an arm of an ablation changes what it is about, with every other choice, and is never a copy of another.
 
 What the arms have in common is shown on searches with fake effects: their draws are those of `none` wherever their
 settings leave a choice to be drawn.
@@ -43,7 +43,7 @@ def arm(name: str, *overrides: str) -> RunConfig:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give one folder for the centroids of all searches."""
+    """Make one directory for the centroids of all searches."""
     return tmp_path_factory.mktemp("centroids")
 
 
@@ -90,7 +90,7 @@ def common(one: list[dict[str, Json]], other: list[dict[str, Json]], generation:
     ],
 )
 def test_arm_wins_over_the_command_line(arm_name: str, clash: str) -> None:
-    """What an arm is about holds in it, whatever is chosen for all arms beside it."""
+    """What an arm is about holds in it, also where the choices for all arms contradict it."""
     assert arm(arm_name, clash) == arm(arm_name)
 
 
@@ -167,7 +167,7 @@ def test_arms_are_pairwise_different_runs() -> None:
 
 
 def test_arm_is_taken_out_of_overrides() -> None:
-    """The last choice counts, quoted or not; without one there is no arm."""
+    """The last choice counts, quoted or not; without a choice the arm is `none`."""
     assert split_arm(["seed=1", "ablation=none", "ablation='no_qd'"]) == ("no_qd", ["seed=1"])
     assert split_arm(["seed=1"]) == ("none", ["seed=1"])
 
@@ -273,7 +273,7 @@ def test_best_archive_holds_the_fittest_of_all(folder: Path) -> None:
 
 @pytest.mark.parametrize(("name", "axis"), [("arch_div_only", 0), ("eff_ratio_only", 1)])
 def test_single_descriptor_places_by_it_alone(name: str, axis: int, folder: Path) -> None:
-    """Niches follow from one descriptor: candidates that agree in it share one, whatever the other is."""
+    """Niches follow from one descriptor: candidates that agree in it share one for every value of the other."""
     plan = planned(arm(name), folder)
     lines, recorder = searched(name, folder)
     networks = recorder.states[-1].networks
@@ -295,42 +295,17 @@ def test_fixed_bounds_are_those_of_the_axes(folder: Path) -> None:
 
 
 def test_every_arm_is_documented() -> None:
-    """Whoever adds an arm says what it changes, what stays common, and why it is asked."""
+    """The page says of each arm what it changes, what stays common, and why it is asked."""
     page = (Path(__file__).parents[2] / "docs" / "ablations.md").read_text(encoding="utf-8")
     table = page.partition("| arm |")[2].partition("\n\n")[0]
     assert [name for name in groups()["ablation"] if f"`{name}`" not in table] == []
 
 
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["archive.axes=[]"], r"archive.axes needs \[arch_div,eff_ratio\], \[arch_div\] or \[eff_ratio\]; got \[\]"),
-        (["archive.axes=[eff_ratio,arch_div]"], "archive.axes needs"),
-        (["archive.axes=[depth]"], "archive.axes needs a list in brackets, each item one of arch_div, eff_ratio"),
-        (["archive.kept=0"], "archive.kept needs a value >= 1; got 0"),
-        (["archive.kind=best", "archive.axes=[arch_div]"], "archive.axes needs .* with archive.kind=best"),
-        (["proposals.parents=baseline"], "mutation_probability needs 1 with proposals.parents=baseline"),
-        (
-            ["proposals.operator_for=candidate", "proposals.mutation_probability=1"],
-            "proposals.operator_for needs generation with mutation_probability=1",
-        ),
-        (
-            ["proposals.operator_for=candidate", "proposals.mutation_probability=0"],
-            "proposals.operator_for needs generation with mutation_probability=0",
-        ),
-    ],
-)
-def test_settings_that_would_have_no_effect_are_refused(overrides: list[str], message: str) -> None:
-    """A setting that means nothing beside another is an error that names both."""
-    with pytest.raises(ConfigError, match=message):
-        compose(overrides)
-
-
 def test_arms_have_the_settings_that_they_are_named_after() -> None:
     """One look at what each arm is."""
     assert arm("no_qd").archive.kind is ArchiveKind.best
-    assert arm("arch_div_only").archive.axes == [Axis.arch_div]
-    assert arm("eff_ratio_only").archive.axes == [Axis.eff_ratio]
+    assert arm("arch_div_only").archive.axes == (Axis.arch_div,)
+    assert arm("eff_ratio_only").archive.axes == (Axis.eff_ratio,)
     assert arm("linear_eff_ratio").archive.eff_ratio_scale is Scale.linear
     assert arm("random_parents_only_baseline").proposals.parents is ParentPolicy.baseline
     assert arm("no_prompt_archive").prompts.policy is PromptPolicy.none

@@ -1,10 +1,10 @@
 """Promise: no configuration with an impossible value is ever built, and what decides a result is its identity."""
 
 import math
-from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import pytest
+from refusals import refused
 
 from tacevo.choices import (
     ArchiveKind,
@@ -20,9 +20,9 @@ from tacevo.choices import (
     TemperatureRule,
     Tracking,
 )
-from tacevo.config.compose import compose
+from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.identity import identity
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Json, Mode
 from tacevo.storage.canonical import canonical
@@ -119,25 +119,16 @@ POSSIBLE: dict[str, list[Any]] = {
 
 def changed(key: str, value: Json, config: RunConfig = CONFIG) -> RunConfig:
     """Build a configuration that differs in one setting."""
+    plain = to_plain(config)
     group, _, name = key.rpartition(".")
-    if not group:
-        return replace(config, **{name: value})
-    return replace(config, **{group: replace(getattr(config, group), **{name: value})})
-
-
-def keys(record: Any = CONFIG, prefix: str = "") -> list[str]:
-    """List every setting."""
-    listed = []
-    for field in fields(record):
-        value = getattr(record, field.name)
-        listed += keys(value, f"{field.name}.") if is_dataclass(value) else [f"{prefix}{field.name}"]
-    return listed
+    (plain[group] if group else plain)[name] = value
+    return from_plain(plain)
 
 
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key in IMPOSSIBLE for value in IMPOSSIBLE[key]])
 def test_impossible_value_is_refused_by_its_key(key: str, value: Json) -> None:
-    """The message begins with the key as the user wrote it, and ends with what came."""
-    with pytest.raises(ConfigError, match=rf"^{key} needs .*; got "):
+    """The error names the key as the user wrote it."""
+    with refused(ConfigError, place=key):
         changed(key, value, HOSTED)
 
 
@@ -147,65 +138,60 @@ def test_ends_of_a_range_are_possible(key: str, value: Json) -> None:
     assert canonical(identity(changed(key, value)))
 
 
-def test_message_says_what_was_expected_and_what_came() -> None:
-    """A message can be read without the documentation."""
-    with pytest.raises(ConfigError, match=r"^data\.image_size needs a value from 16 to 256 for data=simulated; got 8$"):
-        changed("data.image_size", 8)
-
-
 @pytest.mark.parametrize(
-    ("overrides", "message"),
+    ("overrides", "place", "expected"),
     [
-        (["task=grating", "task.outputs=1"], r"^task\.outputs needs a value >= 2 for classification; got 1"),
-        (["task.loss=cross_entropy"], r"^task\.loss needs mse for regression, .*; got 'cross_entropy'"),
-        (["task=grating", "task.loss=mse"], r"^task\.loss needs .* cross_entropy for classification; got 'mse'"),
+        (["task=grating", "task.outputs=1"], "task.outputs", "at least 2 for classification"),
+        (["task.loss=cross_entropy"], "task.loss", "mse for regression"),
+        (["task=grating", "task.loss=mse"], "task.loss", "cross_entropy for classification"),
+        (["data=csv", "data.target_columns=[a]"], "data.root", "the directory of the data set for data=csv"),
+        (["data=folder", "data.root=''"], "data.root", "the directory of the data set for data=folder"),
+        (["data=numpy"], "data.root", "the file of the data set for data=numpy"),
+        (["data=tacverse"], "data.root", "the directory of the data set for data=tacverse"),
+        (["data=folder", "data.root=x", "data.image_size=1025"], "data.image_size", "at most 1024 for data=folder"),
+        (["data=csv", "data.root=x"], "data.target_columns", "the different columns of the labels"),
+        (["archive.niches=30", "archive.samples=29"], "archive.niches", "at most archive.samples=29"),
+        (["llm.delivery=batch"], "llm.delivery", "direct for llm=grammar"),
+        (["llm.top_p=0.9"], "llm.top_p", "nothing for llm=grammar"),
+        (["llm=openai", "llm.model=m", "llm.thinking_tokens=9"], "llm.thinking_tokens", "nothing for llm=openai"),
+        (["llm=openai"], "llm.model", "a model's name"),
         (
-            ["data=csv", "data.target_columns=[a]"],
-            r"^data\.root needs the folder of the data set for data=csv; got None",
+            ["llm=anthropic", "llm.max_tokens=9", "llm.thinking_tokens=9"],
+            "llm.thinking_tokens",
+            "below llm.max_tokens=9",
         ),
-        (["data=folder", "data.root=''"], r"^data\.root needs the folder of the data set for data=folder; got ''"),
-        (["data=numpy"], r"^data\.root needs the file of the data set for data=numpy; got None"),
-        (["data=tacverse"], r"^data\.root needs the folder of the data set for data=tacverse; got None"),
-        (
-            ["data=folder", "data.root=x", "data.image_size=1025"],
-            r"^data\.image_size needs a value from 16 to 1024 for data=folder; got 1025$",
-        ),
-        (["data=csv", "data.root=x"], r"^data\.target_columns needs the different columns of the labels, .*; got \[\]"),
-        (["archive.niches=30", "archive.samples=29"], r"^archive\.niches needs a value from 1 to archive.samples=29"),
-        (["llm.delivery=batch"], r"^llm\.delivery needs direct for llm=grammar; got 'batch'"),
-        (["llm.top_p=0.9"], r"^llm\.top_p needs to be left out for llm=grammar, which does not know it; got 0.9"),
-        (
-            ["llm=openai", "llm.model=m", "llm.thinking_tokens=9"],
-            r"^llm\.thinking_tokens needs to be left out for llm=op",
-        ),
-        (["llm=openai"], r"^llm\.model needs a model name; got ''"),
-        (
-            ["llm=anthropic", "llm.max_tokens=10", "llm.thinking_tokens=10"],
-            r"from 1 to below llm\.max_tokens=10; got 10",
-        ),
-        (["llm.mode=live", "llm.budget_usd=0"], r"^llm\.budget_usd needs null with llm\.mode=live, .*; got 0.0$"),
+        (["llm.mode=live", "llm.budget_usd=0"], "llm.budget_usd", "null with llm.mode=live"),
         (
             ["archive.bounds=fixed", "archive.eff_ratio_bounds=[0,9]"],
-            r"^archive\.eff_ratio_bounds needs low > 0 with eff_ratio_scale=log; got 0.0",
+            "archive.eff_ratio_bounds",
+            "low > 0 with archive.eff_ratio_scale=log",
+        ),
+        (["archive.axes=[]"], "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]"),
+        (["archive.axes=[eff_ratio,arch_div]"], "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]"),
+        (["archive.axes=[depth]"], "archive.axes.0", "'arch_div' or 'eff_ratio'"),
+        (["archive.kept=0"], "archive.kept", "an integer of at least 1"),
+        (["archive.kind=best", "archive.axes=[arch_div]"], "archive.axes", "with archive.kind=best"),
+        (["proposals.parents=baseline"], "proposals.mutation_probability", "1 with proposals.parents=baseline"),
+        *(
+            (
+                ["proposals.operator_for=candidate", f"proposals.mutation_probability={p_m}"],
+                "proposals.operator_for",
+                f"generation with proposals.mutation_probability={p_m}",
+            )
+            for p_m in (0, 1)
         ),
     ],
 )
-def test_settings_that_do_not_go_together_are_refused(overrides: list[str], message: str) -> None:
-    """What one setting asks of another is checked, and the message says which."""
-    with pytest.raises(ConfigError, match=message):
+def test_settings_that_do_not_go_together_are_refused(overrides: list[str], place: str, expected: str) -> None:
+    """What one setting asks of another is checked, and the error names both."""
+    with refused(ConfigError, place=place, expected=expected):
         compose(overrides)
 
 
 def test_address_in_a_message_holds_no_login() -> None:
     """What stands before the @ may be a password."""
-    with pytest.raises(ConfigError, match=r"^llm\.base_url needs .*; got 'proxy:99999'$"):
+    with refused(ConfigError, place="llm.base_url", got='"proxy:99999"'):
         changed("llm.base_url", "https://me:hunter2@proxy:99999")
-
-
-def test_config_error_is_a_value_error() -> None:
-    """Whoever builds a configuration in Python may catch what Python raises for a wrong value."""
-    with pytest.raises(ValueError, match=r"^seed needs"):
-        changed("seed", -1)
 
 
 #: Another possible value of each setting that decides a run's results.
@@ -284,7 +270,8 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     listed |= {"training.device"}  # which needs other settings beside it: tests/training/test_determinism.py
-    assert {key for key in keys() if not key.startswith(("task.", "data."))} == listed
+    groups = {key.partition(".")[0] for key in keys() if "." in key}
+    assert {key for key in keys() if key not in groups and not key.startswith(("task.", "data."))} == listed
 
 
 @pytest.mark.parametrize("key", DECIDES)

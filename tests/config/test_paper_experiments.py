@@ -1,4 +1,4 @@
-"""Promise: the paper's experiments are what is written here, whatever the defaults become; their model is chosen."""
+"""Promise: the paper's experiments are what is written here, under all later defaults; their model is chosen."""
 
 import shutil
 from pathlib import Path
@@ -76,7 +76,7 @@ TASKS = pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating"
 
 
 def insist(config: RunConfig, task: str, images: int, llm: Json) -> None:
-    """Hold a configuration against what is written above."""
+    """Compare a configuration with what is written above."""
     assert identity(config) == {**PAPER, "llm": llm}
     assert config.search.generations == 20
     assert config.task.name == task
@@ -95,7 +95,7 @@ def test_paper_experiments_are_what_is_written_here(task: str, images: int, llm:
 @TASKS
 def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_path: Path) -> None:
     """Neither another default choice, nor another value in a file that is a default and not the paper's."""
-    compose([])  # tells Hydra the schema
+    compose([])  # tells Hydra the defaults
     conf = shutil.copytree(conf_root(), tmp_path / "conf")
     edits = {
         "config.yaml": [
@@ -128,7 +128,7 @@ def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_p
     GlobalHydra.instance().clear()
     with initialize_config_dir(config_dir=str(conf), version_base="1.3"):
         chosen = hydra_compose("config", overrides=[f"experiment=paper_{task}", "llm=anthropic"])
-        insist(from_plain(OmegaConf.to_container(chosen, resolve=True, enum_to_str=True)), task, images, PAPER["llm"])  # type: ignore[arg-type]
+        insist(from_plain(OmegaConf.to_container(chosen, resolve=True)), task, images, PAPER["llm"])  # type: ignore[arg-type]
 
 
 def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:
@@ -156,7 +156,7 @@ def test_paper_experiment_without_a_model_says_what_to_add(
 def test_data_of_a_paper_experiment_are_looked_at_without_a_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nobody is asked for images, so nobody needs to be chosen."""
+    """Images do not need a model, so a model need not be chosen."""
     monkeypatch.chdir(tmp_path)
     assert main(["data", "check", "experiment=paper_force", "data.images=10", "data.image_size=32"]) == 0
     assert "10" in capsys.readouterr().out

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from refusals import refused
 from small_recordings import save_arrays
 
 from tacevo.choices import SplitRule
@@ -35,7 +36,7 @@ def test_floats_are_regressed(tmp_path: Path) -> None:
 
 
 def test_whole_numbers_are_classes(tmp_path: Path) -> None:
-    """Classes are called by their numbers where nobody names them."""
+    """Classes without names are called by their numbers."""
     catalogue = save_arrays(tmp_path / "set.npz", labels=CLASSES.astype(np.uint8)).catalogue()
     assert (catalogue.kind, catalogue.names) == (Kind.classification, ("0", "1", "2"))
     assert catalogue.labels.dtype == np.int64
@@ -95,65 +96,57 @@ NAN_ROWS = np.array([[0.0, 1.0], [np.nan, 1.0], [0.0, np.inf]] * 4)
 
 
 @pytest.mark.parametrize(
-    ("arrays", "message"),
+    ("arrays", "place", "words"),
     [
-        ({"images": None}, r"lacks arrays \(1 found\): images. It has \['labels'\]"),
-        ({"images": None, "labels": None, "names": np.array(["a"])}, r"lacks arrays \(2 found\): images, labels"),
-        ({"group": np.arange(12)}, r"unknown arrays \(1 found\): group. Remove them; known are \['groups', 'images'"),
-        ({"images": IMAGES.astype(np.uint16)}, r"images must be uint8 .*; got uint16 of shape \(12, 8, 6, 3\)"),
-        ({"images": IMAGES / 255}, r"images must be uint8 .*; got float64"),
-        ({"images": IMAGES.transpose(0, 3, 1, 2)}, r"images must be .*; got uint8 of shape \(12, 3, 8, 6\)"),
-        ({"images": IMAGES[0, :, :, 0]}, r"images must be .*; got uint8 of shape \(8, 6\)"),
-        ({"images": np.zeros((12, 0, 8), dtype=np.uint8)}, r"images is empty: it has shape \(12, 0, 8\); save at"),
-        ({"images": IMAGES[:0], "labels": np.zeros(0)}, r"images is empty: it has shape \(0, 8, 6, 3\); save at"),
-        ({"labels": np.zeros(11)}, r"labels must have one row for each of the 12 images; got shape \(11,\)"),
-        ({"labels": np.float64(1)}, r"labels must have one row .*; got shape \(\)"),
-        ({"labels": np.zeros((12, 2, 2))}, r"labels must be floats .*; got float64 of shape \(12, 2, 2\)"),
-        ({"labels": np.zeros((12, 0))}, r"labels must be floats .*; got float64 of shape \(12, 0\)"),
-        ({"labels": np.array(["a"] * 12)}, r"labels must be floats .*; got <U1"),
-        ({"labels": np.zeros(12, dtype=bool)}, r"labels must be floats .*; got bool"),
-        ({"labels": NAN_ROWS}, r"finite numbers \(8 found\): row 1 is \[nan, 1.0\], row 2 is \[0.0, inf\], row 4"),
-        ({"labels": np.full(12, np.longdouble("1e4000"))}, r"finite numbers \(12 found\): row 0 is \[inf\]"),
-        ({"labels": CLASSES.reshape(12, 1)}, r"labels of whole numbers are classes, .*; got \(12, 1\); save values as"),
-        ({"labels": CLASSES - 1}, r"from 0 without a gap \(4 found\): row 0 is -1, row 3 is -1, row 6 is -1, row 9"),
-        ({"labels": CLASSES * 2}, r"from 0 without a gap \(4 found\): row 2 is 4.*There are 3 classes"),
-        ({"labels": CLASSES, "names": np.array(["a", "b"])}, r"\(4 found\): row 2 is 2.*There are 2 names"),
-        ({"labels": CLASSES, "names": np.array(list("abcd"))}, r"some classes have no images \(1 found\): 3"),
-        ({"labels": CLASSES, "names": np.array(["a", "b", "a"])}, r"names must be 3 different texts; got .*'a', 'b'"),
-        ({"names": np.array([1.0])}, "names must be 1 different texts; got float64"),
-        ({"names": np.array(["a", "b"])}, r"names must be 1 different texts; got <U1 of shape \(2,\)"),
-        ({"groups": np.zeros(11, dtype=int)}, r"groups must have one row for each of the 12 images; got shape \(11,\)"),
-        ({"groups": np.zeros(12)}, r"groups must be whole numbers of shape \(N,\); got float64"),
-        ({"groups": np.zeros((12, 1), dtype=int)}, r"groups must be whole numbers of shape \(N,\); got int64 of"),
+        ({"images": None}, "", "lacks arrays (1 found): images"),
+        ({"images": None, "labels": None, "names": np.array(["a"])}, "", "lacks arrays (2 found): images, labels"),
+        ({"group": np.arange(12)}, "", "unknown arrays (1 found): group"),
+        ({"images": IMAGES.astype(np.uint16)}, "images", "uint16 of shape (12, 8, 6, 3)"),
+        ({"images": IMAGES / 255}, "images", "float64"),
+        ({"images": IMAGES.transpose(0, 3, 1, 2)}, "images", "uint8 of shape (12, 3, 8, 6)"),
+        ({"images": IMAGES[0, :, :, 0]}, "images", "uint8 of shape (8, 6)"),
+        ({"images": np.zeros((12, 0, 8), dtype=np.uint8)}, "images", "shape (12, 0, 8)"),
+        ({"images": IMAGES[:0], "labels": np.zeros(0)}, "images", "shape (0, 8, 6, 3)"),
+        ({"labels": np.zeros(11)}, "labels", "shape (11,)"),
+        ({"labels": np.float64(1)}, "labels", "shape ()"),
+        ({"labels": np.zeros((12, 2, 2))}, "labels", "float64 of shape (12, 2, 2)"),
+        ({"labels": np.zeros((12, 0))}, "labels", "float64 of shape (12, 0)"),
+        ({"labels": np.array(["a"] * 12)}, "labels", "<U1"),
+        ({"labels": np.zeros(12, dtype=bool)}, "labels", "bool"),
+        ({"labels": NAN_ROWS}, "", "not finite numbers (8 found): row 1 is [nan, 1.0], row 2 is [0.0, inf], row 4"),
+        ({"labels": np.full(12, np.longdouble("1e4000"))}, "", "not finite numbers (12 found): row 0 is [inf]"),
+        ({"labels": CLASSES.reshape(12, 1)}, "labels", "integers of shape (12, 1)"),
+        ({"labels": CLASSES - 1}, "", "from 0 without a gap (4 found): row 0 is -1, row 3 is -1, row 6 is -1, row 9"),
+        ({"labels": CLASSES * 2}, "", "from 0 without a gap (4 found): row 2 is 4"),
+        ({"labels": CLASSES, "names": np.array(["a", "b"])}, "", "(4 found): row 2 is 2"),
+        ({"labels": CLASSES, "names": np.array(list("abcd"))}, "", "some classes have no images (1 found): 3"),
+        ({"labels": CLASSES, "names": np.array(["a", "b", "a"])}, "names", "['a', 'b', 'a']"),
+        ({"names": np.array([1.0])}, "names", "float64"),
+        ({"names": np.array(["a", "b"])}, "names", "<U1 of shape (2,)"),
+        ({"groups": np.zeros(11, dtype=int)}, "groups", "shape (11,)"),
+        ({"groups": np.zeros(12)}, "groups", "float64"),
+        ({"groups": np.zeros((12, 1), dtype=int)}, "groups", "int64 of shape (12, 1)"),
     ],
 )
-def test_broken_arrays_are_named(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
-    """The message says which array, what it must be, and what it is."""
-    with pytest.raises(DataError, match=message):
+def test_broken_arrays_are_named(tmp_path: Path, arrays: dict[str, Any], place: str, words: str) -> None:
+    """The error says which array, and what it is."""
+    with refused(DataError, place=place, got=words):
         save_arrays(tmp_path / "set.npz", **arrays).catalogue()
 
 
 def test_objects_are_never_unpickled(tmp_path: Path) -> None:
     """An array of objects would run code when it is read."""
     objects = np.array([print] * 12, dtype=object)
-    with pytest.raises(DataError, match=r"array 'labels' of .* is damaged, or holds Python objects; save numbers"):
+    with refused(DataError, place="labels", got="a damaged array, or Python objects"):
         save_arrays(tmp_path / "set.npz", labels=objects).catalogue()
 
 
-def test_pickle_in_place_of_an_archive_is_refused(tmp_path: Path) -> None:
-    """Neither is a file that is a pickle as a whole."""
-    path = tmp_path / "set.npz"
-    path.write_bytes(b"\x80\x04N.")
-    with pytest.raises(DataError, match="is no NumPy archive, or was cut off; save images and labels together"):
-        Arrays(root=path, image_size=16).catalogue()
-
-
-@pytest.mark.parametrize("content", [b"", b"text", b"PK\x03\x04 and no more"])
-def test_file_that_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> None:
-    """Empty, text, or the beginning of a zip file."""
+@pytest.mark.parametrize("content", [b"\x80\x04N.", b"", b"text", b"PK\x03\x04 and no more"])
+def test_file_that_is_not_an_archive_is_refused(tmp_path: Path, content: bytes) -> None:
+    """A pickle, an empty file, text, or the beginning of a zip file."""
     path = tmp_path / "set.npz"
     path.write_bytes(content)
-    with pytest.raises(DataError, match="is no NumPy archive, or was cut off; save images and labels together"):
+    with refused(DataError, place=str(path), expected="a NumPy archive", remedy="save images and labels together"):
         Arrays(root=path, image_size=16).catalogue()
 
 
@@ -163,33 +156,26 @@ def test_damaged_archive_is_refused(tmp_path: Path) -> None:
     content = bytearray(source.root.read_bytes())
     content[500] ^= 0xFF
     source.root.write_bytes(content)
-    with pytest.raises(DataError, match=r"array 'images' of .* is damaged"):
+    with refused(DataError, place="set.npz, images", got="a damaged array"):
         source.catalogue()
 
 
 def test_single_array_is_refused(tmp_path: Path) -> None:
     """Images alone, as `numpy.save` writes them, have no labels."""
     np.save(tmp_path / "images.npy", IMAGES)
-    with pytest.raises(DataError, match=r"holds one array; save images and labels together with numpy.savez"):
+    with refused(DataError, expected="a NumPy archive", got="a single array"):
         Arrays(root=tmp_path / "images.npy", image_size=16).catalogue()
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        (
-            "sets.npz",
-            r"data.root is no file: .*; give the .npz archive. .* it holds empty, set.npz; did you mean .*/set",
-        ),
-        (".", r"data.root is a folder, not a .npz archive: .*; it holds set.npz; set data.root=.*/set.npz$"),
-        ("empty", r"data.root is a folder, not a .npz archive: .*; it holds none that can be seen$"),
-    ],
+    ("name", "remedy"),
+    [("sets.npz", "holds: empty, set.npz; did you mean"), (".", "holds: empty, set.npz"), ("empty", "holds: nothing")],
 )
-def test_wrong_root_says_what_is_there(tmp_path: Path, name: str, message: str) -> None:
-    """The archive is a file; where it was not found, those that are there are named."""
+def test_wrong_root_says_what_is_there(tmp_path: Path, name: str, remedy: str) -> None:
+    """The archive is a file; where it is not found, the entries of the directory are named."""
     save_arrays(tmp_path / "set.npz")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DataError, match=message):
+    with refused(DataError, place="data.root", expected="a NumPy archive", remedy=remedy):
         Arrays(root=tmp_path / name, image_size=16).describe()
 
 
@@ -204,18 +190,17 @@ def spoilt(path: Path, member: str, content: bytes) -> Arrays:
 
 
 @pytest.mark.parametrize(
-    ("member", "content", "message"),
+    ("member", "content", "got"),
     [
-        ("images", b"pixels", "'images' of .* is no array"),
-        ("images.npy", b"", "'images' of .* is (damaged|no array)"),
-        ("images.npy", b"\x93NUMPY\x01\x00", "array 'images' of .* is damaged"),
-        ("images.npy", b"\x93NUMPY\x01\x00\x0c\x00{'descr': (((", "array 'images' of .* is damaged"),
-        ("images.npy", HUGE, "array 'images' of .* needs more memory than there is"),
+        ("images", b"pixels", "something else"),
+        ("images.npy", b"", ""),
+        ("images.npy", b"\x93NUMPY\x01\x00", "a damaged array"),
+        ("images.npy", b"\x93NUMPY\x01\x00\x0c\x00{'descr': (((", "a damaged array"),
+        ("images.npy", HUGE, "an array that does not fit into the memory"),
     ],
     ids=["no array", "empty", "half a header", "broken header", "beyond the memory"],
 )
-def test_member_that_is_no_array_is_named(tmp_path: Path, member: str, content: bytes, message: str) -> None:
-    """Whatever stands in the place of an array, the message is ours."""
-    with pytest.raises(DataError, match=message) as caught:
+def test_member_that_is_not_an_array_is_named(tmp_path: Path, member: str, content: bytes, got: str) -> None:
+    """An error of NumPy or of the zip file never reaches the user."""
+    with refused(DataError, place="set.npz, images", got=got):
         spoilt(tmp_path / "set.npz", member, content).catalogue()
-    assert "pickle" not in str(caught.value)

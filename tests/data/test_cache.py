@@ -1,4 +1,4 @@
-"""The cache of data sets: an entry is whole or absent, whoever is killed, starts at once or finds no room."""
+"""The cache of data sets: an entry is whole or absent after kills, simultaneous starts and full disks."""
 
 import fcntl
 import re
@@ -58,7 +58,7 @@ def unfinished(cache: Path) -> list[Path]:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_a_killed_process_left_is_removed(tmp_path: Path, seed: int) -> None:
-    """After a kill half-way the entry is absent; the next process, whatever it makes, clears the rest away."""
+    """After a kill half-way the entry is absent; the next process, for any data set, clears the rest away."""
     killed = start(tmp_path, "die")
     killed.communicate()
     assert killed.returncode == -9
@@ -82,7 +82,7 @@ def test_processes_that_start_at_once_share_one_entry(tmp_path: Path) -> None:
 
 
 def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
-    """One line, before the wait, so that nobody takes it for a hang; who need not wait says nothing."""
+    """One line, before the wait, so that it does not look like a hang; without a wait, no line."""
     said: list[str] = []
     folder = load_greys(Greys(), tmp_path, say=said.append).images.parent
     assert said == []
@@ -108,7 +108,7 @@ def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Pa
     assert unfinished(tmp_path) == []
 
 
-NO_ROOM = r"error: {cache} has no room for 230,528 bytes of images \(.* bytes are free\); make room there, .*\n"
+NO_ROOM = r"error: {cache}: expected 230,528 free bytes for the images; got .*; make room there, .*\n"
 
 
 def test_file_that_may_not_grow_is_refused(tmp_path: Path) -> None:

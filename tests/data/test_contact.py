@@ -91,7 +91,7 @@ def test_no_contact_moves_nothing() -> None:
 
 
 def test_far_field_is_that_of_a_point_force() -> None:
-    """Far away w = F / (pi E* r), Boussinesq's solution, whatever the shape of the contact."""
+    """Far away w = F / (pi E* r), Boussinesq's solution, for every shape of the contact."""
     depth, radius, modulus, distance = 1.0, 4.0, 0.3, np.array([400.0])
     displacement, _ = normal_field(distance, math.sqrt(radius * depth), radius)
     assert displacement == pytest.approx(
@@ -100,7 +100,7 @@ def test_far_field_is_that_of_a_point_force() -> None:
 
 
 def sheared(x: float, y: float, stick: float, poisson: float = 0.4) -> list[float]:
-    """Give the displacement (x, y) at one point, with a contact of 1.5 mm radius and a slip limit of 0.3 mm along x."""
+    """Return the displacement (x, y) at a point; a contact of 1.5 mm radius and a slip limit of 0.3 mm along x."""
     fields = shear_field(np.array([x]), np.array([y]), 1.5, stick=stick, limit=(0.3, 0.0), poisson=poisson)
     return [float(field[0]) for field in fields]
 
@@ -152,7 +152,7 @@ def test_stick_radius_follows_the_force(stroke: float) -> None:
 
 @pytest.mark.parametrize("stick", [0.0, 1.0])
 def test_far_field_of_shear_is_that_of_a_point_force(stick: float) -> None:
-    """Far away Q / (2 pi G r) ahead and (1 - nu) of it aside, with the very Q of the label, whatever has slipped."""
+    """Far away Q / (2 pi G r) ahead and (1 - nu) of it aside, with the Q of the label, for every slip."""
     poisson, shear_modulus, limit, reach, far = 0.4, 0.05, 0.3, 1.5, 1_000.0
     friction = limit * 16 * shear_modulus * reach / (3 * (2 - poisson))
     force = tangential_force(limit * (1 - (stick / reach) ** 2), limit, friction, 1.0)

@@ -18,7 +18,7 @@ from tacevo.randomness import stream
 #: Of every function at the points that `everything` looks at; other bits would be another simulator.
 DIGEST = "fff2f51d5c34cc4dbff30c8cf01c842cf48308c34163a1e83ee2da49ade3f5f1"
 
-#: Switches off whatever NumPy has beyond its baseline, so that its plainest loops run.
+#: Switches off what NumPy has beyond its baseline, so that its plainest loops run.
 PLAINEST = {"NPY_DISABLE_CPU_FEATURES": "AVX512_SPR AVX512_ICL AVX512_SKX X86_V4 X86_V3 AVX2 FMA3"}
 
 

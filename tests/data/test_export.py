@@ -10,6 +10,7 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
+from refusals import refused
 from small_recordings import loaded
 
 from tacevo.choices import LightScene, SensorTask
@@ -151,7 +152,7 @@ def make_file(out: Path) -> None:
 def test_occupied_folder_is_refused_and_kept(occupy: Callable[[Path], None], tmp_path: Path) -> None:
     """Nothing of the user's is overwritten."""
     occupy(tmp_path / "out")
-    with pytest.raises(DataError, match="exists and is no empty folder; remove it or choose another name"):
+    with refused(DataError, place="out", expected="a new directory", got="not empty"):
         export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == ["mine"]
 
@@ -163,7 +164,7 @@ def test_current_folder_is_refused_before_anything_is_drawn(
     """It is empty, but to replace it would take the ground from under the user's shell."""
     monkeypatch.chdir(tmp_path)
     seen: list[tuple[int, int]] = []
-    with pytest.raises(DataError, match=r"is the current folder; name one to make, e\.g\. out=simulated"):
+    with refused(DataError, place="out", expected="a new directory", got="the current directory"):
         export(
             simulated(SensorTask.force),
             Path(out),
@@ -183,7 +184,7 @@ def test_link_to_an_empty_folder_is_followed(tmp_path: Path) -> None:
 
 
 def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
-    """Whoever is first keeps the name."""
+    """The process that is first keeps the name."""
     out = tmp_path / "out"
     source = simulated(SensorTask.force)
     with pytest.raises(OSError, match="not empty"):
@@ -193,7 +194,7 @@ def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
 
 
 def test_empty_folder_is_filled(tmp_path: Path) -> None:
-    """A folder made beforehand is no obstacle."""
+    """A directory that exists and is empty is used."""
     (tmp_path / "out").mkdir()
     export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert (tmp_path / "out" / "simulation.json").is_file()
@@ -201,5 +202,5 @@ def test_empty_folder_is_filled(tmp_path: Path) -> None:
 
 def test_gratings_out_of_order_are_refused(tmp_path: Path) -> None:
     """Classes are read back in the order of their sizes, so any other order would change the labels."""
-    with pytest.raises(ConfigError, match=r"ascending order; got \[2\.0, 0\.5\]"):
+    with refused(ConfigError, place="data.spacings_mm", expected="ascending order", got="[2.0, 0.5]"):
         export(simulated(SensorTask.grating, spacings=(2.0, 0.5)), tmp_path / "out", workers=1)

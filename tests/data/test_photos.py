@@ -1,4 +1,4 @@
-"""Image files become upright RGB squares of 8 bits, whatever they were; what cannot become one is refused by name."""
+"""Image files become upright RGB squares of 8 bits, from every format; what cannot become one is refused by name."""
 
 import hashlib
 import struct
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from PIL import Image
+from refusals import refused
 
 from tacevo.data.sources.images import common_size, decode, files_hash
 from tacevo.errors import DataError
@@ -112,7 +113,7 @@ def test_palette_is_looked_up(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
 def test_transparent_pixels_are_refused_and_opaque_alpha_is_dropped(tmp_path: Path, mode: str) -> None:
-    """What stands behind a transparent pixel is anybody's guess."""
+    """What stands behind a transparent pixel is unknown."""
     image = Image.new("RGBA", (2, 2), (50, 50, 50, 255))
     image.convert(mode).save(tmp_path / "opaque.png")
     assert (decode(tmp_path / "opaque.png", 2) == 50).all()
@@ -162,7 +163,7 @@ def test_mixed_sizes_are_refused_beside_the_commonest(tmp_path: Path) -> None:
     for number, size in enumerate([(4, 4), (6, 4), (6, 4), (4, 6), (6, 4)]):
         Image.new("L", size).save(tmp_path / f"{number}.png")
     files = [(f"picture {number}", tmp_path / f"{number}.png") for number in range(5)]
-    message = r"3 have 6x4 pixels \(width x height\), others not \(2 found\): picture 0 4x4, picture 3 4x6. Crop"
+    message = r"3 have 6x4 pixels \(width x height\), others not \(2 found\): picture 0 4x4, picture 3 4x6; crop"
     with pytest.raises(DataError, match=message):
         common_size(files)
 
@@ -176,12 +177,12 @@ def test_turned_image_among_lying_ones_is_of_another_size(tmp_path: Path) -> Non
 
 
 def test_unreadable_headers_are_all_named(tmp_path: Path) -> None:
-    """Files that are no images are found without decoding."""
+    """Files that are not images are found without decoding."""
     Image.new("L", (4, 4)).save(tmp_path / "good.png")
     for name in ("text", "empty"):
         (tmp_path / f"{name}.png").write_text("no image" if name == "text" else "")
     files = [(name, tmp_path / f"{name}.png") for name in ("text", "good", "empty", "absent")]
-    message = r"\(3 found\): text \(is no image of a known format\), empty \(is empty\), absent \(No such file"
+    message = r"\(3 found\): text \(is not an image of a known format\), empty \(is empty\), absent \(No such file"
     with pytest.raises(DataError, match=message):
         common_size(files)
 
@@ -198,7 +199,7 @@ def test_size_is_read_without_the_pixels(tmp_path: Path) -> None:
 def test_file_that_is_no_image_is_refused(tmp_path: Path) -> None:
     """The fault is told in words, not by the name of an exception; the caller knows the file."""
     (tmp_path / "text.png").write_text("no image")
-    with pytest.raises(DataError, match=r"^is no image of a known format$"):
+    with pytest.raises(DataError, match=r"^is not an image of a known format$"):
         decode(tmp_path / "text.png", 4)
 
 
@@ -224,7 +225,7 @@ def test_file_is_hashed_in_pieces(tmp_path: Path) -> None:
 
 def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:
     """A folder where a file should be has no bytes."""
-    with pytest.raises(DataError, match=rf"{tmp_path} cannot be read \(Is a directory\)"):
+    with refused(DataError, place=str(tmp_path), got="a file that cannot be read (Is a directory)"):
         files_hash([tmp_path])
 
 

@@ -11,8 +11,22 @@ from scipy import ndimage
 
 from tacevo.choices import LightScene
 from tacevo.data.simulator.contact import normal_field, stick_radius
-from tacevo.data.simulator.sensor import NO_CONTACT, Grating, Press, _bent_skin, _marker_cover, make_sensor, picture
+from tacevo.data.simulator.sensor import Grating, Press, _bent_skin, _marker_cover, make_sensor, picture
 from tacevo.randomness import stream
+
+#: The sensor at rest.
+NO_CONTACT = Press(
+    x=0.0,
+    y=0.0,
+    contact_radius=1e-6,
+    radius=1.0,
+    share=0.0,
+    slip_limit=(0.0, 0.0),
+    stick_radius=1e-6,
+    lean=(0.0, 0.0),
+    brightness=0.0,
+    fading=1.0,
+)
 
 PHOTOGRAPH = (
     Path(__file__).parents[3] / "shared/data/vitactip_photos/vitactip_photo_default_state_1920_1080.jpg"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from refusals import refused
 from small_recordings import loaded
 
 from tacevo.data.figures import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
@@ -87,7 +88,7 @@ def written(figure: Figure) -> list[str]:
     ],
 )
 def test_units_are_those_that_a_name_ends_in(name: str, unit: str, plain: str) -> None:
-    """A force may be in mN: where a source states no unit, and neither does the column, there is none."""
+    """A force may be in mN: where neither the source nor the column states a unit, it is unknown."""
     assert units_of(Greys(labels=((1.0,),), names=(name,), units=None).catalogue()) == (unit,)
     assert plain_name(name, unit) == plain
 
@@ -200,7 +201,7 @@ def test_equal_data_give_equal_bytes(ending: str, tmp_path: Path) -> None:
 
 def test_unknown_format_is_refused(tmp_path: Path) -> None:
     """The message lists the endings that are known."""
-    with pytest.raises(ConfigError, match=r"must end in one of \.png, \.pdf, \.svg; got 'a\.bmp'"):
+    with refused(ConfigError, place="-o", expected=".png, .pdf, .svg", got="a.bmp"):
         save(Figure(), tmp_path / "a.bmp")
 
 

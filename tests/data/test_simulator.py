@@ -149,7 +149,7 @@ def test_gratings_are_even_over_classes() -> None:
 
 @pytest.mark.parametrize("images", [10, 11, 13])
 def test_uneven_gratings_differ_by_one_image(images: int) -> None:
-    """Where the number of images is no multiple of the classes, the first ones have one more."""
+    """Where the number of images is not a multiple of the classes, the first ones have one more."""
     counts = np.bincount(replace(FORCE, task=SensorTask.grating, images=images).catalogue().labels)
     assert counts.sum() == images
     assert counts.tolist() == sorted(counts, reverse=True)

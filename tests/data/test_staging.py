@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
-from tacevo.data.staging import LOCK, PART, staged, sweep
+from tacevo.data.staging import LOCK, PART, remove_leftovers, staged
 from tacevo.errors import DataError
 
 
@@ -20,7 +21,7 @@ def visible(parent: Path) -> list[str]:
 
 
 def test_folder_appears_only_when_it_is_whole(tmp_path: Path) -> None:
-    """While it is filled nobody sees it; afterwards it has everything, and the parent is made on the way."""
+    """While it is filled it is hidden; afterwards it has everything, and the parent is made on the way."""
     with staged(tmp_path / "cache" / "set") as stage:
         assert stage is not None
         (stage / "a").write_text("half")
@@ -37,12 +38,12 @@ def fill_half(folder: Path, error: type[BaseException]) -> None:
     with staged(folder) as stage:
         assert stage is not None
         (stage / "a").write_text("half")
-        raise error
+        raise error("half")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, DataError])
 def test_failure_leaves_no_folder(tmp_path: Path, error: type[BaseException]) -> None:
-    """Whatever ends the filling, nothing of it stays, and the error passes."""
+    """After an error nothing of it stays, and the error passes."""
     with pytest.raises(error):
         fill_half(tmp_path / "set", error)
     assert [path for path in tmp_path.iterdir() if path.is_dir()] == []
@@ -70,7 +71,7 @@ def test_who_comes_second_waits_and_has_nothing_to_do(tmp_path: Path) -> None:
 
 
 def test_leftovers_go_and_folders_in_the_making_stay(tmp_path: Path) -> None:
-    """A hidden folder whose lock is free belongs to nobody; one whose lock is held, and any other folder, is kept."""
+    """A hidden directory whose lock is free is removed; one whose lock is held, and any other directory, is kept."""
     for name in ("dead", "alive"):
         (tmp_path / f".{name}{PART}").mkdir()
         (tmp_path / f".{name}{PART}" / "images.npy").write_text("half")
@@ -86,7 +87,7 @@ def test_reader_of_a_finished_set_sweeps_up_others(tmp_path: Path) -> None:
     """What a killed maker left of one set does not stay because everybody needs another one, which is whole."""
     (tmp_path / f".dead{PART}").mkdir()
     (tmp_path / f".dead{PART}" / "images.npy").write_text("half")
-    sweep(tmp_path)
+    remove_leftovers(tmp_path)
     assert not (tmp_path / f".dead{PART}").exists()
 
 
@@ -104,7 +105,7 @@ def as_another_user() -> Iterator[None]:
 
 @pytest.fixture
 def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a folder that everybody may write to, as a relative path, which needs no permission above it."""
+    """Make a directory that every user may write to, as a relative path, which needs no permission above it."""
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
     monkeypatch.chdir(tmp_path / "cache")
@@ -112,7 +113,7 @@ def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("mode", [0o000, 0o444])
-def test_leftover_of_another_user_stops_nobody(shared: Path, mode: int) -> None:
+def test_leftover_of_another_user_is_skipped(shared: Path, mode: int) -> None:
     """In a shared cache a lock that may not be opened, or a folder that may not be removed, is its owner's affair."""
     left = shared / f".dead{PART}"
     left.mkdir()
@@ -148,8 +149,8 @@ def test_own_part_that_may_not_be_removed_is_named(shared: Path) -> None:
     left.mkdir()
     (left / "old").write_text("half")
     left.chmod(0o555)
-    message = rf"^\.set{PART} is left of a killed process and cannot be removed; have user {os.geteuid()} remove it"
-    with pytest.raises(DataError, match=message), as_another_user(), staged(shared / "set"):
+    remedy = f"ask user {os.geteuid()} to remove it"
+    with refused(DataError, place=f".set{PART}", remedy=remedy), as_another_user(), staged(shared / "set"):
         pass
     left.chmod(0o755)
 
@@ -167,15 +168,14 @@ def test_own_leftover_is_cleared_before_it_is_filled_again(tmp_path: Path) -> No
 def test_parent_that_is_a_file_is_refused(tmp_path: Path) -> None:
     """The message names what cannot be written to."""
     (tmp_path / "file").write_text("")
-    message = r"/file cannot be written to \(File exists\); choose another folder"
-    with pytest.raises(DataError, match=message), staged(tmp_path / "file" / "set"):
+    with refused(DataError, place="/file", got="cannot be written to"), staged(tmp_path / "file" / "set"):
         pass
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_disk_that_fills_later_is_told_too(tmp_path: Path, number: int) -> None:
     """The small files beside the images can be what is too much."""
-    with pytest.raises(DataError, match=rf"{tmp_path} has no room .*; make room there"), staged(tmp_path / "set"):
+    with refused(DataError, place=str(tmp_path), got="the disk is full"), staged(tmp_path / "set"):
         raise OSError(number, "No space left")
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 from small_recordings import save_forces, save_gratings, save_image
 
 from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
@@ -38,7 +39,7 @@ def save_presses(root: Path, *, sizes: int, groups: int, frames: int) -> TacVers
 
 
 def test_forces_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    """10 comes after 9, whatever the order of the rows; spaces and case of the header do not matter."""
+    """10 comes after 9, for every order of the rows; spaces and case of the header do not matter."""
     rows = "image_10.png,1,2,3\nimage_9.png,4,5,6\nimage_0.png,7,8,9\n"
     source = save_forces(tmp_path, rows, images=11, header=" Image_Name , Fx ,FY, fz\n")
     catalogue = source.catalogue()
@@ -137,8 +138,7 @@ def test_frames_of_a_press_never_straddle(tmp_path: Path, rule: SplitRule, seed:
 def test_too_few_presses_are_refused(tmp_path: Path) -> None:
     """Two presses of a size leave none for the test; nothing is decoded to find that."""
     source = save_presses(tmp_path, sizes=2, groups=2, frames=5)
-    message = r"the test split has no images of 2 of 2 classes \(0.5 mm, 1 mm\); take more images"
-    with pytest.raises(DataError, match=message):
+    with refused(DataError, place="the test split", got="no images of 2 of 2 classes (0.5 mm, 1 mm)"):
         load(
             source,
             split=SplitRule.release,
@@ -172,8 +172,8 @@ def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
         ),
         ("image_0.png,1,2,3\nimage_0.png,1,2,3\n", r"more than once \(1 found\): line 3 'image_0.png'"),
         ("image_0.png,1,2,3\n./image_0.png,1,2,3\n", r"more than once \(1 found\): line 3"),
-        ("plain.png,1,2,3\n", r"images without a number \(1 found\): line 2 'plain.png'. Names end in their number"),
-        ("", "ViTacTip.csv has no rows"),
+        ("plain.png,1,2,3\n", r"images without a number \(1 found\): line 2 'plain.png'; end names with"),
+        ("", "ViTacTip.csv: expected a row for each image"),
     ],
     ids=["missing image", "no number", "duplicate", "duplicate by another path", "no numeric suffix", "empty"],
 )
@@ -186,10 +186,9 @@ def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, message: str) 
 
 
 def test_absent_label_column_is_named(tmp_path: Path) -> None:
-    """The user sees what the columns are called, and is sent to no setting, for none changes the layout's names."""
-    with pytest.raises(
-        DataError,
-        match=r"no column 'fz' \(TacVerse's layout\); its columns are 'image_name', 'fx', 'fy'\. Rename columns",
+    """The user sees what the columns are called; a setting cannot change the layout's names."""
+    with refused(
+        DataError, expected="'fz' (TacVerse's layout)", got="'image_name', 'fx', 'fy'", remedy="rename columns"
     ):
         save_forces(tmp_path, "image_0.png,1,2\n", header="image_name,fx,fy\n").describe()
 
@@ -216,12 +215,12 @@ def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, task: Senso
     with pytest.raises(DataError, match=rf"2 have 8x8 pixels .*\(1 found\): .*{names[0]}'? 9x8"):
         source.catalogue()
     (folder / names[1]).write_text("no image")
-    with pytest.raises(DataError, match=rf"cannot be read \(1 found\): .*{names[1]}'? \(is no image of"):
+    with pytest.raises(DataError, match=rf"cannot be read \(1 found\): .*{names[1]}'? \(is not an image of"):
         source.catalogue()
 
 
 def test_images_of_other_names_are_refused(tmp_path: Path) -> None:
-    """A name without size and press has no class; files that are no images are left alone."""
+    """A name without size and press has no class; files that are not images are left alone."""
     source = save_gratings(tmp_path, "1_1.png", "flat.png", "1_2_3_4.png", "-1_2.png", "1_x.png", "1,5_2.png")
     (tmp_path / "Grating_Classification" / "ViTacTip" / "Blackdot" / "notes.txt").write_text("a rainy day")
     with pytest.raises(DataError, match=r"are not named <size>_<group>_<frame>, .* \(5 found\): -1_2.png, 1,5_2.png, "):
@@ -237,41 +236,38 @@ def test_two_images_of_one_press_and_frame_are_refused(tmp_path: Path, twin: str
 
 def test_empty_pattern_is_refused(tmp_path: Path) -> None:
     """A folder without images has no classes."""
-    with pytest.raises(DataError, match=r"Blackdot holds no \['.jpeg'.*files"):
+    with refused(DataError, place="data.pattern", expected=".jpeg", got="Blackdot"):
         save_gratings(tmp_path).describe()
 
 
 def test_pattern_must_be_named(tmp_path: Path) -> None:
     """The message lists those that there are."""
     source = save_gratings(tmp_path, "1_1.png")
-    with pytest.raises(DataError, match=r"needs data.pattern; .*ViTacTip holds Blackdot$"):
+    with refused(DataError, place="data.pattern", remedy="ViTacTip holds: Blackdot"):
         replace(source, pattern=None).describe()
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "place", "remedy"),
     [
-        ({"root": "absent"}, r"data.root is no folder: .*absent; give the folder that holds Grating_Classification"),
-        ({"root": "file"}, r"data.root is no folder: .*file; give"),
-        (
-            {"root": "."},
-            r"no folder Grating_Classification in .*, which holds empty, release; set data.root=.*/release$",
-        ),
-        ({"root": "release/Grating_Classification"}, r"which holds ViTacTip; set data.root=.*/release$"),
-        ({"root": "empty"}, r"which holds no folders; set data.root to the folder that holds Grating_Classification$"),
-        ({"sensor": "GelSight"}, r"no folder GelSight in .*Grating_Classification, which holds ViTacTip; set data.sen"),
-        ({"sensor": "VitacTip"}, r"which holds ViTacTip; set data.sensor=ViTacTip$"),
-        ({"pattern": "Dots"}, r"no folder Dots in .*ViTacTip, which holds Blackdot; set data.pattern to one of these$"),
+        ({"root": "absent"}, "data.root", "holds: empty, release, file"),
+        ({"root": "file"}, "data.root", "holds: empty, release, file; did you mean"),
+        ({"root": "."}, "data.root", "holds: empty, release, file"),
+        ({"root": "release/Grating_Classification"}, "data.root", "Grating_Classification holds: ViTacTip"),
+        ({"root": "empty"}, "data.root", "holds: nothing"),
+        ({"sensor": "GelSight"}, "data.sensor", "Grating_Classification holds: ViTacTip"),
+        ({"sensor": "VitacTip"}, "data.sensor", "Grating_Classification/ViTacTip?"),
+        ({"pattern": "Dots"}, "data.pattern", "ViTacTip holds: Blackdot"),
     ],
     ids=["absent", "file", "too high", "too deep", "empty", "sensor", "misspelt", "pattern"],
 )
-def test_wrong_place_says_what_lies_there(tmp_path: Path, change: dict[str, str], message: str) -> None:
-    """The message names what was looked for, what is there instead, and the setting that would be right."""
+def test_wrong_place_says_what_is_there(tmp_path: Path, change: dict[str, str], place: str, remedy: str) -> None:
+    """The error names the setting, what is there instead, and the nearest name."""
     source = save_gratings(tmp_path / "release", "1_1.png", "2_1.png")
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("")
     wrong = {key: tmp_path / value if key == "root" else value for key, value in change.items()}
-    with pytest.raises(DataError, match=message):
+    with refused(DataError, place=place, remedy=remedy):
         replace(source, **wrong).describe()  # type: ignore[arg-type]
 
 
@@ -279,7 +275,7 @@ def test_missing_table_is_named(tmp_path: Path) -> None:
     """Images without a table have no labels."""
     source = save_forces(tmp_path, "")
     (tmp_path / "Force_Regression" / "ViTacTip" / "ViTacTip.csv").unlink()
-    with pytest.raises(DataError, match=r"no table ViTacTip.csv in .*ViTacTip; it belongs beside the images"):
+    with refused(DataError, expected="a table beside the images", got="ViTacTip.csv"):
         source.describe()
 
 

@@ -7,6 +7,7 @@ import sys
 import urllib.error
 import urllib.request
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
 from tacevo.cli.inspect import task_without_data
+from tacevo.config.schema import StoreConfig
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Request
 from tacevo.rules import CURRENT
@@ -137,7 +139,7 @@ def test_served_answers_get_the_verdicts_that_their_folder_states(
     admitted: Counter[str] = Counter()
     for task in ("force", "grating"):
         config, judged = task_without_data(task, 32)
-        config.store.root = str(tmp_path)
+        config = replace(config, store=StoreConfig(root=str(tmp_path)))
         with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
             gate = build_gate(config, judged.contract, sandbox.run, Mode.record, CURRENT)
             mine = [completion for name, completion in given.items() if files[name]["task"] == task]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.config.keys import keys
+from tacevo.config.schema import keys
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

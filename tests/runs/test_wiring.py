@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
 from tacevo.choices import Confinement
@@ -91,9 +92,9 @@ def test_data_that_do_not_suit_the_task_are_refused_before_decoding(tmp_path: Pa
     """No image can be decoded, but what is told is the number of outputs or the kind of the labels."""
     save_folder(tmp_path / "recording", *(f"{number % 2}/{number}.png" for number in range(40)))
     cut_all_images(tmp_path / "recording")
-    with pytest.raises(ConfigError, match=r"task.outputs is 7, but the data set has 2 \(0, 1\); set task.outputs=2"):
+    with refused(ConfigError, place="task.outputs", expected="2, as the data set has (0, 1)", got="7"):
         load(tmp_path, "data=folder", "task=grating")
-    with pytest.raises(ConfigError, match=r"task.kind is regression, but the data set's labels are for classification"):
+    with refused(ConfigError, place="task.kind", expected="classification", got="regression"):
         load(tmp_path, "data=folder", "task=force")
     with pytest.raises(DataError, match=r"some images cannot be read \(40 found\)"):
         load(tmp_path, "data=folder", "task=grating", "task.outputs=2")
@@ -105,11 +106,10 @@ def test_data_that_do_not_suit_the_task_are_refused_before_decoding(tmp_path: Pa
 def test_archive_of_the_other_kind_is_refused(
     tmp_path: Path, labels: np.ndarray[tuple[int, ...], np.dtype[np.generic]], task: str
 ) -> None:
-    """Whole numbers are no forces, and floats no classes."""
+    """Integers are not forces, and floats are not classes."""
     save_arrays(tmp_path / "recording", labels=labels)
     (tmp_path / "recording.npz").rename(tmp_path / "recording")
-    message = r"data=numpy what the type of its labels says \(floats or whole numbers\)"
-    with pytest.raises(ConfigError, match=message):
+    with refused(ConfigError, place="task.kind", remedy="data=numpy for what the type of its labels says"):
         load(tmp_path, "data=numpy", f"task={task}")
 
 

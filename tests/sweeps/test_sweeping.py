@@ -40,8 +40,8 @@ def test_several_values_tell_jobs_apart() -> None:
     [
         ("run.dir=runs/mine", r"a folder of its own in that of the sweep \(--into\); got 'run.dir=runs/mine'"),
         ("tracking.uri='postgresql://me:hunter2@host/db'", "may hold a password; give it to the environment"),
-        ("search.generations=interval(1,5)", "needs values that can be counted"),
-        ("seed=range(3,3)", "stands for none"),
+        ("search.generations=interval(1,5)", "one value or more that can be counted"),
+        ("seed=range(3,3)", "one value or more that can be counted"),
         ("seed=1,", "cannot be read"),
         ("store={root:/home/a/x}", r"write store\.NAME=VALUE in place of store=\{\.\.\.\}"),
         ("run={dir:mine}", r"write run\.NAME=VALUE"),
@@ -50,8 +50,8 @@ def test_several_values_tell_jobs_apart() -> None:
         ("store=choice({root:a})", r"write store\.NAME=VALUE"),
         ("data.root=${oc.env:HOME}/x", r"data\.root holds a \$, .* write the value itself"),
         (r"llm.model=$\{oc.env\:HOME\}", r"llm\.model holds a \$"),
-        ("hydra.sweep.dir=mine", "Hydra's own settings have no effect here"),
-        ("+seed=1,2", "none can be added or removed"),
+        ("hydra.sweep.dir=mine", "KEY=VALUE"),
+        ("+seed=1,2", "KEY=VALUE"),
     ],
 )
 def test_what_no_sweep_takes_is_refused(setting: str, message: str) -> None:
@@ -114,7 +114,7 @@ def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
 def test_mistake_in_any_job_is_told_before_one_runs(place: Path) -> None:
     """The last of many jobs cannot be composed: the job and the fault are named, and nothing is begun."""
     launched = Launched()
-    with pytest.raises(ConfigError, match="ablation=none seed=-1: seed needs a value >= 0"):
+    with pytest.raises(ConfigError, match="ablation=none seed=-1: seed: expected"):
         sweep([*SHARED, "ablation=none", "seed=0,1,-1"], None, Heard(), launched)
     assert not launched.calls
     assert not list(place.iterdir())

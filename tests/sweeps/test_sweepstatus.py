@@ -53,7 +53,7 @@ def test_digest_that_is_not_the_ledgers_finishes_nothing(tmp_path: Path, job: Jo
         ("ledger.jsonl", "{}\n", "line 1 does not match its hash"),
         ("run.json", "[", "run.json is damaged"),
         ("run.json", '{"schema": 1}', "is damaged: KeyError"),
-        ("run.json", '{"schema": 1, "config": {"seed": "x"}, "digest": null}', "seed needs a whole number"),
+        ("run.json", '{"schema": 1, "config": {"seed": "x"}, "digest": null}', "seed: expected an integer"),
     ],
 )
 def test_folder_that_cannot_be_read_is_a_failure(file: str, text: str, reason: str, tmp_path: Path, job: Job) -> None:

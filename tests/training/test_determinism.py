@@ -80,11 +80,11 @@ def test_warning_without_a_name_becomes_one() -> None:
     [
         (
             ["sandbox.require=process", "numerics=fast"],
-            "sandbox.require needs none with training.device=cuda.*; got process$",
+            'sandbox.require: expected none with training.device=cuda.*; got "process"$',
         ),
         (
             ["sandbox.require=none", "numerics=portable"],
-            "numerics.kind needs fast with training.device=cuda.*; got portable$",
+            'numerics.kind: expected fast with training.device=cuda.*; got "portable"$',
         ),
     ],
 )

@@ -49,7 +49,7 @@ def test_values_become_a_record() -> None:
 @pytest.mark.parametrize(
     ("text", "place", "expected", "got"),
     [
-        ('{"inner": [{"count": 0, "kind": "regression"}]}', "f, inner.0.count", "a number of at least 1", "0"),
+        ('{"inner": [{"count": 0, "kind": "regression"}]}', "f, inner.0.count", "an integer of at least 1", "0"),
         ('{"inner": [{"count": "1", "kind": "regression"}]}', "f, inner.0.count", "an integer", '"1"'),
         ('{"inner": [{"count": true, "kind": "regression"}]}', "f, inner.0.count", "an integer", "true"),
         ('{"inner": [{"count": 1, "kind": "x"}]}', "f, inner.0.kind", "'regression' or 'classification'", '"x"'),

@@ -46,7 +46,7 @@ def normal_field(distance: Field, contact_radius: float, radius: float) -> tuple
 
     Args:
         distance: r > 0 from the centre of the contact, any shape.
-        contact_radius: a >= 0; 0 is no contact.
+        contact_radius: a >= 0; 0 without contact.
         radius: R, of the combined surfaces.
 
     Returns:
@@ -83,7 +83,7 @@ def contact_displacement(stroke: float, limit: float, normal: float, friction: f
     """Find how much of a sideways stroke shears the contact, where the body behind it gives way like a spring.
 
     Solves d + Q(d) / k = stroke for d, with Q of `tangential_force`, to the last bit or two by bisection: both springs
-    carry the same force, and whatever exceeds the spring's stretch at mu F is sliding.
+    carry the same force, and what exceeds the spring's stretch at mu F is sliding.
 
     Args:
         stroke: of the object against the body's support, in mm, >= 0.

@@ -1,8 +1,7 @@
-"""A simulated data set as files that anybody can read: images and labels in TacVerse's layout.
+"""A simulated data set as files that everyone can read: images and labels in TacVerse's layout.
 
-Promises: `tacevo.data.sources.tacverse` reads the same images and labels back, in the same order; the folder is whole
-or absent (a kill leaves a hidden sibling, which nobody reads and anybody may delete). The layout is that of
-`tacevo.data.sources.tacverse`, which also names the folder and the columns of each task.
+Promises: `tacevo.data.sources.tacverse`, whose layout this is, reads the same images and labels back, in the same
+order; the directory is whole or absent (a kill leaves a hidden sibling, which is never read and may be deleted).
 """
 
 import csv
@@ -24,7 +23,7 @@ from tacevo.data.sources.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULAT
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
 
-#: What the folder of the gratings' specimens is called.
+#: What the directory of the gratings' specimens is called.
 PATTERN = "Ridges"
 
 #: zlib's quickest: images with camera noise hardly get smaller with more, and take four times as long.
@@ -48,20 +47,21 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
 
     Args:
         source: what to simulate.
-        out: the folder to make; it may exist if it is empty.
+        out: the directory to make; it may exist if it is empty.
         workers: processes that draw; 1, or a small data set, draws in this one.
-        progress: told after every chunk of images.
+        progress: called after every chunk of images.
 
     Returns:
         The number of images.
 
     Raises:
-        DataError: `out` exists and is no empty folder, or is the current one.
+        DataError: `out` exists and is not empty, or is the current directory.
         ConfigError: the gratings are not in ascending order, in which their classes would be read back.
         OSError: the files cannot be written.
     """
     if list(source.spacings_mm) != sorted(source.spacings_mm):
-        raise ConfigError(f"an export needs data.spacings_mm in ascending order; got {list(source.spacings_mm)}")
+        got = str(list(source.spacings_mm))
+        raise ConfigError(got, place="data.spacings_mm", expected="ascending order, in which files are read back")
     catalogue = source.catalogue()
     names = image_names(source, catalogue)
     with _staged(_vacant(out)) as stage:
@@ -76,7 +76,7 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
 
 
 def overrides_for(source: Simulated, out: Path) -> list[str]:
-    """Name the settings with which `tacevo search` reads an exported folder."""
+    """Name the settings with which `tacevo search` reads an exported directory."""
     gratings = [f"data.pattern={PATTERN}", f"task.outputs={len(source.spacings_mm)}"]
     return [
         f"task={source.task}",
@@ -103,18 +103,18 @@ def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
 
 
 def _place(task: SensorTask) -> Path:
-    """Find the folder of a task's images."""
+    """Find the directory of a task's images."""
     folder = Path(FOLDERS[task]) / SIMULATED_SENSOR
     return folder / PATTERN if task is SensorTask.grating else folder
 
 
 def _vacant(out: Path) -> Path:
-    """Find where a new folder is to stand, links and dots resolved; refuse what could not be replaced."""
+    """Find where a new directory is to stand, links and dots resolved; refuse what could not be replaced."""
     place = out.resolve()
     if place == Path.cwd():
-        raise DataError(f"out={out} is the current folder; name one to make, e.g. out=simulated")
+        raise DataError("the current directory", place="out", expected="a new directory, e.g. out=simulated")
     if place.exists() and not (place.is_dir() and not any(place.iterdir())):
-        raise DataError(f"out={out} exists and is no empty folder; remove it or choose another name")
+        raise DataError(f"{out}, which is not empty", place="out", expected="a new directory, e.g. out=simulated")
     return place
 
 
@@ -122,7 +122,7 @@ def _vacant(out: Path) -> Path:
 def _staged(out: Path) -> Iterator[Path]:
     """Offer a hidden sibling to fill; on success it becomes `out` in one step, else it is removed.
 
-    Unlike the cache's, no lock file stays behind: this is the user's own folder.
+    Unlike the cache's, no lock file stays behind: this is the user's own directory.
     """
     stage = out.with_name(f".{out.name}-{uuid.uuid4().hex[:12]}")
     stage.mkdir(parents=True)
@@ -162,7 +162,7 @@ def _write_table(path: Path, columns: Sequence[str], names: Sequence[str], catal
 
 
 def _readme(source: Simulated, catalogue: Catalogue, out: Path) -> str:
-    """Say what an exported folder is."""
+    """Return the README of an exported directory."""
     return _README.format(
         images=len(catalogue.labels),
         task=source.task,

@@ -89,21 +89,6 @@ class Press:
     grating: Grating | None = None
 
 
-#: The sensor at rest.
-NO_CONTACT = Press(
-    x=0.0,
-    y=0.0,
-    contact_radius=1e-6,
-    radius=1.0,
-    share=0.0,
-    slip_limit=(0.0, 0.0),
-    stick_radius=1e-6,
-    lean=(0.0, 0.0),
-    brightness=0.0,
-    fading=1.0,
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensor:
     """One sensor at one image size: float32 arrays of shape (size, size), and markers, float64, of shape (127,)."""

@@ -59,7 +59,7 @@ PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING, PLATE_SHADE = 20.0, 0.5, 1.0, 50.0
 SPECIMEN_NOISE = 2.5
 
 #: Effective Young's modulus of the sensor in MPa; for hardness the stiffer of two published calibrations, because
-#: a soft sensor takes almost the whole approach whatever it presses on.
+#: a soft sensor takes almost the whole approach on every specimen.
 SOFT_SKIN, STIFF_SKIN = 0.14, 0.88
 
 #: Sideways stiffness of the dome as a whole, N/mm. We know of no measurement: slices of the dome that shear over one
@@ -265,7 +265,7 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
 def _slid(
     sideways: npt.NDArray[np.float64], pressed: float, reach: float, modulus: float
 ) -> tuple[tuple[float, float], float, tuple[float, float]]:
-    """Push a contact by a stroke (x, y) in mm; give its slip limit in that direction, stick radius and lean."""
+    """Push a contact by a stroke (x, y) in mm; return its slip limit in that direction, stick radius and lean."""
     along_x, along_y = (float(part) for part in sideways)
     stroke = math.sqrt(along_x * along_x + along_y * along_y)
     along_x, along_y = along_x / max(stroke, 1e-9), along_y / max(stroke, 1e-9)
@@ -275,7 +275,7 @@ def _slid(
 
 
 def _sheared(stroke: float, pressed: float, reach: float, modulus: float) -> tuple[float, float, float]:
-    """Push a contact sideways by a stroke in mm; give its slip limit and stick radius in mm, and the force in N."""
+    """Push a contact sideways by a stroke in mm; return its slip limit and stick radius in mm, and the force in N."""
     limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
     sheared = contact_displacement(stroke, limit, pressed, FRICTION, DOME_STIFFNESS)
     return limit, stick_radius(sheared, limit, reach), tangential_force(sheared, limit, pressed, FRICTION)

@@ -1,1 +1,1 @@
-"""Where images and labels come from: folders, tables, arrays, the TacVerse release."""
+"""Where images and labels come from: directories, tables, arrays, the TacVerse release."""

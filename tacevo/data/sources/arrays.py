@@ -1,20 +1,18 @@
 """A NumPy archive (`.npz`) as a source: images and labels as arrays, made by a lab's own script.
 
     images   uint8, (N, H, W), (N, H, W, 1) or (N, H, W, 3) in the order red, green, blue
-    labels   floats (N,) or (N, K): regression; whole numbers (N,) from 0 to K - 1: classification
+    labels   floats (N,) or (N, K): regression; integers (N,) from 0 to K - 1: classification
     names    text (K,), may be absent: names of the outputs or classes
-    groups   whole numbers (N,), may be absent: equal for rows that were recorded together
+    groups   integers (N,), may be absent: equal for rows that were recorded together
 
 The archive is read whole into memory, and nothing in it is ever unpickled.
 """
 
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -22,23 +20,14 @@ import numpy.typing as npt
 from PIL import Image
 
 from tacevo.data.source import Catalogue, Picture, refuse
-from tacevo.data.sources.hints import require_file
+from tacevo.data.sources.hints import check_file
 from tacevo.data.sources.images import DECODING, files_hash, square
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
-#: What NumPy raises for an archive, or an array in it, that cannot be read.
-_BROKEN = (
-    OSError,
-    ValueError,
-    EOFError,
-    LookupError,
-    SyntaxError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-    TokenError,
-)
+_ARCHIVE = "a NumPy archive (.npz)"
+
+_REMEDY = "save images and labels together with numpy.savez, as numbers and texts"
 
 REQUIRED, OPTIONAL = frozenset({"images", "labels"}), frozenset({"names", "groups"})
 
@@ -58,7 +47,7 @@ class Arrays:
         Raises:
             DataError: the archive is missing.
         """
-        require_file(self.root, ".npz")
+        check_file(self.root, "data.root", _ARCHIVE)
         content = files_hash([self.root])
         return {"source": "numpy", "decoding": DECODING, "archive": content, "image_size": self.image_size}
 
@@ -102,16 +91,17 @@ def resized(image: npt.NDArray[np.uint8], image_size: int) -> Picture:
 
 def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Read all arrays of an archive."""
-    require_file(path, ".npz")
+    check_file(path, "data.root", _ARCHIVE)
     if not zipfile.is_zipfile(path):
-        found = "holds one array" if _begins_as_array(path) else "is no NumPy archive, or was cut off"
-        raise DataError(f"{path} {found}; save images and labels together with numpy.savez")
+        found = "a single array" if _begins_as_array(path) else "another file, or one that was cut off"
+        raise DataError(found, place=str(path), expected=_ARCHIVE, remedy=_REMEDY)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            _check_keys(path, archive)
-            return {name: _array(path, archive, name) for name in archive.files}
-    except _BROKEN as error:
-        raise DataError(f"{path} is damaged: its list of arrays cannot be read; save it again") from error
+        archive = np.load(path, allow_pickle=False)
+    except Exception as error:  # zipfile, zlib and NumPy raise a dozen classes for a damaged file
+        raise DataError("a damaged list of arrays", place=str(path), remedy=_REMEDY) from error
+    with archive:
+        _check_keys(path, archive)
+        return {name: _array(path, archive, name) for name in archive.files}
 
 
 def _begins_as_array(path: Path) -> bool:
@@ -120,42 +110,40 @@ def _begins_as_array(path: Path) -> bool:
 
 
 def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any]:
-    """Read one array; one of Python objects would have to be unpickled, which runs code of whoever wrote it."""
+    """Read one array; an array of Python objects would have to be unpickled, which runs its author's code."""
     try:
         array = archive[name]
     except MemoryError as error:
-        raise DataError(f"array {name!r} of {path} needs more memory than there is; save fewer images") from error
-    except _BROKEN as error:
         raise DataError(
-            f"array {name!r} of {path} is damaged, or holds Python objects; save numbers or texts with numpy.savez"
+            "an array that does not fit into the memory", place=f"{path}, {name}", remedy="save fewer images"
         ) from error
+    except Exception as error:  # as above
+        raise DataError("a damaged array, or Python objects", place=f"{path}, {name}", remedy=_REMEDY) from error
     if not isinstance(array, np.ndarray):
-        raise DataError(f"{name!r} of {path} is no array; save arrays with numpy.savez")
+        raise DataError("something else", place=f"{path}, {name}", expected="an array", remedy=_REMEDY)
     return array
 
 
 def _check_keys(path: Path, archive: Mapping[str, Any]) -> None:
-    """Refuse an archive that lacks an array, or has one whose meaning nobody knows: a slip in `groups` would leak."""
+    """Refuse an archive that lacks an array, or has an unknown one: a misspelt `groups` would leak."""
     names = set(archive)
-    refuse(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"It has {sorted(names)}.")
+    refuse(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"it has {sorted(names)}")
     unknown = sorted(names - REQUIRED - OPTIONAL)
-    refuse(f"{path.name} has unknown arrays", unknown, f"Remove them; known are {sorted(REQUIRED | OPTIONAL)}.")
+    refuse(f"{path.name} has unknown arrays", unknown, f"remove them; known are {sorted(REQUIRED | OPTIONAL)}")
 
 
 def _check_images(images: npt.NDArray[Any]) -> None:
     if images.ndim > 2 and 0 in images.shape:
-        raise DataError(f"images is empty: it has shape {images.shape}; save at least 10 images")
+        raise DataError(f"shape {images.shape}", place="images", expected="at least 10 images")
     shaped = images.ndim == 3 or (images.ndim == 4 and images.shape[3] in (1, 3))
     if images.dtype != np.uint8 or not shaped:
-        raise DataError(
-            f"images must be uint8 of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3); got {images.dtype} of shape "
-            f"{images.shape}; convert them first"
-        )
+        expected = "uint8 of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3)"
+        raise DataError(f"{images.dtype} of shape {images.shape}", place="images", expected=expected)
 
 
 def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:
     if array.ndim == 0 or len(array) != count:
-        raise DataError(f"{name} must have one row for each of the {count} images; got shape {array.shape}")
+        raise DataError(f"shape {array.shape}", place=name, expected=f"one row for each of the {count} images")
 
 
 def _in_64_bits(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -170,29 +158,30 @@ def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> 
     """Count the classes; each must have images."""
     if labels.ndim != 1:
         raise DataError(
-            f"labels of whole numbers are classes, of shape (N,); got {labels.shape}; save values as floats"
+            f"integers of shape {labels.shape}",
+            place="labels",
+            expected="classes as integers of shape (N,)",
+            remedy="save values as floats",
         )
     present = np.unique(labels)
     outputs = len(present) if names is None else names.size
     faults = [f"row {row} is {labels[row]}" for row in np.flatnonzero((labels < 0) | (labels >= outputs))]
     what = "classes" if names is None else "names"
-    refuse("class numbers must run from 0 without a gap", faults, f"There are {outputs} {what}; number them from 0.")
+    refuse("class numbers do not run from 0 without a gap", faults, f"there are {outputs} {what}; number them from 0")
     empty = [str(number) for number in sorted(set(range(outputs)) - set(present.tolist()))]
-    refuse("some classes have no images", empty, "Add images or remove their names.")
+    refuse("some classes have no images", empty, "add images or remove their names")
     return outputs
 
 
 def _count_values(labels: npt.NDArray[Any]) -> int:
     """Count the regressed values; all must be finite."""
     if labels.dtype.kind != "f" or labels.ndim > 2 or labels.size == 0:
-        raise DataError(
-            f"labels must be floats of shape (N,) or (N, K), or whole numbers of shape (N,); got {labels.dtype} of "
-            f"shape {labels.shape}"
-        )
+        expected = "floats of shape (N,) or (N, K), or integers of shape (N,)"
+        raise DataError(f"{labels.dtype} of shape {labels.shape}", place="labels", expected=expected)
     columns = labels.reshape(len(labels), -1)
     rows = np.flatnonzero(~np.isfinite(columns).all(axis=1))
     faults = [f"row {row} is {columns[row].tolist()}" for row in rows]
-    refuse("labels must be finite numbers", faults, "Correct or remove these rows, counted from 0.")
+    refuse("labels are not finite numbers", faults, "correct or remove these rows, counted from 0")
     return columns.shape[1]
 
 
@@ -200,9 +189,8 @@ def _names(names: npt.NDArray[Any] | None, outputs: int, default: str) -> tuple[
     if names is None:
         return tuple(default.format(number) for number in range(outputs))
     if names.dtype.kind != "U" or names.shape != (outputs,) or len(set(names.tolist())) != outputs:
-        raise DataError(
-            f"names must be {outputs} different texts; got {names.dtype} of shape {names.shape}: {names.tolist()}"
-        )
+        got = f"{names.dtype} of shape {names.shape}: {names.tolist()}"
+        raise DataError(got, place="names", expected=f"{outputs} different texts")
     return tuple(names.tolist())
 
 
@@ -211,5 +199,6 @@ def _groups(groups: npt.NDArray[Any] | None, count: int) -> npt.NDArray[np.int64
         return None
     _check_length("groups", groups, count)
     if groups.dtype.kind not in "iu" or groups.ndim != 1:
-        raise DataError(f"groups must be whole numbers of shape (N,); got {groups.dtype} of shape {groups.shape}")
+        got = f"{groups.dtype} of shape {groups.shape}"
+        raise DataError(got, place="groups", expected="integers of shape (N,)")
     return groups.astype(np.int64)

@@ -1,9 +1,9 @@
-"""Classification from a folder of folders: `<root>/<class>/**/*.png` (or any other of `photos.SUFFIXES`).
+"""Classification from a directory of directories: `<root>/<class>/**/*.png` (or any other of `images.SUFFIXES`).
 
-Files with other endings, and files beside the class folders, are no part of the data set; the catalogue names them.
+Files with other endings, and files beside the class directories, are not part of the data set; the catalogue lists
+them.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,16 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.data.source import Catalogue, listed, refuse, repeats
-from tacevo.data.sources.hints import entries, glimpsed, number_in, require_folder
+from tacevo.data.sources.hints import check_directory, content, directories, number_in
 from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
-from tacevo.text import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Folder:
-    """One folder per class, named after it; classes are in the order of their numbers, or of their names."""
+    """One directory per class, named after it; classes are in the order of their numbers, or of their names."""
 
     root: Path
     #: Height and width that images are resized to, in pixels.
@@ -30,7 +29,7 @@ class Folder:
         """Name the content: class names, and the name and bytes of every image, not where they lie.
 
         Raises:
-            DataError: the folder is missing or has no classes, or a class has no images.
+            DataError: the directory is missing or has no classes, or a class has no images.
         """
         classes = _classes(self.root)
         images = [path for paths in classes.values() for path in paths]
@@ -47,7 +46,7 @@ class Folder:
         """List labels and images, class by class, images in the order of their names.
 
         Raises:
-            DataError: the folder is missing or has no classes, a class has no images, or an image is unreadable or
+            DataError: the directory is missing or has no classes, a class has no images, or an image is unreadable or
                 of another size than the rest.
         """
         classes = _classes(self.root)
@@ -68,42 +67,21 @@ class Folder:
 
 def _classes(root: Path) -> dict[str, list[Path]]:
     """Find every class and its images."""
-    require_folder(root, "one folder per class")
-    names = entries(root)
+    expected = "the directory that has one directory per class"
+    check_directory(root, "data.root", expected)
+    names = directories(root)
     if not names:
-        raise DataError(f"{root} holds no folders, one per class, but {_content(root)}; {_advice(root)}")
+        raise DataError(str(root), place="data.root", expected=expected, remedy=content(root))
     alike = repeats((name, _key(name)) for name in _ordered(names))
-    refuse(f"classes in {root} are there twice", alike, "Join or rename them: 0.5 is 0.50, and Wood is wood.")
+    refuse(f"classes in {root} are there twice", alike, "join or rename them: 0.5 is 0.50, and Wood is wood")
     classes = {name: _images(root / name) for name in _ordered(names)}
     empty = [name for name, paths in classes.items() if not paths]
-    refuse(f"some classes in {root} have no images", empty, f"Add {sorted(SUFFIXES)} files or remove these folders.")
+    refuse(
+        f"some classes in {root} have no images",
+        empty,
+        f"add {listed(sorted(SUFFIXES))} files or remove these directories",
+    )
     return classes
-
-
-def _content(root: Path) -> str:
-    """Count what lies in a folder that should hold classes."""
-    files = [path for path in root.iterdir() if path.is_file()]
-    images = len(image_files(root, "*"))
-    return f"{counted(images, 'image')} and {counted(len(files) - images, 'other file')}"
-
-
-def _advice(root: Path) -> str:
-    """Tell the likely slip: the root is the folder of one class, or the set is a table."""
-    tables = glimpsed(root, suffix=".csv")
-    if tables:
-        return f"for a table of labels set data=csv data.table={tables[0]}"
-    parent = root.absolute().parent
-    classes = [name for name in glimpsed(parent) if _shows_images(parent / name)]
-    if root.name in classes and len(classes) > 1:
-        return f"it seems to be one class of {listed(classes)}; set data.root={parent}"
-    return "put the images of each class into a folder of its own"
-
-
-def _shows_images(folder: Path) -> bool:
-    """Tell for a hint whether a folder holds images; False where it may not be looked into."""
-    with suppress(OSError):
-        return bool(image_files(folder, "*"))
-    return False
 
 
 def _ordered(names: list[str]) -> list[str]:
@@ -115,15 +93,15 @@ def _ordered(names: list[str]) -> list[str]:
 
 
 def _key(name: str) -> float | str:
-    """Give what two names of one class have in common: a finite number, or the text without its case."""
+    """Return what two names of one class have in common: a finite number, or the text without its case."""
     number = number_in(name)
     return name.casefold() if number is None else number
 
 
 def _images(folder: Path) -> list[Path]:
-    """Find the images below a class folder, sorted by path."""
+    """Find the images below a class directory, sorted by path."""
     paths = image_files(folder, "**/*")
     names = [path.relative_to(folder).as_posix() for path in paths]
     twice = repeats((name, name.casefold()) for name in names)
-    refuse(f"images of class {folder.name} differ in the case of their names only", twice, "Rename or remove them.")
+    refuse(f"images of class {folder.name} differ in the case of their names only", twice, "rename or remove them")
     return paths

@@ -1,103 +1,62 @@
-"""Where a data set is not: what was looked for, what lies there instead, and what was probably meant."""
+"""Errors about files that are not where a setting says: what is there instead, and the nearest name."""
 
 import difflib
 import math
 import os
 import re
-from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from tacevo.data.source import listed
 from tacevo.errors import DataError
 
 
-def require_folder(root: Path, expected: str) -> None:
-    """Refuse a `data.root` that is no folder.
+def check_directory(path: Path, place: str, expected: str) -> None:
+    """Refuse a path that is not a directory.
 
     Args:
-        root: the setting.
-        expected: what the folder should hold, e.g. `the table labels.csv`.
+        path: where the directory should be.
+        place: the setting that names it, e.g. `data.root`.
+        expected: what it should be, e.g. `the directory of the table`.
 
     Raises:
-        DataError: it is absent, or a file; the message says what lies beside it.
+        DataError: the path is absent, or a file; the remedy says what is there.
     """
-    if root.is_dir():
-        return
-    found = f"It is a file in {root.parent}" if root.exists() else _instead(root)
-    raise DataError(f"data.root is no folder: {root}; give the folder that holds {expected}. {found}")
+    if not os.path.isdir(path):  # False where the user may not look
+        raise _misplaced(path, place, expected)
 
 
-def require_file(root: Path, suffix: str) -> None:
-    """Refuse a `data.root` that is no file.
-
-    Args:
-        root: the setting.
-        suffix: the ending of such files, e.g. `.npz`.
-
-    Raises:
-        DataError: it is absent, or a folder; the message says which such files are there.
-    """
-    if root.is_file():
-        return
-    if root.is_dir():
-        found = glimpsed(root, suffix=suffix)
-        there = f"{listed(found)}; set data.root={root / found[0]}" if found else "none that can be seen"
-        raise DataError(f"data.root is a folder, not a {suffix} archive: {root}; it holds {there}")
-    raise DataError(f"data.root is no file: {root}; give the {suffix} archive. {_instead(root)}")
+def check_file(path: Path, place: str, expected: str) -> None:
+    """Refuse a path that is not a file; arguments and errors are those of `check_directory`."""
+    if not os.path.isfile(path):
+        raise _misplaced(path, place, expected)
 
 
-def entries(folder: Path, *, suffix: str | None = None) -> list[str]:
-    """List the folders in a folder, or its files of one ending, by name; hidden ones are left out."""
-    found = (path for path in folder.iterdir() if not path.name.startswith("."))
-    if suffix is None:
-        return sorted(path.name for path in found if path.is_dir())
-    return sorted(path.name for path in found if path.suffix.lower() == suffix and path.is_file())
-
-
-def glimpsed(folder: Path, *, suffix: str | None = None) -> list[str]:
-    """List `entries` for a hint: none where the folder may not be listed, so that the user reads the fault itself."""
-    with suppress(OSError):
-        return entries(folder, suffix=suffix)
-    return []
-
-
-def folders_in(folder: Path) -> str:
-    """Name the folders in a folder for a message, the first few."""
+def content(directory: Path, name: str = "") -> str:
+    """Return what a directory holds, and which entry a name probably means."""
     try:
-        names = entries(folder)
+        names = directories(directory) + [path.name for path in _visible(directory) if not path.is_dir()]
     except OSError as error:
-        return f"what cannot be listed ({error.strerror})"
-    return listed(names) if names else "no folders"
-
-
-def nearest(name: str, names: Sequence[str]) -> str | None:
-    """Find the name that was probably meant; None where none is similar."""
+        return f"{directory} cannot be listed ({error.strerror})"
     folded = {candidate.casefold(): candidate for candidate in names}
-    found = difflib.get_close_matches(name.casefold(), folded, n=1)
-    return folded[found[0]] if found else None
+    close = difflib.get_close_matches(name.casefold(), folded, n=1)
+    meant = f"; did you mean {directory / folded[close[0]]}?" if close else ""
+    return f"{directory} holds: {listed(names) or 'nothing'}{meant}"
 
 
-def holder(folder: Path, name: str) -> Path | None:
-    """Find what holds a file or folder of a name: the folder above, or one just below; None where none does."""
-    places = [folder.parent, *(folder / child for child in glimpsed(folder))]
-    return next((place for place in places if os.path.exists(place / name)), None)  # False where it may not look
+def directories(directory: Path) -> list[str]:
+    """List the directories in a directory by name; hidden ones are left out."""
+    return [path.name for path in _visible(directory) if path.is_dir()]
 
 
-def _instead(path: Path) -> str:
-    """Tell how far a path that does not exist leads, and what was probably meant."""
-    if str(path).startswith("~"):
-        return "Write your home folder in full: behind = the shell leaves ~ as it is"
-    missing, there = path.absolute(), path.absolute().parent
-    while not there.is_dir():
-        missing, there = there, there.parent
-    try:
-        names = sorted(child.name for child in there.iterdir() if not child.name.startswith("."))
-    except OSError as error:
-        return f"{there} is there, but has no {missing.name}; what it holds cannot be listed ({error.strerror})"
-    meant = nearest(missing.name, names)
-    guess = "" if meant is None else f"; did you mean {there / meant}?"
-    return f"{there} is there, but has no {missing.name}; it holds {listed(names) if names else 'nothing'}{guess}"
+def _visible(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.iterdir() if not path.name.startswith("."))
+
+
+def _misplaced(path: Path, place: str, expected: str) -> DataError:
+    there, name = path.absolute(), ""
+    while not os.path.isdir(there):
+        there, name = there.parent, there.name
+    return DataError(str(path), place=place, expected=expected, remedy=content(there, name))
 
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", flags=re.ASCII)
@@ -110,7 +69,7 @@ def number_in(text: str) -> float | None:
     a missing value looks like.
 
     Returns:
-        The number; None for anything else, and for one beyond the range of a float.
+        The number; None for anything else, and for a number beyond the range of a float.
     """
     number = float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
     return number if math.isfinite(number) else None

@@ -1,9 +1,7 @@
 """Image files as every loader reads them: decoded, upright, RGB, square, uint8; and hashed by content."""
 
 import hashlib
-import struct
 import warnings
-import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,60 +18,41 @@ from tacevo.errors import DataError
 #: Changes when the same file would be decoded to other pixels.
 DECODING = "pillow-rgb-bilinear-2"
 
-#: Endings of the image files that are looked for in folders, in lower case.
+#: Endings of the image files that are looked for in directories, in lower case.
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 
 #: The EXIF tag of the camera's orientation, and its values that exchange width and height.
 ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 
-#: Formats in which a file may hold several images, of which the first alone is no fair choice. Phones' JPEG files hold
-#: a preview behind the photograph, which is no image of its own.
+#: Formats in which a file may hold several images, so that the first alone would be an arbitrary choice. Phones' JPEG
+#: files hold a preview behind the photograph, which does not count.
 STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 
 #: What is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything.
 _FLOATING = "holds floating-point values, whose full range is unknown"
 
-#: What Pillow raises for a file that is no image, or a damaged one.
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    SyntaxError,
-    EOFError,
-    MemoryError,
-    RuntimeError,
-    struct.error,
-    zlib.error,
-    Image.DecompressionBombError,
-    UserWarning,
-    Image.DecompressionBombWarning,
-)
-
 
 def image_files(folder: Path, pattern: str) -> list[Path]:
-    """Find the images of a folder, sorted by path.
+    """Find the images of a directory, sorted by path.
 
-    Hidden files and what lies in hidden folders are left out: editors and systems put copies and stubs there, such as
+    Hidden files and directories are left out: editors and systems put copies and stubs there, such as
     `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
 
     Args:
         folder: where to look; its own name may begin with a dot.
-        pattern: `*`, or `**/*` for all folders below too.
+        pattern: `*`, or `**/*` for all directories below too.
     """
     images = (path for path in folder.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
     return sorted(path for path in images if not _hidden(path.relative_to(folder)))
 
 
 def other_files(folder: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
-    """Find the files of a folder that are not hidden and not used, sorted by path: `image_files`' remainder.
+    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder.
 
     Args:
         folder: where to look.
         pattern: as in `image_files`.
-        used: files that belong to the data set, below the folder as `image_files` gives them.
+        used: files that belong to the data set, below the directory as `image_files` gives them.
     """
     known = set(used)
     files = (path for path in folder.glob(pattern) if path not in known and path.is_file())
@@ -98,8 +77,8 @@ def decode(path: Path, image_size: int) -> Picture:
         uint8, shape (3, image_size, image_size).
 
     Raises:
-        DataError: the file is no readable image, has transparent pixels, or values of no known full range; the
-            message tells the fault alone, because the caller knows what the user calls this image.
+        DataError: the file cannot be read, has transparent pixels, or values of an unknown range; the
+            message names the fault alone, because the caller knows what the user calls this image.
     """
     with _opened(path) as file:
         upright = ImageOps.exif_transpose(file)
@@ -108,9 +87,9 @@ def decode(path: Path, image_size: int) -> Picture:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open an image; what goes wrong while Pillow reads it is a `DataError` that tells the fault.
+    """Open an image; an error of Pillow becomes a `DataError` that names the fault.
 
-    Only Pillow's own work belongs inside: a slip of ours would be told as damage of the file.
+    Only Pillow's own work belongs inside: a bug of ours would be reported as damage of the file.
     """
     try:
         with warnings.catch_warnings():
@@ -118,17 +97,17 @@ def _opened(path: Path) -> Iterator[Image.Image]:
                 warnings.simplefilter("error", kind)
             with Image.open(path) as file:
                 yield file
-    except _UNREADABLE as error:
+    except Exception as error:  # of Pillow and its decoders, which raise more than a dozen classes
         raise DataError(_fault(path, error)) from error
 
 
-def _fault(path: Path, error: BaseException) -> str:
-    """Say what is wrong with a file that Pillow cannot read."""
+def _fault(path: Path, error: Exception) -> str:
+    """Return what is wrong with a file that Pillow cannot read."""
     match error:
         case Image.DecompressionBombError() | Image.DecompressionBombWarning():
             return "has more pixels than any tactile image"
         case UnidentifiedImageError():
-            return "is empty" if path.stat().st_size == 0 else "is no image of a known format"
+            return "is empty" if path.stat().st_size == 0 else "is not an image of a known format"
         case OSError(strerror=str() as reason):
             return reason
         case MemoryError():
@@ -186,7 +165,7 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
         Width and height in pixels.
 
     Raises:
-        DataError: files are no readable images, hold several or floating-point values, or differ in size.
+        DataError: files cannot be read, hold several or floating-point values, or differ in size.
     """
     sizes: list[tuple[str, tuple[int, int]]] = []
     unreadable = []
@@ -195,13 +174,13 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
             sizes.append((name, _upright_size(path)))
         except DataError as error:
             unreadable.append(f"{name} ({error})")
-    refuse("some images cannot be read", unreadable, "Repair or remove them.")
+    refuse("some images cannot be read", unreadable, "repair or remove them")
     (width, height), images = Counter(size for _, size in sizes).most_common(1)[0]
     others = [f"{name} {size[0]}x{size[1]}" for name, size in sizes if size != (width, height)]
     refuse(
-        f"the images of a data set need one size; {images} have {width}x{height} pixels (width x height), others not",
+        f"images have several sizes; {images} have {width}x{height} pixels (width x height), others not",
         others,
-        "Crop or remove these.",
+        "crop or remove the others",
     )
     return width, height
 
@@ -210,7 +189,7 @@ def _upright_size(path: Path) -> tuple[int, int]:
     """Read width and height from a header, as they are after the orientation note is obeyed.
 
     Raises:
-        DataError: the header tells that the image cannot be used.
+        DataError: the header shows that the image cannot be used.
     """
     with _opened(path) as file:
         stacked = file.format in STACKS and getattr(file, "n_frames", 1) > 1
@@ -239,5 +218,5 @@ def files_hash(paths: Iterable[Path]) -> str:
             with path.open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         except OSError as error:
-            raise DataError(f"{path} cannot be read ({error.strerror}); see that you may read it") from error
+            raise DataError(f"a file that cannot be read ({error.strerror})", place=str(path)) from error
     return digest.hexdigest()

@@ -23,7 +23,7 @@ class Row:
     name: str
     #: The image, links followed; `is_there` says whether it exists.
     path: Path
-    #: The folder that the image was found in, as it is written: not where a link leads.
+    #: The directory that the image was found in, as it is written: not where a link leads.
     folder: Path
     is_there: bool
     #: The text of each target column, in their order.
@@ -36,7 +36,7 @@ class Row:
 
     @property
     def labels(self) -> tuple[float, ...]:
-        """The values of the target columns; NaN for what is no number."""
+        """The values of the target columns; NaN for what is not a number."""
         return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
 
 
@@ -48,7 +48,7 @@ def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture
 def unnamed_images(rows: Sequence[Row]) -> list[Path]:
     """Find the images that lie beside those of the rows, and that no row names."""
     named = {row.path for row in rows}
-    folders = {row.folder.resolve(): row.folder for row in rows}  # a folder may be written in several ways
+    folders = {row.folder.resolve(): row.folder for row in rows}  # a directory may be written in several ways
     return [
         path for folder in sorted(folders.values()) for path in image_files(folder, "*") if path.resolve() not in named
     ]
@@ -60,7 +60,7 @@ def read_rows(
     image_column: str,
     target_columns: Sequence[str],
     asked_by: tuple[str, str],
-    advice: str,
+    remedy: str,
     folders: Sequence[Path],
     skip_missing: bool,
 ) -> tuple[list[Row], int]:
@@ -70,10 +70,10 @@ def read_rows(
 
     Args:
         table: the file; a CSV table in UTF-8 with a header.
-        image_column: holds each image's path, relative to one of the folders.
+        image_column: holds each image's path, relative to one of the directories.
         target_columns: hold the labels.
-        asked_by: who says so, for messages: the settings of image column and target columns.
-        advice: what the user can do where a column is absent.
+        asked_by: for messages: the settings of image column and target columns.
+        remedy: what the user can do where a column is absent.
         folders: where images are looked for, in this order.
         skip_missing: leave out rows whose image is missing, instead of refusing the table.
 
@@ -82,18 +82,22 @@ def read_rows(
         left out.
 
     Raises:
-        DataError: the table is no such table, or a row is faulty: all rows with the same fault are named at once.
+        DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
     """
     asked = [(image_column, asked_by[0]), *((name, asked_by[1]) for name in target_columns)]
-    rows = list(_rows(table, asked, advice, folders))
+    rows = list(_rows(table, asked, remedy, folders))
     if not rows:
-        raise DataError(f"{table.name} has no rows below its header; give the table that holds the labels")
+        raise DataError("a header without rows", place=table.name, expected="a row for each image")
     present = [row for row in rows if row.is_there]
     if not (present and skip_missing):
         _refuse_missing(table, rows, folders[0], skippable=bool(present))
     # An image listed twice could stand in two parts of the split.
     twice = repeats((row.place, str(row.path).casefold()) for row in present)
-    refuse(f"{table.name} lists images more than once", twice, "Keep one line per image; case alone tells none apart.")
+    refuse(
+        f"{table.name} lists images more than once",
+        twice,
+        "keep one line per image; names that differ in case alone are equal",
+    )
     wrong = [
         f"line {row.line} {column} = {shortened(text)}"
         for row in present
@@ -103,7 +107,7 @@ def read_rows(
     refuse(
         f"{table.name} has labels that are not finite numbers",
         wrong,
-        "Correct them, written as 12, -0.5 or 1.5e-3, or remove these lines.",
+        "correct them, written as 12, -0.5 or 1.5e-3, or remove these lines",
     )
     return present, len(rows) - len(present)
 
@@ -112,17 +116,17 @@ def _refuse_missing(table: Path, rows: Sequence[Row], folder: Path, *, skippable
     """Refuse rows whose image is missing, with the advice that fits."""
     missing = [row for row in rows if not row.is_there]
     choice = ", or leave them out with data.skip_missing=true" if skippable else ""
-    advice = f"Restore them or remove these lines{choice}."
+    remedy = f"restore them or remove these lines{choice}"
     if all("\\" in row.name for row in missing):
-        advice = "Write their paths with / instead of \\."
-    refuse(f"{table.name} names images that are not in {folder}", [row.place for row in missing], advice)
+        remedy = "write their paths with / instead of \\"
+    refuse(f"{table.name} names images that are not in {folder}", [row.place for row in missing], remedy)
 
 
-def _rows(table: Path, asked: Sequence[tuple[str, str]], advice: str, folders: Sequence[Path]) -> Iterator[Row]:
+def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, folders: Sequence[Path]) -> Iterator[Row]:
     """Read the rows of a table, with the asked columns only, the image's first."""
     lines = _lines(table)
     _, header = next(lines, (1, []))
-    numbers = _columns(table, header, asked, advice)
+    numbers = _columns(table, header, asked, remedy)
     long = []
     for line, values in lines:
         if len(values) > len(header):  # a decimal comma would shift every label behind it
@@ -131,16 +135,16 @@ def _rows(table: Path, asked: Sequence[tuple[str, str]], advice: str, folders: S
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
         path, folder, is_there = _find(name.strip(), folders)
         yield Row(line=line, name=name.strip(), path=path, folder=folder, is_there=is_there, texts=tuple(texts))
-    refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "Quote or correct them.")
+    refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them")
 
 
-def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]], advice: str) -> list[int]:
+def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]], remedy: str) -> list[int]:
     """Find the position of each asked column; each comes with the setting that asks for it."""
     columns = [name.strip() for name in header]
     if not columns:
-        raise DataError(f"{table.name} is empty; its first line must name the columns")
+        raise DataError("nothing", place=table.name, expected="a first line that names the columns")
     twice = sorted({shortened(name) for name in columns if name and columns.count(name) > 1})
-    refuse(f"{table.name} has several columns of one name", twice, "Rename all but one.")
+    refuse(f"{table.name} has several columns of one name", twice, "rename all but one")
     folded = [name.casefold() for name in columns]
     names = [name for name, _ in asked]
     exact = {name: columns.index(name) for name in names if name in columns}
@@ -149,19 +153,21 @@ def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]
     absent = [f"{name!r} ({setting})" for name, setting in asked if name not in found]
     if absent:
         raise DataError(
-            f"{table.name} has no column {listed(absent)}; its columns are {listed(list(map(shortened, columns)))}. "
-            f"{_hint(columns) or advice}"
+            listed(list(map(shortened, columns))),
+            place=f"the columns of {table.name}",
+            expected=listed(absent),
+            remedy=_hint(columns) or remedy,
         )
     return [found[name] for name in names]
 
 
 def _hint(columns: Sequence[str]) -> str | None:
-    """Tell how to mend what is no header of a CSV table; None where it may be one."""
+    """Return how to mend what is not a header of a CSV table; None where it may be one."""
     for mark, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if len(columns) == 1 and mark in columns[0]:
-            return f"They seem to be separated by {name}; save the table with commas between them."
+            return f"save the table with commas between the columns, not {name}"
     if any(number_in(name) is not None for name in columns):
-        return "This looks like a line of values; the first line must name the columns."
+        return "add a first line that names the columns, not values"
     return None
 
 
@@ -181,26 +187,24 @@ def _lines(table: Path) -> Iterator[tuple[int, list[str]]]:
         raise _open_quote(table, line + 1) from error
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
-        raise DataError(
-            f"{table.name} is no CSV table in UTF-8, for it has a byte 0x{byte:02x} that is none; save it again as "
-            "CSV (comma separated) in UTF-8"
-        ) from error
+        raise DataError(f"byte 0x{byte:02x}", place=table.name, expected="a CSV table in UTF-8") from error
     except OSError as error:
-        raise DataError(f"{table} cannot be read ({error.strerror}); see that you may read it") from error
+        raise DataError(f"a file that cannot be read ({error.strerror})", place=str(table)) from error
 
 
 def _open_quote(table: Path, line: int) -> DataError:
     return DataError(
-        f'{table.name} has a quote (") in line {line} that does not end one value within that line; remove it, '
-        "or write the whole value in one line and double the quotes inside it"
+        'a quote (") that does not end one value within the line',
+        place=f"{table.name}, line {line}",
+        remedy="remove it, or write the whole value in one line and double the quotes inside it",
     )
 
 
 def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path, bool]:
-    """Find an image in the first folder that has it; where none has, name the place where it should be.
+    """Find an image in the first directory that has it; else name the place where it should be.
 
     Returns:
-        Where the image is, links followed; the folder that it was found in, as it is written; and whether it is there.
+        Where the image is, links followed; the directory that it was found in, as written; and whether it is there.
     """
     found = (folder / name for folder in folders if os.path.isfile(folder / name))
     path = next(found, None)

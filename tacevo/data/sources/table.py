@@ -5,22 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.source import Catalogue, listed
-from tacevo.data.sources.hints import folders_in, glimpsed, holder, nearest, require_folder
+from tacevo.data.source import Catalogue
+from tacevo.data.sources.hints import check_directory, check_file
 from tacevo.data.sources.images import DECODING, common_size, files_hash
 from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
-from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A folder with a CSV table; the first row holds the column names."""
+    """A directory with a CSV table; the first row holds the column names."""
 
     root: Path
     #: The table, relative to `root`, e.g. `labels.csv`.
     table: str
-    #: The column with each image's path, relative to `root` or to the folder of the table.
+    #: The column with each image's path, relative to `root` or to the directory of the table.
     image_column: str
     #: The columns to regress, in the order of the outputs.
     target_columns: tuple[str, ...]
@@ -33,7 +32,7 @@ class Table:
         """Name the content: the bytes of the table and of every image, not where they lie.
 
         Raises:
-            DataError: the folder, the table or an image is missing, or the table is broken.
+            DataError: the directory, the table or an image is missing, or the table is broken.
         """
         rows, _ = self._read()
         return {
@@ -51,7 +50,7 @@ class Table:
         """List labels and images in the order of the table.
 
         Raises:
-            DataError: the folder, the table or an image is missing, unreadable or of another size than the rest, or
+            DataError: the directory, the table or an image is missing, unreadable or of another size than the rest, or
                 the table is broken.
         """
         rows, skipped = self._read()
@@ -70,26 +69,15 @@ class Table:
         )
 
     def _read(self) -> tuple[list[Row], int]:
-        require_folder(self.root, f"the table {self.table}")
+        check_directory(self.root, "data.root", f"the directory of the table {self.table}")
         table = self.root / self.table
-        if not table.is_file():
-            raise DataError(f"there is no table {self.table!r} in {self.root}; {_advice(self.root, self.table)}")
+        check_file(table, "data.table", "a table in data.root")
         return read_rows(
             table,
             image_column=self.image_column,
             target_columns=self.target_columns,
             asked_by=("data.image_column", "data.target_columns"),
-            advice="Set names as they are here, or rename a column.",
+            remedy="set the names that are here, or rename a column",
             folders=(self.root, table.parent),
             skip_missing=self.skip_missing,
         )
-
-
-def _advice(root: Path, table: str) -> str:
-    """Tell what lies where a table was looked for, and what was probably meant."""
-    tables, place = glimpsed(root, suffix=".csv"), holder(root, table)
-    if place is not None:
-        return f"it is in {place}: set data.root={place}"
-    if tables:
-        return f"it holds {listed(tables)}; set data.table={nearest(table, tables) or tables[0]}"
-    return f"it holds no table, and the folders {folders_in(root)}; set data.root to the folder of the table"

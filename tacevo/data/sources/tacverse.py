@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, listed, refuse, repeats
-from tacevo.data.sources.hints import folders_in, glimpsed, holder, nearest, require_folder
+from tacevo.data.sources.hints import check_directory, check_file, content
 from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
 from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
 from tacevo.data.splitting import Split, ordered_split
@@ -43,7 +43,7 @@ COLUMNS = {SensorTask.force: ("fx", "fy", "fz"), SensorTask.hardness: ("shore",)
 
 OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
 
-#: Units of exported simulations; the release states none.
+#: Units of exported simulations; the release does not state them.
 UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
 
 
@@ -53,9 +53,9 @@ class TacVerse:
 
     root: Path
     task: SensorTask
-    #: The folder of the sensor, e.g. `ViTacTip`.
+    #: The directory of the sensor, e.g. `ViTacTip`.
     sensor: str
-    #: Gratings: the folder of the specimens, e.g. `Blackdot`.
+    #: Gratings: the directory of the specimens, e.g. `Blackdot`.
     pattern: str | None
     #: Height and width that images are resized to, in pixels.
     image_size: int
@@ -66,7 +66,7 @@ class TacVerse:
         """Name the content: labels, and the bytes of every image, not where they lie.
 
         Raises:
-            DataError: a folder, the table or an image is missing, or the table or a file name is broken.
+            DataError: a directory, the table or an image is missing, or the table or a file name is broken.
         """
         described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
         if self.task is SensorTask.grating:
@@ -90,7 +90,7 @@ class TacVerse:
         return Catalogue(
             kind=Kind.regression,
             names=OUTPUTS[self.task],
-            units=UNITS[self.task] if self._simulated() else None,
+            units=UNITS[self.task] if self._is_simulated() else None,
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             image_size=self.image_size,
             pictures=pictures(rows, self.image_size),
@@ -102,8 +102,8 @@ class TacVerse:
             ignored=unnamed_images(rows),
         )
 
-    def _simulated(self) -> bool:
-        """Tell whether these are images of ours, whose units we know."""
+    def _is_simulated(self) -> bool:
+        """Answer whether these are images of our simulator, whose units we know."""
         if self.sensor != SIMULATED_SENSOR:
             return False
         try:
@@ -137,42 +137,41 @@ class TacVerse:
         """Read the table in the order of the image numbers, which is that of time."""
         folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
         table = folder / f"{self.sensor}.csv"
-        if not table.is_file():
-            tables = glimpsed(folder, suffix=".csv")
-            there = f"it holds {listed(tables)}: rename the table" if tables else "it belongs beside the images"
-            raise DataError(f"there is no table {table.name} in {folder}; {there}")
+        check_file(table, "data.root", "a table beside the images, named after the sensor")
         rows, skipped = read_rows(
             table,
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
             asked_by=("TacVerse's layout", "TacVerse's layout"),
-            advice="Rename columns: no setting changes the names of this layout.",
+            remedy="rename columns: the layout fixes their names",
             folders=(folder,),
             skip_missing=self.skip_missing,
         )
         numbered = [row for row in rows if _number(row) is not None]
         faults = [row.place for row in rows if _number(row) is None]
-        refuse(f"{table.name} names images without a number", faults, "Names end in their number, as image_12.png.")
+        refuse(f"{table.name} names images without a number", faults, "end names with their number, as image_12.png")
         return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
 
     def _frames(self) -> list["Frame"]:
         """Find the images of all presses, ordered by size, press and frame."""
         parent = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
         if self.pattern is None:
-            raise DataError(f"data=tacverse with task=grating needs data.pattern; {parent} holds {folders_in(parent)}")
+            expected = "the directory of one pattern, for task=grating"
+            raise DataError("null", place="data.pattern", expected=expected, remedy=content(parent))
         folder = _enter(parent, {"data.pattern": self.pattern})
         paths = image_files(folder, "*")
         if not paths:
-            raise DataError(f"{folder} holds no {sorted(SUFFIXES)} files; give the folder of the images")
+            expected = f"a directory with {listed(sorted(SUFFIXES))} files"
+            raise DataError(str(folder), place="data.pattern", expected=expected, remedy=content(folder))
         frames = [(path, _frame(path)) for path in paths]
         refuse(
             f"{folder} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
             [path.name for path, frame in frames if frame is None],
-            "Rename or remove them.",
+            "rename or remove them",
         )
         found = sorted((frame for _, frame in frames if frame is not None), key=_order)
         twice = repeats((frame.path.name, _order(frame)) for frame in found)
-        refuse(f"{folder} has several images of one size, press and frame", twice, "Keep one of each.")
+        refuse(f"{folder} has several images of one size, press and frame", twice, "keep one of each")
         return found
 
 
@@ -192,7 +191,7 @@ def _order(frame: Frame) -> tuple[float, int, int]:
 
 
 def _frame(path: Path) -> Frame | None:
-    """Read a file name; None where it is no such name."""
+    """Read a file name; None where it is not such a name."""
     parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
     if parts is None:
         return None
@@ -216,22 +215,10 @@ def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.i
     return Split(**{name: np.flatnonzero(np.isin(groups, chosen)) for name, chosen in parts.items()})
 
 
-def _enter(folder: Path, names: dict[str, str]) -> Path:
-    """Go down into folders; where one is missing, say what was looked for, what lies there, and what to set."""
-    require_folder(folder, next(iter(names.values())))
+def _enter(directory: Path, names: dict[str, str]) -> Path:
+    """Enter nested directories, each of which a setting names."""
+    check_directory(directory, next(iter(names)), f"the directory that holds {next(iter(names.values()))}")
     for key, name in names.items():
-        if not (folder / name).is_dir():
-            raise DataError(
-                f"there is no folder {name} in {folder}, which holds {folders_in(folder)}; {_advice(folder, key, name)}"
-            )
-        folder = folder / name
-    return folder
-
-
-def _advice(folder: Path, key: str, name: str) -> str:
-    """Tell the likely slip: the root is one folder too deep or too high, or a name is misspelt."""
-    if key == "data.root":
-        holding = folder.parent if folder.name == name else holder(folder, name)
-        return f"set data.root={holding}" if holding else f"set data.root to the folder that holds {name}"
-    meant = nearest(name, glimpsed(folder))
-    return f"set {key}={meant}" if meant else f"set {key} to one of these"
+        check_directory(directory / name, key, "a directory")
+        directory = directory / name
+    return directory
