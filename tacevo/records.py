@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 #: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
 Json = Any
@@ -122,16 +122,13 @@ MISREPORTING = (
 class Rejection:
     """A candidate's failure: a value, never an exception."""
 
+    __pydantic_config__ = STRICT
+
     stage: Stage
     reason: Reason
     #: One line for a person, with what was expected and what came. In no line of the ledger; but a repair quotes it to
     #: the model, which makes it part of that request's key.
     detail: str
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(stage=Stage(value["stage"]), reason=Reason(value["reason"]), detail=value["detail"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,6 +159,8 @@ class Request:
 class Price:
     """What a provider asked for a model's tokens when it was asked."""
 
+    __pydantic_config__ = STRICT
+
     #: US dollars for a million tokens.
     input_usd: float
     output_usd: float
@@ -178,6 +177,8 @@ class Price:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
     """What a model answered."""
+
+    __pydantic_config__ = STRICT
 
     text: str
     #: The model's name as the provider returned it.
@@ -226,6 +227,8 @@ class Contract:
     `(N, outputs)`.
     """
 
+    __pydantic_config__ = STRICT
+
     class_name: str
     kind: Kind
     loss: Loss
@@ -247,6 +250,8 @@ class Contract:
 class Limits:
     """What a candidate may use; over any of them it is killed or rejected with a typed reason."""
 
+    __pydantic_config__ = STRICT
+
     #: Wall time of the whole child process, in seconds.
     seconds: float
     #: Peak resident memory of the child's process tree beyond what it shares with its parent, in MiB.
@@ -257,17 +262,14 @@ class Limits:
 class Recipe:
     """How a candidate is trained; part of an evaluation's key."""
 
+    __pydantic_config__ = STRICT
+
     epochs: int
     batch_size: int
     learning_rate: float
-    #: `adam`, the only optimiser so far.
-    optimiser: str
+    #: The only optimiser so far.
+    optimiser: Literal["adam"]
     limits: Limits
-
-    def __post_init__(self) -> None:
-        """Refuse what no trainer knows."""
-        if self.optimiser != "adam":
-            raise ValueError(f"optimiser must be adam; got {self.optimiser!r}")
 
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
@@ -278,6 +280,8 @@ class Recipe:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training:
     """What a finished training gave; its fitness is the last validation loss (lower is better)."""
+
+    __pydantic_config__ = STRICT
 
     #: Mean training loss of each epoch, as the child reported it; for looking at, never for selection.
     train_losses: tuple[float, ...]
@@ -295,17 +299,6 @@ class Training:
     def fitness(self) -> float:
         """The final validation loss (paper, Algorithm 1): lower is better."""
         return self.validation_losses[-1]
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(
-            train_losses=tuple(value["train_losses"]),
-            validation_losses=tuple(value["validation_losses"]),
-            predictions_sha256=value["predictions_sha256"],
-            weights_sha256=value["weights_sha256"],
-            not_deterministic=tuple(value.get("not_deterministic", ())),
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,13 +4,6 @@ Special functions and wide loops differ in their last bits between CPUs (docs/de
 a table is rounded where it is made.
 """
 
-"""How many digits of a computed number are kept.
-
-Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md), so what enters a file or
-a table is rounded where it is made.
-"""
-
-
 #: Significant digits of losses, metrics and statistics.
 DIGITS = 9
 

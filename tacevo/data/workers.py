@@ -1,6 +1,5 @@
 """Pictures made by several processes at once, which end with the one that started them."""
 
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -9,6 +8,8 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
+
+from tacevo.sandbox.kernel import end_with
 
 #: Pictures that a worker makes between two reports of progress.
 CHUNK = 32
@@ -35,7 +36,7 @@ def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]
         yield map
         return
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, initializer=_follow_parent, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(workers, context, initializer=end_with, initargs=(os.getpid(),))
 
     def submit(*arguments: Any) -> Iterator[Any]:
         resource_tracker.ensure_running()  # else the pool would start it, which unblocks the signal again
@@ -49,10 +50,3 @@ def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]
         yield submit
     finally:
         pool.shutdown(cancel_futures=True)  # an interrupted search does not wait for the other pictures
-
-
-def _follow_parent(parent: int) -> None:
-    """End with the parent, even where it was killed (prctl's PR_SET_PDEATHSIG is 1)."""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it was killed before the line above
-        os._exit(1)

@@ -5,24 +5,19 @@ is the text that is run; equal texts are probed once; nothing that a candidate f
 described. The static policy is courtesy, the sandbox is the wall.
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import astuple, dataclass
+import contextlib
+from dataclasses import dataclass
 
 from tacevo.gate.answers import read
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import check
-from tacevo.gate.soundness import are_sound_steps, is_sound_graph
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Completion, Contract, Json, Limits, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT, Rules
-from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.client import AnswerError, Died, Run
 from tacevo.sandbox.protocol import one_line
-from tacevo.search.descriptors import describe
 from tacevo.storage.store import Store
-
-#: Runs a sandbox entry: name, header, payload, limits.
-RunEntry = Callable[[str, Json, bytes, Limits], Finished | Died]
+from tacevo.storage.verdicts import read_verdict, recall_verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +51,7 @@ class Gate:
     def __init__(
         self,
         *,
-        run: RunEntry,
+        run: Run,
         store: Store,
         answers: Store,
         contract: Contract,
@@ -97,10 +92,9 @@ class Gate:
 
     def measure(self, source: str) -> Admitted | Rejection:
         """Probe a source that the policy has let through, or recall its probe; raises as `admit` does."""
-        answer = self._store.recall(self._request(source), lambda: self._probe(source))
-        if "rejection" in answer:
-            return Rejection.from_json(answer["rejection"])
-        return Admitted(source=source, profile=Profile.from_json(answer["profile"]))
+        request = self._request(source)
+        found = recall_verdict(self._store, request, Profile, "profile", lambda: self._probe(source))
+        return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
 
     def is_recorded(self, source: str) -> bool:
         """Tell whether the store has the probe of a source, sound or not."""
@@ -124,51 +118,49 @@ class Gate:
             "modules": self._limits.modules,
         }
 
-    def _probe(self, source: str) -> Json:
-        """Run the probe in the sandbox; give its answer as the store keeps it."""
+    def _probe(self, source: str) -> Profile | Rejection:
+        """Run the probe in the sandbox and check its answer, of which nothing is trusted."""
         header = {"source": source, "contract": to_json(self._contract), "limits": self._sizes()}
         outcome = self._run("probe", header, b"", self._probe_limits)
         if isinstance(outcome, Died):
             return _rejected(outcome.reason, outcome.detail)
-        try:
-            return _checked(outcome, self._limits)
-        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
-            return _rejected(Reason.crashed, "the probe's answer was no profile and no rejection")
+        with contextlib.suppress(AnswerError):
+            match [
+                read_verdict(Profile, "profile", frame.header, place="", error=AnswerError) for frame in outcome.frames
+            ]:
+                case [Profile() as profile] if _is_within(profile, self._limits) and _is_consistent(profile):
+                    return profile
+                case [Rejection(stage=Stage.probe, reason=reason, detail=detail)]:
+                    return _rejected(reason, one_line(detail))
+        return _rejected(Reason.crashed, "expected a profile or a rejection from the probe; got neither")
 
 
-def _checked(outcome: Finished, limits: GateLimits) -> Json:
-    """Read the one frame of a probe; nothing in it is trusted, since a candidate can write frames too.
-
-    Raises:
-        LookupError, TypeError, ValueError, AttributeError, ArithmeticError: it is not what a probe sends.
-    """
-    (frame,) = outcome.frames
-    if "rejection" in frame.header:
-        rejection = Rejection.from_json(frame.header["rejection"])
-        if rejection.stage is not Stage.probe or type(rejection.detail) is not str:
-            raise ValueError(f"expected a rejection at {Stage.probe} with a text; got one at {rejection.stage}")
-        return _rejected(rejection.reason, one_line(rejection.detail))
-    profile = Profile.from_json(frame.header["profile"])
-    known = profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
-    if not (
-        known and _has_allowed_sizes(profile, limits) and is_sound_graph(profile.graph) and are_sound_steps(profile)
-    ):
-        raise ValueError("expected the profile of a network within the limits")
-    if not all(math.isfinite(value) and value >= 0 for value in astuple(describe(profile))):
-        raise ValueError("expected a network whose descriptors are finite and >= 0")
-    return {"profile": to_json(profile)}
-
-
-def _has_allowed_sizes(profile: Profile, limits: GateLimits) -> bool:
-    """Check the counts against what a probe would have refused."""
-    counts = (
-        (profile.parameters, limits.parameters),
-        (profile.flops, limits.flops),
-        (profile.modules, limits.modules),
-        (len(profile.graph.nodes), limits.modules),
+def _is_within(profile: Profile, limits: GateLimits) -> bool:
+    """Tell whether a network is no larger than the probe lets it be."""
+    return (
+        profile.parameters <= limits.parameters
+        and profile.flops <= limits.flops
+        and max(profile.modules, len(profile.graph.nodes)) <= limits.modules
     )
-    return profile.parameters >= 1 and all(type(count) is int and 0 <= count <= limit for count, limit in counts)
 
 
-def _rejected(reason: Reason, detail: str) -> Json:
-    return {"rejection": to_json(Rejection(stage=Stage.probe, reason=reason, detail=detail))}
+def _is_consistent(profile: Profile) -> bool:
+    """Tell whether the parts of a profile fit together, as those of a traced network do."""
+    graph, steps = profile.graph, profile.steps
+    return (
+        profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
+        and all(0 <= producer < consumer < len(graph.nodes) for producer, consumer in graph.edges)
+        and len(set(graph.edges)) == len(graph.edges)
+        and max(len(graph.channels) + len(graph.hidden), len(graph.kernels)) <= len(graph.nodes)
+        and all(len(step.sources) == len(step.operands) for step in steps)
+        and all(_are_rising(sources, below=index) for index, step in enumerate(steps) for sources in step.sources)
+        and _are_rising(profile.output, below=len(steps))
+    )
+
+
+def _are_rising(indices: tuple[int, ...], *, below: int) -> bool:
+    return all(0 <= index < below for index in indices) and list(indices) == sorted(set(indices))
+
+
+def _rejected(reason: Reason, detail: str) -> Rejection:
+    return Rejection(stage=Stage.probe, reason=reason, detail=detail)

@@ -7,8 +7,9 @@ recording.
 
 from tacevo.gate.extraction import extract, first_look
 from tacevo.gate.policy.check import check
-from tacevo.records import Completion, Contract, Json, Rejection, to_json
+from tacevo.records import Completion, Contract, Rejection, to_json
 from tacevo.storage.store import Store
+from tacevo.storage.verdicts import recall_verdict
 
 
 def read(completion: Completion, contract: Contract, *, limit: int, store: Store, rules: int) -> str | Rejection:
@@ -39,15 +40,10 @@ def read(completion: Completion, contract: Contract, *, limit: int, store: Store
         "contract": to_json(contract),
         "limit": limit,
     }
-    answer = store.recall(request, lambda: _judged(completion, contract, limit))
-    if "rejection" in answer:
-        return Rejection.from_json(answer["rejection"])
-    source: str = answer["source"]
-    return source
+    return recall_verdict(store, request, str, "source", lambda: _judged(completion, contract, limit))
 
 
-def _judged(completion: Completion, contract: Contract, limit: int) -> Json:
-    """Extract and check; give the verdict as the store keeps it."""
+def _judged(completion: Completion, contract: Contract, limit: int) -> str | Rejection:
+    """Extract the source and check it."""
     source = extract(completion, contract, limit=limit)
-    rejection = source if isinstance(source, Rejection) else check(source, contract)
-    return {"source": source} if rejection is None else {"rejection": to_json(rejection)}
+    return source if isinstance(source, Rejection) else check(source, contract) or source

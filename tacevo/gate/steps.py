@@ -12,8 +12,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from tacevo.gate.operations import CONVOLUTIONS, activation, is_transparent
-from tacevo.gate.soundness import MOST_OPERANDS, MOST_STEPS
-from tacevo.profile import Step
+from tacevo.profile import MOST_OPERANDS, MOST_STEPS, Step
 
 #: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
 _STRIDE, _GROUPS = 3, 6

@@ -15,16 +15,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, Self, TypeVar
 
 from tacevo.choices import Confinement
-from tacevo.errors import SandboxError
+from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Json, Limits, Reason, to_json
 from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import require
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
 from tacevo.sandbox.protocol import Channel, Message, Sort, describe, one_line
+from tacevo.typed import convert
 
 #: Seconds that a zygote may take to import torch, and a supervisor to come up on a busy machine.
 _START_SECONDS = 120.0
@@ -42,12 +43,27 @@ _LATE_IMPORTS = ("torch._dynamo",)
 Notice = Callable[[tuple[str, ...]], None]
 
 
+T = TypeVar("T")
+
+
+class AnswerError(TacevoError):
+    """A child's answer is not what its entry sends; the caller makes it a verdict on the candidate."""
+
+
 @dataclass(frozen=True, slots=True)
 class Frame:
     """One part of an answer; nothing in it is trusted."""
 
     header: Json
     payload: bytes
+
+    def read(self, kind: type[T]) -> T:
+        """Read the header as a record.
+
+        Raises:
+            AnswerError: it is not such a record.
+        """
+        return convert(kind, self.header, place="", error=AnswerError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +80,10 @@ class Died:
     reason: Reason
     #: One line for a person.
     detail: str
+
+
+#: Runs a job, as `Sandbox.run` does: entry, header, payload, limits.
+Run = Callable[[str, Json, bytes, Limits], Finished | Died]
 
 
 @dataclass(frozen=True, slots=True)

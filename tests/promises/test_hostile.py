@@ -13,7 +13,7 @@ import pytest
 from canaries import SECRET, Canaries, canaries
 from gate_cases import examples as shared
 from gate_cases import needs_shared
-from hostile_runs import Harness, examples, open_sandbox, rejection_of
+from hostile_runs import Harness, examples, open_sandbox
 from waiting import eventually
 
 from tacevo.records import Json, Reason, Rejection, Stage, Training
@@ -93,7 +93,7 @@ def test_program_is_contained_in_the_probe(program: Json, harness: Harness, cont
     """Past the policy, the probe still refuses what it is there for, and holds the rest."""
     outcome = harness.probed(program["source"])
     contained.append(outcome)
-    assert program["expected"] != "reject_probe" or rejection_of(outcome) is not None
+    assert program["expected"] != "reject_probe" or isinstance(outcome, Rejection)
 
 
 @EVERY_PROGRAM

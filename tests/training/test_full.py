@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
 from tacevo.choices import Device, Numerics
-from tacevo.errors import CacheMissError, DataError
-from tacevo.records import Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
-from tacevo.sandbox.client import Died, Finished, Frame
+from tacevo.errors import CacheMissError
+from tacevo.records import Json, Kind, Limits, Loss, Mode, Reason, Rejection
+from tacevo.sandbox.client import Died, Finished, Frame, Run
 from tacevo.storage.store import Store
-from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
+from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess
 
 DATA = examples()
@@ -140,13 +140,6 @@ def test_second_evaluation_is_recalled(tmp_path: Path) -> None:
         evaluator(recorder.run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 1)
 
 
-def test_record_comes_back_as_it_was() -> None:
-    """For a regression and with a confusion matrix."""
-    verdict = judged(answer([0.5, 0.25, 0.3, 1.0]))
-    for record in (verdict, replace(verdict, confusion=((1, 2), (0, 3)))):
-        assert FullTraining.from_json(to_json(record)) == record
-
-
 def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
     """Source, seed, data, contract, recipe, numerics and device; and no search has a key of a study."""
 
@@ -184,14 +177,6 @@ def test_predictions_that_are_not_finite_are_refused() -> None:
     verdict = assess(Finished(frames), SETTING, EXAMPLES.validation_targets, HELD_OUT)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.not_finite
-
-
-def test_training_without_data_is_an_error(tmp_path: Path) -> None:
-    """Recording needs the data set, and the right one."""
-    with pytest.raises(DataError, match="load the data set to train it"):
-        evaluator(Recorder().run, tmp_path, data=None).evaluate(SOURCE, 0)
-    with pytest.raises(ValueError, match="fingerprint must be that of the examples, abc; got other"):
-        evaluator(Recorder().run, tmp_path, setting=replace(SETTING, fingerprint="other"))
 
 
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:
