@@ -1,14 +1,14 @@
 """The gate: from a model's raw answer to an admitted candidate or a typed rejection (parent side, no torch).
 
-What it promises: no code of a candidate runs in this process, not even to be imported; the text that was checked
-is the text that is run; equal texts are probed once; nothing that a candidate forges makes a profile that cannot be
-described. The static policy is courtesy, the sandbox is the wall.
+What it promises: this process does not run or import a candidate's code; the text that was checked is the text that
+runs; equal texts are probed once; every profile has finite descriptors, even a forged one. The static policy is
+courtesy, the sandbox is the wall.
 """
 
 import contextlib
 from dataclasses import dataclass
 
-from tacevo.gate.answers import read
+from tacevo.gate.extraction import extract, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import check
 from tacevo.profile import Admitted, Profile
@@ -44,8 +44,8 @@ class Gate:
         limits: how large it may be.
         probe_limits: time and memory of one probe.
         numerics: name of the sandbox's numerics; part of the key, because a probe computes.
-        rules: under which verdicts and probes are kept. With others than the current ones, both stores must replay:
-            this code gives no verdict of another rule.
+        rules: under which verdicts and probes are kept. With other rules than the current ones, both stores must
+            replay, because this code judges by the current rules only.
     """
 
     def __init__(
@@ -76,32 +76,47 @@ class Gate:
             SandboxError: the sandbox is broken; nothing was stored.
             CacheMissError: a store only replays and does not know this answer or its source.
         """
-        limit, rules = self._limits.source_bytes, self._rules.static
-        source = read(completion, self._contract, limit=limit, store=self._answers, rules=rules)
+        limit = self._limits.source_bytes
+        rejection = first_look(completion, limit=limit)
+        if rejection is not None:  # not stored: such an answer may be huge, or text that no file can hold
+            return rejection
+        request = {
+            "version": self._rules.static,
+            "text": completion.text,
+            "stop_reason": completion.stop_reason,
+            "contract": to_json(self._contract),
+            "limit": limit,
+        }
+        # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
+        source = recall_verdict(self._answers, request, str, "source", lambda: self._extract(completion))
         return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
 
-        The policy is computed anew each time, even in a replay: the text is the task's own, and not one that a model
-        may have written for another version of Python. Under other rules than the current ones its probe answers for
-        it, which was made only because the policy of that time had let it through.
+        The policy is checked each time, even in a replay: the text is the task's own, and not one that a model may have
+        written for another version of Python. Under other rules than the current ones it is not checked, because the
+        recorded probe was made only after the policy of that time had admitted the text.
         """
         rejection = check(source, self._contract) if self._rules.static == CURRENT.static else None
         return rejection or self.measure(source)
 
     def measure(self, source: str) -> Admitted | Rejection:
-        """Probe a source that the policy has let through, or recall its probe; raises as `admit` does."""
+        """Probe a source that the policy has admitted, or recall its probe; raises as `admit` does."""
         request = self._request(source)
         found = recall_verdict(self._store, request, Profile, "profile", lambda: self._probe(source))
         return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
+
+    def _extract(self, completion: Completion) -> str | Rejection:
+        source = extract(completion, self._contract, limit=self._limits.source_bytes)
+        return source if isinstance(source, Rejection) else check(source, self._contract) or source
 
     def is_recorded(self, source: str) -> bool:
         """Tell whether the store has the probe of a source, sound or not."""
         return self._store.holds(self._store.key(self._request(source)))
 
     def _request(self, source: str) -> Json:
-        """Name everything that a probe's answer depends on."""
+        """Return everything that a probe's answer depends on."""
         return {
             "version": self._rules.probe,
             "source": source,

@@ -1,4 +1,4 @@
-"""What a trainer's answer is worth: nothing of it is trusted, and the losses are computed here, in the parent."""
+"""A trainer's answer, read and judged in the parent: nothing of it is trusted, and the losses are computed here."""
 
 import hashlib
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ class _End:
 class Answer:
     """A trainer's whole answer, well formed and finite."""
 
-    #: Of each epoch, as the child reported it.
+    #: Of each epoch, as the child reported them.
     train_losses: tuple[float, ...]
     #: Of each epoch, float32, shape (rows, K).
     predictions: tuple[NDArray[np.float32], ...]
@@ -71,7 +71,7 @@ def read_answer(
     """Read a child's answer, of which nothing is trusted.
 
     Args:
-        outcome: what the sandbox gave.
+        outcome: what the sandbox returned.
         contract: for the number of outputs.
         epochs: how many were asked for.
         rows: how many images were to be predicted.

@@ -1,7 +1,7 @@
-"""The parent's side of a training: what is asked of the sandbox, and what its answer is worth.
+"""The parent's side of a training: what the sandbox is asked, and how its answer is judged and stored.
 
-An evaluation is a pure function of source, data, contract, recipe, seed and numerics, recalled from the store
-under exactly these. The validation labels stay here: the child predicts, the parent computes the loss.
+An evaluation is a pure function of source, data, contract, recipe, seed and numerics, and exactly these are its key in
+the store. The validation labels stay here: the child predicts, and the parent computes the loss.
 """
 
 from abc import ABC, abstractmethod
@@ -20,7 +20,7 @@ from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
 from tacevo.training.answers import read_answer, training_of
 
-#: What the sandbox must offer for `Evaluator`, beside the array `images`.
+#: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
 
 _LOAD = "load the data set to train it"
@@ -52,7 +52,7 @@ class Examples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What all trainings of one kind share: with source and seed, this is all that their results follow from."""
+    """What all trainings of one kind share. Their results follow from this, the source and the seed alone."""
 
     contract: Contract
     #: Of the data set.
@@ -62,7 +62,7 @@ class Setting:
     device: Device = Device.cpu
 
     def request(self, source: str, seed: int, *, version: int) -> Json:
-        """Write the question that a store keeps an evaluation under."""
+        """Return the request that a store keeps an evaluation under."""
         return {
             "version": version,
             "source": source,
@@ -77,7 +77,7 @@ class Setting:
     def train(
         self, run: Run, source: str, seed: int, *, examples: Examples, predicted: Sequence[NDArray[np.int64]]
     ) -> Finished | Died:
-        """Have a candidate trained in a sandbox.
+        """Train a candidate in a sandbox.
 
         Args:
             run: `Sandbox.run`.
@@ -92,7 +92,7 @@ class Setting:
         """
         if examples.fingerprint != self.fingerprint:
             raise ValueError(f"expected examples with the fingerprint {self.fingerprint}; got {examples.fingerprint}")
-        # Came later, and so enters messages only where there are several groups; a search has one.
+        # Sent only where there are several groups, so that the message of a search, which has one, stays as it was.
         groups = {"groups": [len(rows) for rows in predicted]} if len(predicted) > 1 else {}
         rows = np.concatenate(predicted)
         header = {
@@ -111,7 +111,7 @@ class Setting:
         return run("train", header, payload, self.recipe.limits)
 
     def _sent_device(self) -> dict[str, str]:
-        # Came later, and so enters keys and messages only where it is set.
+        # Left out on a CPU, so that older keys and messages stay as they were.
         return {} if self.device is Device.cpu else {"device": self.device.value}
 
 

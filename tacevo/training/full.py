@@ -1,8 +1,8 @@
 """The full training of a study: all epochs, then the test metrics of the epoch with the lowest validation loss.
 
-The child predicts validation and test images after every epoch, in batches of their own, and is told none of their
-labels; the parent chooses the epoch. So "the weights of the best validation epoch" needs no trust in the child, and a
-network that normalises by the batch lets no test image touch a validation loss.
+The child predicts validation and test images after every epoch, in separate batches and without their labels; the
+parent chooses the epoch. So "the weights of the best validation epoch" needs no trust in the child, and in a network
+that normalises by the batch no test image changes a validation loss.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FullTraining:
-    """A full training and what its best epoch does on the test images."""
+    """A full training, and the test metrics of its best epoch."""
 
     __pydantic_config__ = STRICT
 
@@ -71,7 +71,7 @@ def assess(
     """Choose the epoch of the lowest validation loss, the first on a tie, and compute its test metrics.
 
     Args:
-        outcome: what the sandbox gave; its predictions are those of the validation images, then of the test images.
+        outcome: what the sandbox returned; its predictions are those of the validation images, then of the test images.
         setting: of the training.
         validation_targets: as in `Examples`.
         held_out: the test images.

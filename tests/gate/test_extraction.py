@@ -152,7 +152,7 @@ def test_class_without_forward_is_no_class() -> None:
     """An excerpt alone cannot be run."""
     rejection = rejection_of(VALID.split("    def forward")[0])
     assert rejection.reason is Reason.no_class
-    assert "no forward" in rejection.detail
+    assert "a forward method; got it without one" in rejection.detail
 
 
 @pytest.mark.parametrize("wrap", ["{}", "```python\n{}```", "It's here:\n\n{}\nDone."])

@@ -22,7 +22,7 @@ from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
 from tacevo.training.evaluation import ENTRIES, Evaluator, Setting, judge
-from tacevo.training.numerics import check_machine, environment, refuse_unfit
+from tacevo.training.numerics import check_cpu, check_machine, environment
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -391,12 +391,12 @@ def test_portable_numerics_close_every_door() -> None:
 )
 def test_portable_numerics_are_refused_where_they_cannot_hold(machine: str, cpuinfo: str) -> None:
     """A machine that computes otherwise is told before the search starts, with the way out."""
-    with pytest.raises(ConfigError, match=f"needs an x86_64 CPU with avx2; this is {machine}.*Set numerics=fast"):
-        refuse_unfit(Numerics.portable, machine, cpuinfo)
-    refuse_unfit(Numerics.fast, machine, cpuinfo)
+    with refused(ConfigError, expected="an x86_64 CPU with avx2", got=machine, remedy="set numerics=fast"):
+        check_cpu(Numerics.portable, machine, cpuinfo)
+    check_cpu(Numerics.fast, machine, cpuinfo)
 
 
 def test_portable_numerics_are_granted_with_avx2() -> None:
     """Any x86-64 CPU that lists the flag will do."""
-    refuse_unfit(Numerics.portable, "x86_64", "processor: 0\nflags\t\t: fpu avx avx2 bmi1\n")
+    check_cpu(Numerics.portable, "x86_64", "processor: 0\nflags\t\t: fpu avx avx2 bmi1\n")
     check_machine(Numerics.fast)
