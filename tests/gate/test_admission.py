@@ -353,7 +353,7 @@ def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -
 
 
 def test_sandboxed_probe_measures(tmp_path: Path, sandbox: Sandbox) -> None:
-    """The same figures as in test_gate_probe.py come through the sandbox and the store."""
+    """The same figures as in test_probe.py come through the sandbox and the store."""
     for _ in range(2):
         found = gate(sandbox.run, tmp_path).inspect(VALID)
         assert isinstance(found, Admitted)

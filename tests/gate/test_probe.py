@@ -1,6 +1,6 @@
 """The probe admits what trains and measures it; everything else gets the reason that fits.
 
-These tests run `run` in this process, on harmless candidates only; test_gate_admission.py goes through the sandbox.
+These tests run `run` in this process, on harmless candidates only; test_admission.py goes through the sandbox.
 """
 
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
 """Promise: whatever a candidate does, the search gets a typed answer, and no process of the candidate's is left.
 
-All of it holds without the kernel's walls, which these tests leave out; test_sandbox_walls.py puts them up.
+All of it holds without the kernel's walls, which these tests leave out; test_walls.py puts them up.
 """
 
 import os

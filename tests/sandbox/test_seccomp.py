@@ -1,7 +1,7 @@
 """Promise: a filter lets the listed system calls of its own architecture through, and nothing else.
 
 The filters are run here by a small machine of the tests' own, so that the one for the other architecture is tried
-too; test_sandbox_walls.py has the kernel run the one for this machine.
+too; test_walls.py has the kernel run the one for this machine.
 """
 
 import errno
