@@ -108,7 +108,7 @@ class Gate:
         return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
 
     def _extract(self, completion: Completion) -> str | Rejection:
-        source = extract(completion, self._contract, limit=self._limits.source_bytes)
+        source = extract(completion, self._contract)
         return source if isinstance(source, Rejection) else check(source, self._contract) or source
 
     def is_recorded(self, source: str) -> bool:

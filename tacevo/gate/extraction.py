@@ -24,6 +24,12 @@ from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
 CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded"})
 
+#: Stop reasons of what is not an answer.
+_UNANSWERED = {
+    "refusal": (Reason.refused, "the model refused to answer"),
+    "invalid_request": (Reason.invalid_request, "the provider refused the request, e.g. because it is too long"),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class _Code:
@@ -33,56 +39,45 @@ class _Code:
     tree: ast.Module
 
 
-def extract(completion: Completion, contract: Contract, *, limit: int = 100_000) -> str | Rejection:
+def extract(completion: Completion, contract: Contract) -> str | Rejection:
     """Find the source text in an answer.
 
     Args:
-        completion: the answer as the model gave it.
+        completion: an answer that `first_look` lets pass.
         contract: names the class to look for.
-        limit: most UTF-8 bytes that an answer may have.
 
     Returns:
         Source that parses and defines the class once: newlines normalised, dedented, ending with one newline;
         or a rejection at stage `extract`.
     """
-    rejection = first_look(completion, limit=limit)
-    if rejection is not None:
-        return rejection
     found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
-    return _rejected(found) if isinstance(found, Problem) else found
+    return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
 def first_look(completion: Completion, *, limit: int) -> Rejection | None:
-    """Reject what needs no parsing; the size comes first, so that nothing else is done with a huge answer."""
-    problem = _problem_at_first_look(completion, limit)
-    return None if problem is None else _rejected(problem)
+    """Reject what needs no parsing.
 
-
-def _problem_at_first_look(completion: Completion, limit: int) -> Problem | None:
+    Args:
+        completion: the answer as the model wrote it.
+        limit: most UTF-8 bytes that it may have; checked first, so that nothing else is done with a huge answer.
+    """
+    text, reason = completion.text, completion.stop_reason
     try:
-        size = len(completion.text) if len(completion.text) > limit else len(completion.text.encode())
+        size = len(text) if len(text) > limit else len(text.encode())
     except UnicodeEncodeError as error:
-        return Problem(Reason.syntax, f"expected Unicode text; got a lone surrogate at character {error.start}")
+        return _rejected(Reason.syntax, f"expected Unicode text; got a lone surrogate at character {error.start}")
     if size > limit:
-        return Problem(Reason.too_long, f"expected at most {limit} bytes; got {size} or more")
-    return _problem_without_answer(completion)
-
-
-def _problem_without_answer(completion: Completion) -> Problem | None:
-    """Return why there is no text to read; None where there is some."""
-    if completion.stop_reason == "refusal":
-        return Problem(Reason.refused, "the model refused to answer")
-    if completion.stop_reason == "invalid_request":
-        return Problem(Reason.invalid_request, "the provider refused the request, e.g. because it is too long")
-    if completion.text.strip():
+        return _rejected(Reason.too_long, f"expected at most {limit} bytes; got {size} or more")
+    if reason in _UNANSWERED:
+        return _rejected(*_UNANSWERED[reason])
+    if text.strip():
         return None
-    if completion.stop_reason in CUT_OFF:
-        return Problem(Reason.truncated, "the answer was cut off before its first word")
-    return Problem(Reason.empty, "the answer is blank")
+    cut_off = Reason.truncated, "the answer was cut off before its first word"
+    return _rejected(*(cut_off if reason in CUT_OFF else (Reason.empty, "the answer is blank")))
 
 
-def _rejected(problem: Problem) -> Rejection:
-    return Rejection(stage=Stage.extract, reason=problem.reason, detail=problem.detail)
+def _rejected(reason: Reason, detail: str) -> Rejection:
+    return Rejection(stage=Stage.extract, reason=reason, detail=detail)
 
 
 def _normalised(text: str) -> str:

@@ -151,12 +151,6 @@ class Sandbox:
 
         A job that was killed, or lost its supervisor, runs once more; the second time counts as the candidate's doing.
 
-        Args:
-            entry: which of the entries.
-            header: JSON for the entry.
-            payload: bytes for the entry.
-            limits: wall time and memory of the child.
-
         Raises:
             SandboxError: the sandbox itself failed; this says nothing about the candidate.
             KeyError: there is no such entry.
@@ -175,19 +169,16 @@ class Sandbox:
         return Died(Reason.crashed, answer.detail)
 
     def _run(self, order: Json, payload: bytes, limits: Limits, *, prepared: bool) -> "Finished | Died | _Killed":
-        """Run a job, once more where it was killed."""
+        """Run a job, once more where it was killed, and each time once more where it was lost."""
         job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
-        answer = self._answer(job, limits, prepared)
-        if isinstance(answer, _Killed):  # by the kernel or a person, perhaps; a candidate that did it will do it again
-            answer = self._answer(job, limits, prepared)
+        for is_last in (False, True):
+            try:
+                answer = self._attempt(job, limits, prepared)
+            except _LostError:
+                answer = self._attempt(job, limits, prepared)
+            if is_last or not isinstance(answer, _Killed):
+                break  # a kill by the kernel or a person is rare; a candidate that did it will do it again
         return answer
-
-    def _answer(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
-        """Run a job, once more where it was lost."""
-        try:
-            return self._attempt(job, limits, prepared)
-        except _LostError:
-            return self._attempt(job, limits, prepared)
 
     def _attempt(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
         """Run a job in a fresh process."""

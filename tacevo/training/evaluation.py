@@ -143,11 +143,7 @@ class TrainingStore(ABC, Generic[Data, Result]):
         return self._store.holds(self.key(source, seed))
 
     def evaluate(self, source: str, seed: int) -> Result | Rejection:
-        """Train a candidate, or recall how its training went.
-
-        Args:
-            source: text that defines the contract's class.
-            seed: of the initial weights, the order of batches and dropout.
+        """Train a candidate with a seed, or recall how its training went.
 
         Raises:
             CacheMissError: the store is in replay and has no such training.
@@ -193,14 +189,6 @@ class Evaluator(TrainingStore[Examples, Training]):
 def judge(
     outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any], device: Device = Device.cpu
 ) -> Training | Rejection:
-    """Check a child's answer, of which nothing is trusted, and compute the losses.
-
-    Args:
-        outcome: what the sandbox returned.
-        contract: for the loss and the number of outputs.
-        epochs: how many were asked for.
-        targets: of the validation images, as in `Examples`.
-        device: what was trained on; on a CPU no operation may lack a deterministic form.
-    """
+    """Check a child's answer, as `read_answer` does, and compute the losses on these validation targets."""
     answer = read_answer(outcome, contract, epochs=epochs, rows=len(targets), device=device)
     return answer if isinstance(answer, Rejection) else training_of(answer, contract.loss, targets)

@@ -5,11 +5,10 @@ from types import ModuleType
 
 import pytest
 import torch  # noqa: F401 - loads the modules that the allow-list names
-from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
+from gate_cases import VALID, candidate, completion, contract, examples, extracted, needs_shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.gate.extraction import extract
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import DEEPEST, check
 from tacevo.records import Reason, Rejection, Stage
@@ -332,7 +331,7 @@ def test_any_lines_get_an_answer(lines: list[str]) -> None:
 def test_real_answer_passes(example: dict[str, str]) -> None:
     """No honest answer breaks the policy."""
     task = contract(example["task"])
-    source = extract(completion(example["response"], example["stop_reason"]), task)
+    source = extracted(completion(example["response"], example["stop_reason"]), task)
     assert isinstance(source, Rejection) or check(source, task) is None
 
 
@@ -340,7 +339,7 @@ def test_real_answer_passes(example: dict[str, str]) -> None:
 @pytest.mark.parametrize("example", examples("hostile"), ids=lambda example: example["id"])
 def test_attack_is_refused_where_it_can_be_seen(example: dict[str, str]) -> None:
     """What can be seen in the text is refused; what is harmless passes the static stages."""
-    source = extract(completion(example["source"]), CONTRACT)
+    source = extracted(completion(example["source"]), CONTRACT)
     verdict = source if isinstance(source, Rejection) else check(source, CONTRACT)
     match example["expected"]:
         case "reject_static":
