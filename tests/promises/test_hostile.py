@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from canaries import SECRET, Canaries, canaries
+from gate_cases import VALID, needs_shared
 from gate_cases import examples as shared
-from gate_cases import needs_shared
 from hostile_runs import Harness, examples, open_sandbox
 from waiting import eventually
 
@@ -41,7 +41,9 @@ def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     images, data = examples()
     np.save(folder / "images.npy", images)
     with open_sandbox(folder / "images.npy") as sandbox:
-        yield Harness(sandbox, data, folder)
+        opened = Harness(sandbox, data, folder)
+        opened.probed(f"import torch._dynamo\n{VALID}")  # starts the second zygote, which is not a leftover of a program
+        yield opened
 
 
 @pytest.fixture(scope="module")
