@@ -160,7 +160,7 @@ def _check_batch(flops: int, traced: Trace, flops_of_batch: int, traced_batch: T
 
 def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:
     """Take one optimiser step and check it; return the bits of the output and a hash of the weights it left."""
-    torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, whatever ran between
+    torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
     with unchanged(model, training=True) as listed, blaming(Reason.forward_failed):
         output = model(images)
     _check_output(output, len(images), contract)

@@ -153,7 +153,7 @@ class Sandbox:
 
         Raises:
             SandboxError: the sandbox itself failed; this says nothing about the candidate.
-            KeyError: there is no such entry.
+            KeyError: it is not an entry of the sandbox.
         """
         if entry not in self._setup["entries"]:
             raise KeyError(f"expected one of the entries {sorted(self._setup['entries'])}; got {entry!r}")

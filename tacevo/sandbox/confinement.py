@@ -114,7 +114,7 @@ def _level(measures: Collection[str]) -> Confinement:
 
 
 def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
-    """Give up, for good, what a candidate does not need; called in the child before its source runs.
+    """Drop, for good, what a candidate does not need; called in the child before its source runs.
 
     Args:
         limits: what the candidate may use.

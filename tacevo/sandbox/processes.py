@@ -135,8 +135,8 @@ def _is_thread_ending(thread: Path) -> bool:
 
 def _threads(pid: int) -> list[Path]:
     """List the directories of a process's threads in /proc; none where it is gone."""
-    folder = Path(f"/proc/{pid}/task")
+    directory = Path(f"/proc/{pid}/task")
     try:
-        return [folder / thread for thread in os.listdir(folder)]
+        return [directory / thread for thread in os.listdir(directory)]
     except OSError:
         return []

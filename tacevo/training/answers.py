@@ -22,7 +22,7 @@ _Operation = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_:.]{1,100}$"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Epoch:
-    """What a trainer sends after an epoch, beside its predictions."""
+    """What a trainer sends after an epoch, besides its predictions."""
 
     __pydantic_config__ = STRICT
 

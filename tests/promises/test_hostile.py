@@ -42,7 +42,7 @@ def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     np.save(folder / "images.npy", images)
     with open_sandbox(folder / "images.npy") as sandbox:
         opened = Harness(sandbox, data, folder)
-        opened.probed(f"import torch._dynamo\n{VALID}")  # starts the second zygote, which is not a leftover of a program
+        opened.probed(f"import torch._dynamo\n{VALID}")  # starts the second zygote, which is not a leftover
         yield opened
 
 

@@ -57,7 +57,7 @@ def open_sandbox(folder: Path) -> Sandbox:
 
 @pytest.fixture(scope="module")
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox to all attacks, so that each also finds what the others left behind."""
+    """Open one sandbox for all attacks, so that each also finds what the others left behind."""
     with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
         yield opened
 
@@ -138,7 +138,7 @@ def test_child_has_its_own_session_and_no_inherited_file(sandbox: Sandbox) -> No
 
 
 def test_hashes_of_text_are_fixed(sandbox: Sandbox, tmp_path: Path) -> None:
-    """Two sandboxes give a string the same hash, so that no candidate's bits hang on it."""
+    """Two sandboxes give a string the same hash, so that no candidate's bits depend on it."""
     with open_sandbox(tmp_path) as other:
         assert answer(other, "look_around")["hash"] == answer(sandbox, "look_around")["hash"]
 
@@ -328,7 +328,7 @@ def test_signal_that_cancels_a_run_is_no_verdict(sandbox: Sandbox, number: signa
     "members", [(1,), (2,), (0, 1), (0, 1, 2)], ids=["supervisor", "candidate", "both above it", "all"]
 )
 def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, members: tuple[int, ...]) -> None:
-    """The kernel's way out of full memory is no verdict on a candidate, and nothing of it lives on."""
+    """The kernel's way out of full memory is not a verdict on a candidate, and nothing of it lives on."""
     with ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(answer, sandbox, "doze")
         family = wait_for_doze()
@@ -339,12 +339,12 @@ def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, members: tuple[
 
 
 def test_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
-    """Nobody collects more than a stated number of bytes."""
+    """The search does not collect more than a stated number of bytes."""
     assert death(sandbox, "answer_much").reason is Reason.too_much_output
 
 
 def test_announced_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
-    """Nobody waits for more than a stated number of bytes either."""
+    """The search does not wait for more than a stated number of bytes either."""
     announced = b"\x05\x00\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\xff"
     assert death(sandbox, "write_raw", payload=announced).reason is Reason.too_much_output
 
@@ -357,13 +357,13 @@ def test_announced_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
     ],
 )
 def test_answer_that_would_swell_in_the_search_is_too_much_output(sandbox: Sandbox, entry: str, detail: str) -> None:
-    """Headers and messages are counted before they are read: 64 MiB of either are a GiB to whoever keeps them."""
+    """Headers and messages are counted before they are read: 64 MiB of either are a GiB to a reader that keeps them."""
     with holding_little_memory(32):
         assert death(sandbox, entry) == Died(Reason.too_much_output, detail)
 
 
 def test_endless_last_words_are_cut_before_they_reach_the_search(sandbox: Sandbox) -> None:
-    """The text of an error is one line, whoever writes it."""
+    """The text of an error is one line, independent of its author."""
     with holding_little_memory(32):
         assert death(sandbox, "raise_at_length") == Died(Reason.crashed, "\N{REPLACEMENT CHARACTER}" * 300)
 
@@ -395,7 +395,7 @@ def test_garbage_in_the_pipe_is_a_crash(sandbox: Sandbox, forged: bytes) -> None
 
 
 def test_half_a_message_is_out_of_time(sandbox: Sandbox) -> None:
-    """Nobody waits longer than the limit for the rest of a message."""
+    """The search does not wait longer than the limit for the rest of a message."""
     half = Message.of(Sort.frame, None, bytes(100)).to_bytes()[:50]
     assert death(sandbox, "write_raw", SHORT, half).reason is Reason.out_of_time
 

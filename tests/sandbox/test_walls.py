@@ -51,14 +51,14 @@ def open_sandbox(folder: Path, strongest: Confinement) -> Sandbox:
 
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox with the kernel's walls to all attacks."""
+    """Open one sandbox with the kernel's walls for all attacks."""
     with open_sandbox(tmp_path_factory.mktemp("walled"), Confinement.kernel) as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox without them."""
+    """Open one sandbox without them."""
     with open_sandbox(tmp_path_factory.mktemp("plain"), Confinement.process) as opened:
         yield opened
 

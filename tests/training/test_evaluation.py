@@ -49,7 +49,7 @@ def open_sandbox(folder: Path) -> Sandbox:
 
 @pytest.fixture(scope="module")
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox to all trainings."""
+    """Open one sandbox for all trainings."""
     with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
         yield opened
 

@@ -26,7 +26,7 @@ def test_batches_are_full_and_disjoint(count: int, size: int, epoch: int) -> Non
 
 
 def test_batches_differ_between_epochs_and_seeds() -> None:
-    """The order is drawn anew for each epoch, by name."""
+    """The order is drawn again for each epoch, by name."""
     orders = {tuple(batches(20, 20, seed, epoch)[0].tolist()) for seed in range(2) for epoch in range(2)}
     assert len(orders) == 4
 
