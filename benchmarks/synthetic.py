@@ -24,10 +24,10 @@ from tacevo.rules import CURRENT, Rules
 from tacevo.runs.progress import View
 from tacevo.runs.session import Result, record
 from tacevo.runs.wiring import ENTRIES, build_gate, build_tools
-from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.search.development import Tools
 from tacevo.search.proposals import Task
-from tacevo.training.evaluation import Examples, Run
+from tacevo.training.evaluation import Examples
 from tacevo.training.numerics import environment
 
 #: Images of the data set that is not there; few, since a made-up training predicts values for each.

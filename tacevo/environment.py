@@ -1,4 +1,4 @@
-"""The commit of this project's own checkout, for people who look a run up; it decides nothing."""
+"""What a run is made with: commit, package versions and machine. For people; no result depends on it."""
 
 import os
 import platform
@@ -30,10 +30,10 @@ def checked_out(root: Path = _ROOT) -> dict[str, Json] | None:
     """Return the commit that a checkout has, 40 hex digits, and whether a file of it was changed since.
 
     Args:
-        root: the top folder of the checkout.
+        root: the top directory of the checkout.
 
     Returns:
-        `commit` and `dirty`; None where the folder is not the top of a Git checkout, or Git gives no answer.
+        `commit` and `dirty`; None where the directory is not the top of a Git checkout, or Git fails.
     """
     if not (root / ".git").exists():
         return None
@@ -59,11 +59,11 @@ def versions() -> dict[str, str]:
 
 
 def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:
-    """Say in one line each which facts of a run's surroundings are others here.
+    """Describe the facts of a run's environment that differ here, one line each.
 
     Args:
-        recorded: of the run: of its `versions` or its `machine`, those that matter.
-        here: this environment's, of which those are looked up.
+        recorded: facts of the run, of its `versions` or its `machine`.
+        here: those of this environment.
     """
     return tuple(
         f"{name} is {here.get(name)}; the run had {was}" for name, was in recorded.items() if here.get(name) != was
@@ -86,7 +86,7 @@ def machine() -> dict[str, Json]:
 
 
 def gpu(drivers: Path) -> str | None:
-    """Name the first NVIDIA GPU, as its driver lists it in that folder; None where there is none."""
+    """Return the name of the first NVIDIA GPU that the driver lists in this directory; None where there is none."""
     for file in sorted(drivers.glob("*/information")):
         for line in file.read_text(encoding="utf-8").splitlines():
             if line.startswith("Model:"):

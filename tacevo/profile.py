@@ -1,12 +1,30 @@
-"""What the probe measures of a network, and a candidate that was admitted with it."""
+"""What the probe measures of a network, and a candidate that was admitted with it.
+
+The ranges are those of any traced network. They are checked where a profile is read (`tacevo.typed`): a candidate can
+forge one. Sizes are below 2**53, so that descriptors stay finite.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated
 
-from tacevo.records import Json
+from annotated_types import Ge, Le, Lt, MaxLen
+
+from tacevo.records import STRICT
+
+#: How many steps of a pass are recorded, and how many operands of a step: more than any network that a person would
+#: write has, and few enough that a record stays below a megabyte or two.
+MOST_STEPS = 5_000
+
+MOST_OPERANDS = 16
+
+_Size = Annotated[int, Ge(0), Lt(2**53)]
+
+_Side = Annotated[float, Ge(0), Lt(2**53)]
+
+#: The names of torch's operations stay below 50 characters.
+_Name = Annotated[str, MaxLen(100)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,99 +39,76 @@ class Admitted:
 class Node:
     """One operation of a traced network: one call of a layer or of a functional op."""
 
+    __pydantic_config__ = STRICT
+
     #: Operation type, spelt alike for a layer and its function, e.g. `conv2d`, `max_pool2d`, `add`.
-    op: str
+    op: _Name
     #: True where the call uses a weight of two or more dimensions (convolution, linear, attention, einsum with a
     #: parameter); these are the layers that depth counts.
     weighted: bool
     #: Output channels or features of a weighted node, else 0.
-    width: int
+    width: _Size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:
     """A traced network as data: what the descriptors are computed from (see docs/descriptors.md)."""
 
+    __pydantic_config__ = STRICT
+
     nodes: tuple[Node, ...]
     #: Data flows, as pairs (producer, consumer) of indices into `nodes`, each pair once, producer < consumer.
     edges: tuple[tuple[int, int], ...]
     #: Output channels of every convolution layer, one entry a layer however often it is called.
-    channels: tuple[int, ...]
+    channels: tuple[_Size, ...]
     #: Kernel size of every convolution layer, in pixels; the mean of the sides where they differ.
-    kernels: tuple[float, ...]
+    kernels: tuple[_Side, ...]
     #: Output features of every linear layer but the last one called.
-    hidden: tuple[int, ...]
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(
-            nodes=tuple(Node(**node) for node in value["nodes"]),
-            edges=tuple((a, b) for a, b in value["edges"]),
-            channels=tuple(value["channels"]),
-            kernels=tuple(value["kernels"]),
-            hidden=tuple(value["hidden"]),
-        )
+    hidden: tuple[_Size, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
     """One call of a traced network in more detail than a node has: what motifs are found in (see docs/motifs.md)."""
 
+    __pydantic_config__ = STRICT
+
     #: Operation type as in `Node`, or the name of an activation, e.g. `leaky_relu`.
-    op: str
+    op: _Name
     #: As in `Node`.
     weighted: bool
     #: For each operand that depends on the image, in order, the indices of the steps that it comes from: rising, below
     #: this step's own, and none for the image itself.
-    sources: tuple[tuple[int, ...], ...]
+    sources: Annotated[tuple[tuple[int, ...], ...], MaxLen(MOST_OPERANDS)]
     #: Shapes of these operands for a batch of one image, that dimension included.
-    operands: tuple[tuple[int, ...], ...]
+    operands: tuple[tuple[_Size, ...], ...]
     #: Shape of the result.
-    shape: tuple[int, ...]
+    shape: tuple[_Size, ...]
     #: Sides of a convolution's kernel and its strides, in pixels; else empty.
-    kernel: tuple[int, ...] = ()
-    stride: tuple[int, ...] = ()
+    kernel: tuple[_Size, ...] = ()
+    stride: tuple[_Size, ...] = ()
     #: Groups of a convolution; else 0.
-    groups: int = 0
+    groups: _Size = 0
     #: Probability of a dropout, in [0, 1]; else 0.
-    rate: float = 0.0
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        nested = {name: tuple(tuple(entry) for entry in value[name]) for name in ("sources", "operands")}
-        flat = {name: tuple(value[name]) for name in ("shape", "kernel", "stride")}
-        return cls(**{**value, **nested, **flat})
+    rate: Annotated[float, Ge(0), Le(1)] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """What the probe measured of an admitted candidate."""
 
+    __pydantic_config__ = STRICT
+
     #: Trainable and frozen parameters, each counted once.
-    parameters: int
+    parameters: Annotated[int, Ge(1), Lt(2**53)]
     #: Floating-point operations of one forward pass of one image, as `torch.utils.flop_counter` counts them.
-    flops: int
-    modules: int
+    flops: _Size
+    modules: _Size
     graph: Graph
     #: Kernels that the probe ran and that give other bits on another CPU (docs/determinism.md), in order; the child's
     #: claim, for information.
     not_portable: tuple[str, ...] = ()
     #: The calls of the traced pass, in order; the child's claim, for information, and no part of the descriptors.
-    steps: tuple[Step, ...] = ()
+    steps: Annotated[tuple[Step, ...], MaxLen(MOST_STEPS)] = ()
     #: Indices of the steps that the network's output comes from, rising.
     output: tuple[int, ...] = ()
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(
-            parameters=value["parameters"],
-            flops=value["flops"],
-            modules=value["modules"],
-            graph=Graph.from_json(value["graph"]),
-            not_portable=tuple(value["not_portable"]),
-            steps=tuple(Step.from_json(step) for step in value["steps"]),
-            output=tuple(value["output"]),
-        )

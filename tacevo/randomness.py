@@ -9,8 +9,8 @@ import numpy as np
 def stream(seed: int, *name: str | int) -> np.random.Generator:
     """Make the generator of one named purpose, e.g. `stream(0, "parents", generation, slot)`.
 
-    A generator is derived from its name alone and never stored or shared, so a resumed, reordered or
-    parallel run draws the same numbers, and dropping one draw leaves every other draw alone.
+    A generator follows from its name alone and is never stored or shared. So a resumed, reordered or parallel run draws
+    the same numbers, and a draw that is left out changes no other.
 
     Args:
         seed: the run's seed.

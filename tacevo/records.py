@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 #: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
 Json = Any
@@ -60,7 +60,7 @@ class Operator(StrEnum):
 
 
 class Stage(StrEnum):
-    """Where a candidate was turned away, in the order of the gate; the last is training."""
+    """Where a candidate was rejected, in the order of the gate; the last is training."""
 
     extract = "extract"
     policy = "policy"
@@ -69,7 +69,7 @@ class Stage(StrEnum):
 
 
 class Reason(StrEnum):
-    """Why a candidate was turned away; what enters the ledger, where free text does not."""
+    """Why a candidate was rejected; this enters the ledger, free text does not."""
 
     # extract: from the model's answer to source text
     empty = "empty"
@@ -108,7 +108,7 @@ class Reason(StrEnum):
     crashed = "crashed"
 
 
-#: Reasons of candidates that are not what they say: their size, their mode or their optimiser is another.
+#: Reasons of candidates that are not what they say: they misreport their size, mode or optimiser.
 MISREPORTING = (
     Reason.redefines_module,
     Reason.changes_its_weights,
@@ -122,16 +122,13 @@ MISREPORTING = (
 class Rejection:
     """A candidate's failure: a value, never an exception."""
 
+    __pydantic_config__ = STRICT
+
     stage: Stage
     reason: Reason
-    #: One line for a person, with what was expected and what came. In no line of the ledger; but a repair quotes it to
-    #: the model, which makes it part of that request's key.
+    #: One line for a person, with what was expected and what came. Not in the ledger; but a repair quotes it to the
+    #: model, which makes it part of that request's key.
     detail: str
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(stage=Stage(value["stage"]), reason=Reason(value["reason"]), detail=value["detail"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,6 +159,8 @@ class Request:
 class Price:
     """What a provider asked for a model's tokens when it was asked."""
 
+    __pydantic_config__ = STRICT
+
     #: US dollars for a million tokens.
     input_usd: float
     output_usd: float
@@ -171,13 +170,15 @@ class Price:
     factor: float = 1.0
 
     def cost(self, input_tokens: float, output_tokens: float) -> float:
-        """Give what so many tokens cost, in US dollars."""
+        """Return what these tokens cost, in US dollars."""
         return self.factor * (self.input_usd * input_tokens + self.output_usd * output_tokens) / 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
     """What a model answered."""
+
+    __pydantic_config__ = STRICT
 
     text: str
     #: The model's name as the provider returned it.
@@ -212,7 +213,7 @@ class Completion:
         return None if self.price is None else self.price.cost(self.input_tokens, self.output_tokens)
 
     def content(self) -> Json:
-        """Give what the model said, for the ledger: neither how it was delivered nor what it cost."""
+        """Return what the model said, for the ledger: without delivery and price."""
         said = ("text", "model", "stop_reason", "input_tokens", "output_tokens")
         return {name: getattr(self, name) for name in said}
 
@@ -225,6 +226,8 @@ class Contract:
     constructor has one of that name. It maps float32 `(N, in_channels, image_size, image_size)` to float32
     `(N, outputs)`.
     """
+
+    __pydantic_config__ = STRICT
 
     class_name: str
     kind: Kind
@@ -245,7 +248,9 @@ class Contract:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a candidate may use; over any of them it is killed or rejected with a typed reason."""
+    """What a candidate may use; over a limit it is killed or rejected with a typed reason."""
+
+    __pydantic_config__ = STRICT
 
     #: Wall time of the whole child process, in seconds.
     seconds: float
@@ -257,17 +262,14 @@ class Limits:
 class Recipe:
     """How a candidate is trained; part of an evaluation's key."""
 
+    __pydantic_config__ = STRICT
+
     epochs: int
     batch_size: int
     learning_rate: float
-    #: `adam`, the only optimiser so far.
-    optimiser: str
+    #: The only optimiser so far.
+    optimiser: Literal["adam"]
     limits: Limits
-
-    def __post_init__(self) -> None:
-        """Refuse what no trainer knows."""
-        if self.optimiser != "adam":
-            raise ValueError(f"optimiser must be adam; got {self.optimiser!r}")
 
     @classmethod
     def from_json(cls, value: Mapping[str, Json]) -> Self:
@@ -277,9 +279,11 @@ class Recipe:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training:
-    """What a finished training gave; its fitness is the last validation loss (lower is better)."""
+    """The results of a finished training; its fitness is the last validation loss (lower is better)."""
 
-    #: Mean training loss of each epoch, as the child reported it; for looking at, never for selection.
+    __pydantic_config__ = STRICT
+
+    #: Mean training loss of each epoch, as the child reported it; shown, never used for selection.
     train_losses: tuple[float, ...]
     #: Validation loss after each epoch, computed by the parent from the child's predictions.
     validation_losses: tuple[float, ...]
@@ -288,7 +292,7 @@ class Training:
     #: SHA-256 of the trained weights and buffers, as the child reported it.
     weights_sha256: str
     #: Operations that ran although torch has no deterministic form of them on the device, in order, as the child
-    #: reported them; on a CPU such a candidate is turned away instead.
+    #: reported them; on a CPU such a candidate is rejected instead.
     not_deterministic: tuple[str, ...] = ()
 
     @property
@@ -296,27 +300,16 @@ class Training:
         """The final validation loss (paper, Algorithm 1): lower is better."""
         return self.validation_losses[-1]
 
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(
-            train_losses=tuple(value["train_losses"]),
-            validation_losses=tuple(value["validation_losses"]),
-            predictions_sha256=value["predictions_sha256"],
-            weights_sha256=value["weights_sha256"],
-            not_deterministic=tuple(value.get("not_deterministic", ())),
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataFacts:
-    """What a run must know of its data set to be replayed without it."""
+    """What a run records of its data set, so that it can be replayed without it."""
 
     __pydantic_config__ = STRICT
 
     #: SHA-256 over images, labels, split, label scaling and input statistics.
     fingerprint: str
-    #: What its labels are good for.
+    #: What its labels are for.
     kind: Kind
     #: Images in the training, validation and test split.
     counts: tuple[int, int, int]
@@ -338,8 +331,7 @@ class DataFacts:
 def to_json(record: Any) -> Json:
     """Turn a record (or a tuple, mapping or scalar of such) into plain JSON values.
 
-    Enums become their values and tuples become lists; NaN and infinity are left in place for the writer to
-    refuse.
+    Enums become their values and tuples become lists; NaN and infinity stay, for the writer to refuse.
     """
     if dataclasses.is_dataclass(record) and not isinstance(record, type):
         return {field.name: to_json(getattr(record, field.name)) for field in dataclasses.fields(record)}

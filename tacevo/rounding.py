@@ -1,15 +1,8 @@
 """How many digits of a computed number are kept.
 
-Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md), so what enters a file or
-a table is rounded where it is made.
+Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md), so
+numbers are rounded before they enter a file or a table.
 """
-
-"""How many digits of a computed number are kept.
-
-Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md), so what enters a file or
-a table is rounded where it is made.
-"""
-
 
 #: Significant digits of losses, metrics and statistics.
 DIGITS = 9

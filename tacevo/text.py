@@ -1,4 +1,4 @@
-"""Text that is shown to a person: counted nouns, lists, tables, and letters that no terminal obeys."""
+"""Text that is shown to a person: counted nouns, lists, tables, and control characters made harmless."""
 
 from collections.abc import Iterable, Sequence
 
@@ -16,12 +16,12 @@ def counted(number: int, noun: str) -> str:
 
 
 def listed(words: Iterable[str], nothing: str = "none") -> str:
-    """Write words one after the other: `probe, train`; or what stands where there is none."""
+    """Write words with commas: `probe, train`; or another word where there are none."""
     return ", ".join(words) or nothing
 
 
 def printable(text: str) -> str:
-    r"""Write letters that a terminal would obey, or that turn the direction of a line, as escapes such as `\x1b`.
+    r"""Write control characters, and those that turn the direction of a line, as escapes such as `\x1b`.
 
     Line breaks and tabs stay.
     """
@@ -33,10 +33,10 @@ def _escaped(letter: str) -> str:
 
 
 def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
-    """Say how many first answers were rejected for misreporting themselves; nothing where there is none.
+    """Return a line with how many first answers were rejected for misreporting themselves; no line where none was.
 
     Args:
-        rejected: reasons and how many first answers each rejected; a reason may come once for each stage.
+        rejected: reasons with counts of first answers; a reason may come once for each stage.
     """
     counts = {reason.value: 0 for reason in MISREPORTING}
     for reason, count in rejected:

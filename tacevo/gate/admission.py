@@ -1,28 +1,23 @@
 """The gate: from a model's raw answer to an admitted candidate or a typed rejection (parent side, no torch).
 
-What it promises: no code of a candidate runs in this process, not even to be imported; the text that was checked
-is the text that is run; equal texts are probed once; nothing that a candidate forges makes a profile that cannot be
-described. The static policy is courtesy, the sandbox is the wall.
+What it promises: this process does not run or import a candidate's code; the text that was checked is the text that
+runs; equal texts are probed once; every profile has finite descriptors, even a forged one. The static policy is
+courtesy, the sandbox is the wall.
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import astuple, dataclass
+import contextlib
+from dataclasses import dataclass
 
-from tacevo.gate.answers import read
+from tacevo.gate.extraction import extract, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import check
-from tacevo.gate.soundness import are_sound_steps, is_sound_graph
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Completion, Contract, Json, Limits, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT, Rules
-from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.client import AnswerError, Died, Run
 from tacevo.sandbox.protocol import one_line
-from tacevo.search.descriptors import describe
 from tacevo.storage.store import Store
-
-#: Runs a sandbox entry: name, header, payload, limits.
-RunEntry = Callable[[str, Json, bytes, Limits], Finished | Died]
+from tacevo.storage.verdicts import read_verdict, recall_verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,14 +44,14 @@ class Gate:
         limits: how large it may be.
         probe_limits: time and memory of one probe.
         numerics: name of the sandbox's numerics; part of the key, because a probe computes.
-        rules: under which verdicts and probes are kept. With others than the current ones, both stores must replay:
-            this code gives no verdict of another rule.
+        rules: under which verdicts and probes are kept. With other rules than the current ones, both stores must
+            replay, because this code judges by the current rules only.
     """
 
     def __init__(
         self,
         *,
-        run: RunEntry,
+        run: Run,
         store: Store,
         answers: Store,
         contract: Contract,
@@ -81,33 +76,47 @@ class Gate:
             SandboxError: the sandbox is broken; nothing was stored.
             CacheMissError: a store only replays and does not know this answer or its source.
         """
-        limit, rules = self._limits.source_bytes, self._rules.static
-        source = read(completion, self._contract, limit=limit, store=self._answers, rules=rules)
+        limit = self._limits.source_bytes
+        rejection = first_look(completion, limit=limit)
+        if rejection is not None:  # not stored: such an answer may be huge, or text that no file can hold
+            return rejection
+        request = {
+            "version": self._rules.static,
+            "text": completion.text,
+            "stop_reason": completion.stop_reason,
+            "contract": to_json(self._contract),
+            "limit": limit,
+        }
+        # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
+        source = recall_verdict(self._answers, request, str, "source", lambda: self._extract(completion))
         return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
 
-        The policy is computed anew each time, even in a replay: the text is the task's own, and not one that a model
-        may have written for another version of Python. Under other rules than the current ones its probe answers for
-        it, which was made only because the policy of that time had let it through.
+        The policy is checked each time, even in a replay: the text is the task's own, and not one that a model may have
+        written for another version of Python. Under other rules than the current ones it is not checked, because the
+        recorded probe was made only after the policy of that time had admitted the text.
         """
         rejection = check(source, self._contract) if self._rules.static == CURRENT.static else None
         return rejection or self.measure(source)
 
     def measure(self, source: str) -> Admitted | Rejection:
-        """Probe a source that the policy has let through, or recall its probe; raises as `admit` does."""
-        answer = self._store.recall(self._request(source), lambda: self._probe(source))
-        if "rejection" in answer:
-            return Rejection.from_json(answer["rejection"])
-        return Admitted(source=source, profile=Profile.from_json(answer["profile"]))
+        """Probe a source that the policy has admitted, or recall its probe; raises as `admit` does."""
+        request = self._request(source)
+        found = recall_verdict(self._store, request, Profile, "profile", lambda: self._probe(source))
+        return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
+
+    def _extract(self, completion: Completion) -> str | Rejection:
+        source = extract(completion, self._contract)
+        return source if isinstance(source, Rejection) else check(source, self._contract) or source
 
     def is_recorded(self, source: str) -> bool:
         """Tell whether the store has the probe of a source, sound or not."""
         return self._store.holds(self._store.key(self._request(source)))
 
     def _request(self, source: str) -> Json:
-        """Name everything that a probe's answer depends on."""
+        """Return everything that a probe's answer depends on."""
         return {
             "version": self._rules.probe,
             "source": source,
@@ -124,51 +133,49 @@ class Gate:
             "modules": self._limits.modules,
         }
 
-    def _probe(self, source: str) -> Json:
-        """Run the probe in the sandbox; give its answer as the store keeps it."""
+    def _probe(self, source: str) -> Profile | Rejection:
+        """Run the probe in the sandbox and check its answer, of which nothing is trusted."""
         header = {"source": source, "contract": to_json(self._contract), "limits": self._sizes()}
         outcome = self._run("probe", header, b"", self._probe_limits)
         if isinstance(outcome, Died):
             return _rejected(outcome.reason, outcome.detail)
-        try:
-            return _checked(outcome, self._limits)
-        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
-            return _rejected(Reason.crashed, "the probe's answer was no profile and no rejection")
+        with contextlib.suppress(AnswerError):
+            match [
+                read_verdict(Profile, "profile", frame.header, place="", error=AnswerError) for frame in outcome.frames
+            ]:
+                case [Profile() as profile] if _is_within(profile, self._limits) and _is_consistent(profile):
+                    return profile
+                case [Rejection(stage=Stage.probe, reason=reason, detail=detail)]:
+                    return _rejected(reason, one_line(detail))
+        return _rejected(Reason.crashed, "expected a profile or a rejection from the probe; got neither")
 
 
-def _checked(outcome: Finished, limits: GateLimits) -> Json:
-    """Read the one frame of a probe; nothing in it is trusted, since a candidate can write frames too.
-
-    Raises:
-        LookupError, TypeError, ValueError, AttributeError, ArithmeticError: it is not what a probe sends.
-    """
-    (frame,) = outcome.frames
-    if "rejection" in frame.header:
-        rejection = Rejection.from_json(frame.header["rejection"])
-        if rejection.stage is not Stage.probe or type(rejection.detail) is not str:
-            raise ValueError(f"expected a rejection at {Stage.probe} with a text; got one at {rejection.stage}")
-        return _rejected(rejection.reason, one_line(rejection.detail))
-    profile = Profile.from_json(frame.header["profile"])
-    known = profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
-    if not (
-        known and _has_allowed_sizes(profile, limits) and is_sound_graph(profile.graph) and are_sound_steps(profile)
-    ):
-        raise ValueError("expected the profile of a network within the limits")
-    if not all(math.isfinite(value) and value >= 0 for value in astuple(describe(profile))):
-        raise ValueError("expected a network whose descriptors are finite and >= 0")
-    return {"profile": to_json(profile)}
-
-
-def _has_allowed_sizes(profile: Profile, limits: GateLimits) -> bool:
-    """Check the counts against what a probe would have refused."""
-    counts = (
-        (profile.parameters, limits.parameters),
-        (profile.flops, limits.flops),
-        (profile.modules, limits.modules),
-        (len(profile.graph.nodes), limits.modules),
+def _is_within(profile: Profile, limits: GateLimits) -> bool:
+    """Tell whether a network is no larger than the probe lets it be."""
+    return (
+        profile.parameters <= limits.parameters
+        and profile.flops <= limits.flops
+        and max(profile.modules, len(profile.graph.nodes)) <= limits.modules
     )
-    return profile.parameters >= 1 and all(type(count) is int and 0 <= count <= limit for count, limit in counts)
 
 
-def _rejected(reason: Reason, detail: str) -> Json:
-    return {"rejection": to_json(Rejection(stage=Stage.probe, reason=reason, detail=detail))}
+def _is_consistent(profile: Profile) -> bool:
+    """Tell whether the parts of a profile fit together, as those of a traced network do."""
+    graph, steps = profile.graph, profile.steps
+    return (
+        profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
+        and all(0 <= producer < consumer < len(graph.nodes) for producer, consumer in graph.edges)
+        and len(set(graph.edges)) == len(graph.edges)
+        and max(len(graph.channels) + len(graph.hidden), len(graph.kernels)) <= len(graph.nodes)
+        and all(len(step.sources) == len(step.operands) for step in steps)
+        and all(_are_rising(sources, below=index) for index, step in enumerate(steps) for sources in step.sources)
+        and _are_rising(profile.output, below=len(steps))
+    )
+
+
+def _are_rising(indices: tuple[int, ...], *, below: int) -> bool:
+    return all(0 <= index < below for index in indices) and list(indices) == sorted(set(indices))
+
+
+def _rejected(reason: Reason, detail: str) -> Rejection:
+    return Rejection(stage=Stage.probe, reason=reason, detail=detail)

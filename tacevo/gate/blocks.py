@@ -15,7 +15,7 @@ _FILTERS = threading.Lock()  # catch_warnings swaps a list that all threads shar
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Why a text cannot be used; the stage that met it makes a rejection of it."""
+    """Why a text cannot be used; its stage turns this into a rejection."""
 
     reason: Reason
     #: One line for a person.
@@ -25,13 +25,13 @@ class Problem:
 
     @classmethod
     def at(cls, reason: Reason, node: ast.AST | int, detail: str) -> Self:
-        """Make a problem of a node or of a line number, which the detail then names."""
+        """Make a problem of a node or of a line number, and name the line in the detail."""
         line = node if isinstance(node, int) else getattr(node, "lineno", 0)
         return cls(reason, f"line {line}: {detail}", line)
 
 
 def is_special(name: str) -> bool:
-    """Say whether Python gives a name a meaning, e.g. `__init__`."""
+    """Tell whether a name is special to Python, e.g. `__init__`."""
     return name.startswith("__") and name.endswith("__")
 
 
@@ -39,20 +39,20 @@ def parse(text: str) -> ast.Module | Problem:
     """Parse source text; it comes as `str`, so a coding cookie in it has no effect."""
     try:
         with _FILTERS, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an invalid escape sequence in a docstring is no fault of the network
+            warnings.simplefilter("ignore")  # an invalid escape sequence in a docstring does not harm the network
             return ast.parse(text)
     except SyntaxError as error:
         line = error.lineno or 0
         shown = (error.text or "").strip()[:80]
         return Problem(Reason.syntax, f"line {line}: {type(error).__name__}: {error.msg}: {shown!r}", line)
     except (RecursionError, MemoryError):
-        return Problem(Reason.too_complex, "the parser ran out of stack: expressions are nested too deeply")
+        return Problem(Reason.too_complex, "expressions are nested too deeply for the parser; simplify them")
     except ValueError as error:
         return Problem(Reason.syntax, f"the text cannot be parsed: {error}")
 
 
-#: Characters that may be parsed in the search for code between prose, over all attempts; a second or two of work,
-#: and some hundred attempts for an answer of usual size.
+#: How many characters may be parsed to find code between prose, over all attempts: a second or two of work, and about a
+#: hundred attempts for an answer of usual size.
 _BUDGET = 500_000
 
 _FENCE = re.compile(r"[ \t]*(`{3,}|~{3,})[ \t]*([^`\n]*)")
@@ -113,7 +113,7 @@ def _python_block(fence: re.Match[str], lines: list[str], *, closed: bool) -> li
 
 
 def parsable_blocks(text: str) -> list[Block]:
-    """Collect the longest stretches of lines that start like code and parse, from prose that has no fences."""
+    """Collect the longest stretches of lines that start like code and parse, from text without fences."""
     lines = text.split("\n")
     blocks = []
     start, budget = 0, _BUDGET
@@ -159,7 +159,7 @@ def _is_outside(line: str, margin: int) -> bool:
 
 
 def _begins_statement(line: str, margin: int) -> bool:
-    """Tell whether a line at the margin could begin something new; comments and closing brackets do not."""
+    """Tell whether a line at the margin could begin a statement; comments and closing brackets do not."""
     return bool(line.strip()) and _indentation(line) == margin and not _CONTINUATION.match(line[margin:])
 
 

@@ -1,13 +1,13 @@
-"""From a model's raw answer to one source text, without running any of it.
+"""From a model's raw answer to one source text, without running it.
 
 The rules, in order:
 
-1. An answer over the size limit, refused, never given, or blank is turned away before anything is parsed.
+1. An answer that is too long, refused, missing or blank is rejected before anything is parsed.
 2. If the whole answer is Python that defines the class, it is the source.
 3. Otherwise the blocks are its fenced blocks, if it has any that are Python, else the longest stretches of lines
    that parse.
-4. The last block that holds the whole class is the source: a model that shows two versions means the later one.
-   Blocks that define a name which the source uses but does not define go before it.
+4. The last block with the whole class is the source, because a model that shows two versions means the later one.
+   Blocks that define a name which the source uses but does not define are put before it.
 5. One text that defines the class twice is ambiguous, because Python would silently keep the last.
 
 An answer cut off at its token limit counts only if its last block with the class was closed.
@@ -21,8 +21,14 @@ from dataclasses import dataclass
 from tacevo.gate.blocks import Block, Problem, fenced_blocks, parsable_blocks, parse
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
-#: Stop reasons of an answer that its model did not end: its own token limit, or the end of the model's context.
+#: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
 CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded"})
+
+#: Stop reasons of what is not an answer.
+_UNANSWERED = {
+    "refusal": (Reason.refused, "the model refused to answer"),
+    "invalid_request": (Reason.invalid_request, "the provider refused the request, e.g. because it is too long"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,60 +39,49 @@ class _Code:
     tree: ast.Module
 
 
-def extract(completion: Completion, contract: Contract, *, limit: int = 100_000) -> str | Rejection:
+def extract(completion: Completion, contract: Contract) -> str | Rejection:
     """Find the source text in an answer.
 
     Args:
-        completion: the answer as the model gave it.
+        completion: an answer that `first_look` lets pass.
         contract: names the class to look for.
-        limit: most UTF-8 bytes that an answer may have.
 
     Returns:
         Source that parses and defines the class once: newlines normalised, dedented, ending with one newline;
         or a rejection at stage `extract`.
     """
-    rejection = first_look(completion, limit=limit)
-    if rejection is not None:
-        return rejection
     found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
-    return _rejected(found) if isinstance(found, Problem) else found
+    return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
 def first_look(completion: Completion, *, limit: int) -> Rejection | None:
-    """Turn away what needs no parsing; the size comes first, so that nothing else is done with a huge answer."""
-    problem = _problem_at_first_look(completion, limit)
-    return None if problem is None else _rejected(problem)
+    """Reject what needs no parsing.
 
-
-def _problem_at_first_look(completion: Completion, limit: int) -> Problem | None:
+    Args:
+        completion: the answer as the model wrote it.
+        limit: most UTF-8 bytes that it may have; checked first, so that nothing else is done with a huge answer.
+    """
+    text, reason = completion.text, completion.stop_reason
     try:
-        size = len(completion.text) if len(completion.text) > limit else len(completion.text.encode())
+        size = len(text) if len(text) > limit else len(text.encode())
     except UnicodeEncodeError as error:
-        return Problem(Reason.syntax, f"expected Unicode text; got a lone surrogate at character {error.start}")
+        return _rejected(Reason.syntax, f"expected Unicode text; got a lone surrogate at character {error.start}")
     if size > limit:
-        return Problem(Reason.too_long, f"expected at most {limit} bytes; got {size} or more")
-    return _problem_without_answer(completion)
-
-
-def _problem_without_answer(completion: Completion) -> Problem | None:
-    """Say why there is nothing to read, where there is nothing."""
-    if completion.stop_reason == "refusal":
-        return Problem(Reason.refused, "the model refused to answer")
-    if completion.stop_reason == "invalid_request":
-        return Problem(Reason.invalid_request, "the provider refuses the request, e.g. because it is too long")
-    if completion.text.strip():
+        return _rejected(Reason.too_long, f"expected at most {limit} bytes; got {size} or more")
+    if reason in _UNANSWERED:
+        return _rejected(*_UNANSWERED[reason])
+    if text.strip():
         return None
-    if completion.stop_reason in CUT_OFF:
-        return Problem(Reason.truncated, "the answer was cut off before its first word")
-    return Problem(Reason.empty, "the answer is blank")
+    cut_off = Reason.truncated, "the answer was cut off before its first word"
+    return _rejected(*(cut_off if reason in CUT_OFF else (Reason.empty, "the answer is blank")))
 
 
-def _rejected(problem: Problem) -> Rejection:
-    return Rejection(stage=Stage.extract, reason=problem.reason, detail=problem.detail)
+def _rejected(reason: Reason, detail: str) -> Rejection:
+    return Rejection(stage=Stage.extract, reason=reason, detail=detail)
 
 
 def _normalised(text: str) -> str:
-    """Give every line the same ending and drop a byte order mark."""
+    """Use one line ending throughout and drop a byte order mark."""
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -126,7 +121,7 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
 
 
 def _is_closed(text: str, mentioning: Sequence[Block], name: str) -> bool:
-    """Tell whether the last class statement of an answer stands in a block that the model had finished."""
+    """Tell whether the last class statement of an answer is in a block that the model finished."""
     in_blocks = sum(len(_mentions(block.text, name)) for block in mentioning)
     return bool(mentioning) and mentioning[-1].closed and in_blocks == len(_mentions(text, name))
 
@@ -136,7 +131,7 @@ def _class_definitions(tree: ast.Module, name: str) -> list[ast.ClassDef]:
 
 
 def _defines_whole(tree: ast.Module, name: str) -> bool:
-    """Tell a whole class from an excerpt: it has a forward pass, or a base that can bring one."""
+    """Tell a whole class from an excerpt: it defines `forward`, or has a base that may define it."""
     for node in _class_definitions(tree, name):
         methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
         bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
@@ -146,7 +141,7 @@ def _defines_whole(tree: ast.Module, name: str) -> bool:
 
 
 def _helpers(chosen: _Code, codes: Sequence[_Code], name: str) -> list[_Code]:
-    """Find the other blocks that define what the chosen one uses but lacks, and what those lack, in text order."""
+    """Find the other blocks that define what the chosen one uses but lacks, and what these lack, in text order."""
     taken: list[_Code] = []
     missing = _loaded(chosen.tree) - _bound(chosen.tree)
     grew = True
@@ -189,7 +184,7 @@ def _defined(tree: ast.Module) -> set[str]:
 
 
 def _checked_once(source: str, name: str) -> str | Problem:
-    """Make sure that the joined source still parses and that exactly one thing in it has the class's name."""
+    """Check that the joined source still parses and binds the class's name exactly once."""
     tree = parse(source)
     if isinstance(tree, Problem):
         return tree
@@ -201,7 +196,7 @@ def _checked_once(source: str, name: str) -> str | Problem:
 
 
 def _binds(node: ast.AST, name: str) -> bool:
-    """Tell whether a statement gives the class's name to something."""
+    """Tell whether a node binds the class's name."""
     match node:
         case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
             return node.name == name
@@ -213,10 +208,14 @@ def _binds(node: ast.AST, name: str) -> bool:
 
 
 def _explain(text: str, mentioning: Sequence[Block], codes: Sequence[_Code], name: str) -> Problem:
-    """Say why no block holds the whole class."""
+    """Return why no block has the whole class."""
     if mentioning:
         tree = parse(mentioning[-1].text)
-        return tree if isinstance(tree, Problem) else Problem(Reason.no_class, f"class {name} has no forward method")
+        return (
+            tree
+            if isinstance(tree, Problem)
+            else Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
+        )
     classes = sorted({node.name for code in codes for node in code.tree.body if isinstance(node, ast.ClassDef)})
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
@@ -224,4 +223,4 @@ def _explain(text: str, mentioning: Sequence[Block], codes: Sequence[_Code], nam
         tree = parse(Block.of(text[mention.start() :], closed=False).text)
         if isinstance(tree, Problem):
             return tree
-    return Problem(Reason.no_class, f"expected a class {name}; the answer has no Python class")
+    return Problem(Reason.no_class, f"expected a class {name}; got no Python class")

@@ -1,9 +1,9 @@
 """Whether a network is what it says: its names, weights, mode and parameters (child side).
 
-What it promises: an override of a name of `nn.Module` is seen however it was made; so is a weight or a mode that is
-another after a pass. What it does not: a network that behaves in the few passes of the probe, on small batches, and
-changes its weights or mode later, is not seen. `tacevo.sandbox.candidate` finds what learns without being listed, here
-and at each step of a training.
+What it promises: it finds every override of a name of `nn.Module`, and every weight or mode that a pass changes. What
+it does not promise: it does not find a network that changes its weights or mode later, or only in larger batches than
+the few of the probe. `tacevo.sandbox.candidate` finds what learns without being listed, here and at each step of a
+training.
 """
 
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ _NAMES = MODULE_NAMES | {"__getattribute__"}
 
 
 def _meanings(kind: type) -> dict[str, Any]:
-    """Return what one class itself gives to these names."""
+    """Return these names with what one class itself defines them as."""
     own = _CLASS_ATTRIBUTES.__get__(kind)
     return {name: own[name] for name in _NAMES & own.keys()}
 
@@ -41,7 +41,7 @@ def _with_subclasses(kind: type) -> Iterator[type]:
         yield from _with_subclasses(below)
 
 
-#: The meanings in torch's own modules, read before any candidate runs, who could change these classes, too.
+#: The meanings in torch's own modules, read before a candidate runs, which could change these classes.
 _TORCH = {kind: _meanings(kind) for kind in (object, *_with_subclasses(nn.Module))}
 
 #: What `parametrize` writes into each class that it makes, as code.
@@ -51,11 +51,11 @@ _PARAMETRIZED = [part for part in parametrize._inject_new_class.__code__.co_cons
 def check_names(network: nn.Module) -> None:
     """Check that no module of a network has its own meaning for a name of `nn.Module`.
 
-    Nothing that a class says of itself is believed: a name means what it meant in this class before the candidate ran,
-    and a class that was not there defines none.
+    What a class says of itself is not used. A name must mean what it meant in this class before the candidate ran, and
+    a new class must not define any.
 
     Raises:
-        CandidateError: one has, in its class or on the object.
+        CandidateError: a module has, in its class or on the object.
     """
     stored = vars(nn.Module()).keys()
     for module in modules(network):
@@ -67,7 +67,7 @@ def check_names(network: nn.Module) -> None:
 
 
 def _redefined(kind: type) -> Iterator[str]:
-    """Name what means something else in one class than in torch's own."""
+    """Yield the names that mean something else in one class than in torch's own."""
     before = _TORCH.get(kind, {})
     for name, value in _meanings(kind).items():
         is_parametrized = type(value) is FunctionType and value.__code__ in _PARAMETRIZED
@@ -77,7 +77,7 @@ def _redefined(kind: type) -> Iterator[str]:
 
 @contextmanager
 def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Parameter]]:
-    """Switch a network's mode, and see that what runs within leaves names, mode and parameters as they are.
+    """Switch a network's mode, and check that what runs within leaves names, mode and parameters as they are.
 
     Buffers may change, as the statistics of a batch normalisation do.
 
@@ -94,7 +94,9 @@ def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Paramet
     yield before
     after = parameters(network)
     if [*map(id, after)] != [*map(id, before)]:
-        detail = "expected the parameters that the constructor made; got others after a pass; make all of them there"
+        detail = (
+            "expected the parameters that the constructor made; got others after a pass; make all in the constructor"
+        )
         raise CandidateError(Reason.changes_its_weights, detail)
     if not all(map(torch.equal, map(_bits, after), bits)):
         detail = f"expected the same weights before and after a pass with training={training}; got others"

@@ -1,13 +1,13 @@
-"""What a traced call is called, and which calls are operations at all (see docs/descriptors.md).
+"""The names of traced calls, and which calls are operations (see docs/descriptors.md).
 
-A layer and its function, a method and its in-place form, an operator and its reflection get one spelling, so that
-the same network has the same graph however it is written. This module knows names only, no tensors.
+A layer and its function, a method and its in-place form, an operator and its reflection get one name, so that the same
+network has the same graph however it is written. This module knows names only, not tensors.
 """
 
 import re
 from collections.abc import Mapping
 
-#: Calls that move or relabel values: data flows through them, but they are no operation of their own.
+#: Calls that move or relabel values: data flows through them, but they are not operations.
 _SHAPING = """
     flatten unflatten ravel view view_as reshape reshape_as permute transpose t swapaxes swapdims movedim moveaxis
     squeeze unsqueeze contiguous getitem setitem get chunk split tensor_split hsplit vsplit unbind narrow select
@@ -21,7 +21,7 @@ _ACTIVATIONS = """
     hardtanh hardshrink softshrink tanhshrink softplus softsign threshold
 """
 
-#: Calls that take no more than shape and type from their tensor; what they return does not depend on its values.
+#: Calls that take only shape and type from their tensor; what they return does not depend on its values.
 _FACTORIES = """
     zeros_like ones_like full_like empty_like rand_like randn_like randint_like
     new_zeros new_ones new_full new_empty new_tensor
@@ -32,14 +32,14 @@ _WEIGHTED = """
     addmm baddbmm multihead_attention rnn lstm gru rnn_cell lstm_cell gru_cell
 """
 
-#: Operations that can hold a weight of two or more dimensions; normalisations scale, they are not among them.
+#: Operations that can have a weight of two or more dimensions; normalisations only scale, so they are not included.
 WEIGHTED = frozenset(_WEIGHTED.split())
 
 #: Convolutions, each with the number of image dimensions of its kernel.
 CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
 
 #: Kernels of torch whose last bit depends on the CPU even under portable numerics, with what calls them, as
-#: measured (docs/determinism.md): MKL and oneDNN choose their code by the CPU there, whatever they are told.
+#: measured (docs/determinism.md): there MKL and oneDNN choose their code by the CPU under every setting.
 NOT_PORTABLE: Mapping[str, str] = {
     "sqrt": "torch.sqrt, pow with exponent 0.5, LPPool1d, LPPool2d, LPPool3d",
     "atan": "torch.atan, torch.arctan",
@@ -64,13 +64,13 @@ _WORD_START = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def operation(name: str) -> str:
-    """Spell the operation behind a layer class or a function.
+    """Return the name of the operation behind a layer class or a function.
 
     Args:
         name: the name of the class that defines a layer's `forward`, or of a torch function or tensor method.
 
     Returns:
-        One spelling for all forms, e.g. `max_pool2d` for `MaxPool2d` and `max_pool2d_with_indices`, `add` for
+        One name for all forms, e.g. `max_pool2d` for `MaxPool2d` and `max_pool2d_with_indices`, `add` for
         `__iadd__` and `add_`.
     """
     snake = _WORD_START.sub("_", name.strip("_")).lower().removesuffix("_with_indices")
@@ -78,17 +78,17 @@ def operation(name: str) -> str:
 
 
 def is_transparent(op: str) -> bool:
-    """Say whether data passes through this call without its being a node."""
+    """Tell whether data passes through this call without a node."""
     return _squashed(op) in _TRANSPARENT
 
 
 def activation(op: str) -> str | None:
-    """Give the one name of a simple activation, e.g. `leaky_relu` for the layer's `leaky_re_lu`; None for others."""
+    """Return the name of a simple activation, e.g. `leaky_relu` for the layer's `leaky_re_lu`; None for others."""
     return _ACTIVATION_NAMES.get(_squashed(op))
 
 
 def is_factory(op: str) -> bool:
-    """Say whether this call looks at no value of the tensor it is given."""
+    """Tell whether this call reads no value of the tensor that it is given."""
     return _squashed(op) in _SHAPE_ONLY
 
 

@@ -1,8 +1,8 @@
 """Which operations of a candidate give other bits on another CPU (child side).
 
-What it promises: every such operation that the probe's own passes reach is found, whoever calls it (a layer, a
-function, a method, autograd), because torch is watched below all of them. What it does not: a branch that the probe did
-not take is not seen, and the candidate shares this process, so the list is only its claim.
+What it promises: it finds every such operation that the probe's passes reach, called by a layer, a function, a method
+or autograd, because it watches torch below all of them. What it does not promise: it does not see a branch that the
+probe did not take, and the candidate shares this process, so the list is only its claim.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,7 +43,7 @@ call_plainly(_Watcher.__torch_dispatch__)
 
 
 def _spelling(func: Callable[..., Any], args: tuple[Any, ...]) -> str:
-    """Spell a kernel as `NOT_PORTABLE` does: a power of 0.5 takes the square root's own code."""
+    """Return a kernel's name as in `NOT_PORTABLE`: a power of 0.5 uses the code of the square root."""
     name = str(func).split(".")[1].rstrip("_")
     is_root = name == "pow" and len(args) > 1 and isinstance(args[1], float) and args[1] == 0.5
     return "sqrt" if is_root else name

@@ -1,9 +1,8 @@
 """Tries one candidate out and measures it (child side).
 
-What it promises: a profile means that the class was built twice alike, ran in train and eval mode at several
-batch sizes, returned what the contract asks for, learned through one optimiser step, and stayed within the
-limits. What it does not: candidate code runs in this very process and could lie about all of it, which would
-only cost the candidate its own training.
+What it promises: a profile means that the class was built twice with equal results, ran in train and eval mode at
+several batch sizes, returned what the contract asks for, took optimiser steps, and stayed within the limits. What it
+does not promise: candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
 """
 
 from dataclasses import replace
@@ -45,7 +44,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Mod
         send: takes the frame.
 
     Returns:
-        The networks, to be kept alive: a finaliser must not run before the answer is out.
+        The networks, to be kept alive: a finaliser must not run before the answer is sent.
     """
     built: list[nn.Module] = []
     try:
@@ -59,7 +58,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Mod
 
 
 def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[nn.Module]) -> Profile:
-    """Run every trial in the order in which it gets dearer; each network made is added to `built`."""
+    """Run the trials, cheap ones first; each network made is added to `built`."""
     images, targets = _examples(contract)
     few, many = BATCHES
     model = _built(source, contract, built)
@@ -71,7 +70,9 @@ def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[
     _training_step(model, images[:many], targets[:many], contract)
     again = _built(source, contract, built)
     if _training_step(again, images[:few], targets[:few], contract) != first:
-        raise CandidateError(Reason.nondeterministic, "two constructions and steps with one seed gave different bits")
+        raise CandidateError(
+            Reason.nondeterministic, "expected equal bits from two constructions and steps with one seed; got others"
+        )
     return Profile(
         parameters=weights,
         flops=flops,
@@ -120,7 +121,7 @@ def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
 def _measured(model: nn.Module, images: Tensor, contract: Contract) -> tuple[int, Trace]:
     """Count the FLOPs of some images in eval mode and trace them, in one pass."""
     counter = FlopCounterMode(display=False)
-    # The counter knows matrix products but not the fused attention kernel of the CPU, which it takes for free.
+    # The counter knows matrix products but not the fused attention kernel of the CPU, which it would count as 0.
     with (
         unchanged(model, training=False),
         blaming(Reason.forward_failed),
@@ -159,12 +160,14 @@ def _check_batch(flops: int, traced: Trace, flops_of_batch: int, traced_batch: T
 
 def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:
     """Take one optimiser step and check it; return the bits of the output and a hash of the weights it left."""
-    torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, whatever ran between
+    torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
     with unchanged(model, training=True) as listed, blaming(Reason.forward_failed):
         output = model(images)
     _check_output(output, len(images), contract)
     if not output.requires_grad:
-        raise CandidateError(Reason.no_gradient, "the output depends on no trainable parameter")
+        raise CandidateError(
+            Reason.no_gradient, "expected an output that depends on a trainable parameter; got one that does not"
+        )
     check_leaves(output, listed)
     with blaming(Reason.backward_failed):
         with unchanged(model, training=True):
@@ -172,18 +175,20 @@ def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: 
             optimiser = Adam(listed, _LEARNING_RATE)
             torch.autograd.backward(loss)
         if all(parameter.grad is None for parameter in listed):
-            raise CandidateError(Reason.no_gradient, "after backward no parameter has a gradient")
+            raise CandidateError(Reason.no_gradient, "expected gradients of the parameters after backward; got none")
         optimiser.step()
         optimiser.zero_grad()
         if not all(torch.isfinite(parameter).all() for parameter in listed):
-            raise CandidateError(Reason.not_finite, "weights are not finite after one training step")
+            raise CandidateError(
+                Reason.not_finite, "expected finite weights after one training step; got NaN or infinity"
+            )
         return output.detach().numpy().tobytes(), digest(model)
 
 
 def _check_output(output: object, count: int, contract: Contract) -> None:
-    """Hold an output against the contract."""
+    """Check an output against the contract."""
     problem = fault(output, (count, contract.outputs))
     if problem is not None:
         raise CandidateError(Reason.bad_output, problem)
     if isinstance(output, Tensor) and not torch.isfinite(output).all():
-        raise CandidateError(Reason.not_finite, f"outputs for a batch of {count} are not finite")
+        raise CandidateError(Reason.not_finite, f"expected finite outputs for a batch of {count}; got NaN or infinity")

@@ -1,8 +1,8 @@
 """The steps of a traced pass: the calls that the graph leaves out or simplifies, for motifs (child side).
 
 What it promises: every node of the graph that gets values of the image is a step, and so is every simple activation;
-changes of shape are none, data flows through them. Unlike the graph, steps know that `gate.expand_as(x)` holds no x. A
-pass of more than `MOST_STEPS` calls is recorded up to there.
+changes of shape are not, data flows through them. Unlike the graph, steps know that `gate.expand_as(x)` has no values
+of x. Of a longer pass, the first `MOST_STEPS` calls are recorded.
 """
 
 from collections.abc import Iterable, Mapping
@@ -12,8 +12,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from tacevo.gate.operations import CONVOLUTIONS, activation, is_transparent
-from tacevo.gate.soundness import MOST_OPERANDS, MOST_STEPS
-from tacevo.profile import Step
+from tacevo.profile import MOST_OPERANDS, MOST_STEPS, Step
 
 #: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
 _STRIDE, _GROUPS = 3, 6
@@ -27,7 +26,7 @@ _LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What a call was told beside its tensors, as a `Step` has it."""
+    """The settings of a call, as a `Step` has them."""
 
     kernel: tuple[int, ...] = ()
     stride: tuple[int, ...] = ()
@@ -39,7 +38,7 @@ class StepRecorder:
     """Appends steps, and follows data between them.
 
     Args:
-        images: the input of the pass. Tensors are told apart by id; the caller keeps alive what it hands over.
+        images: the input of the pass. Tensors are distinguished by id, so the caller keeps them alive.
     """
 
     def __init__(self, images: Tensor) -> None:
@@ -49,7 +48,7 @@ class StepRecorder:
     def follow(
         self, op: str, inputs: Iterable[Tensor], results: Iterable[Tensor], *, weighted: bool, settings: Settings
     ) -> None:
-        """Pass data flow from inputs to results, through a new step where the call is one."""
+        """Follow data from inputs to results, through a new step where the call is one."""
         given = list(inputs)[:1] if op in _LIKE else list(inputs)
         operands = [tensor for tensor in given if id(tensor) in self._behind]
         if not operands:
@@ -77,7 +76,7 @@ class StepRecorder:
             self._behind[id(result)] = behind
 
     def behind(self, tensors: Iterable[Tensor]) -> tuple[int, ...]:
-        """Give the steps that tensors come from, rising; none for the image and for what does not depend on it."""
+        """Return the steps that tensors come from, rising; none for the image and for what does not depend on it."""
         return tuple(sorted(frozenset[int]().union(*(self._behind.get(id(tensor), ()) for tensor in tensors))))
 
 
@@ -102,7 +101,7 @@ def of_call(op: str, args: tuple[Any, ...], kwargs: Mapping[str, Any], inputs: l
 
 
 def _convolution(rank: int, tensors: Iterable[Any], stride: Any, groups: Any) -> Settings:
-    """Put a convolution's settings in one form; the weight is the last tensor of two dimensions more than its rank."""
+    """Write a convolution's settings in one form; the weight is the last tensor with its rank plus two dimensions."""
     weights = [tensor for tensor in tensors if isinstance(tensor, Tensor) and tensor.dim() == rank + 2]
     return Settings(
         kernel=tuple(weights[-1].shape[2:]) if weights else (),
@@ -123,5 +122,5 @@ def _is_dropout(op: str) -> bool:
 
 
 def _rate(value: Any) -> float:
-    """Take a probability; a call that torch accepted has one in [0, 1], as a number or, rarely, as a tensor."""
+    """Return a probability; a call that torch accepted has it in [0, 1], as a number or, rarely, as a tensor."""
     return float(value) if isinstance(value, int | float) and 0 <= value <= 1 else 0.0

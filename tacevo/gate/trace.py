@@ -1,9 +1,9 @@
 """The graph of a network, recorded while one forward pass runs (child side).
 
 What it promises: a layer and its function give the same node; control flow, loops, shared modules and plain Python
-containers are followed as they ran; a layer that raised is no node, and what runs after it is seen. What it does not:
-a branch that this input did not take is not seen, and an in-place write through a view reaches only the view.
-Symbolic tracing (torch.fx, torch.export) would refuse data-dependent control flow, which models write often enough.
+containers are followed as they ran; a layer that raised is not a node, and what runs after it is recorded. What it does
+not promise: a branch that this input did not take is not recorded, and an in-place write through a view is recorded for
+the view only. Symbolic tracing (torch.fx, torch.export) would refuse data-dependent control flow, which models write.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def trace(model: nn.Module, images: Tensor) -> Trace:
         images: its input, shape (N, channels, height, width).
 
     Raises:
-        Exception: whatever the network raises.
+        Exception: what the network raises.
     """
     switch(model, training=False)
     recorder = _Recorder(model, images)
@@ -74,7 +74,7 @@ class _Recorder(TorchFunctionMode):
         super().__init__()
         self._nodes: list[Node] = []
         self._edges: set[tuple[int, int]] = set()
-        # Keyed by id: a tensor defines == element by element. `_alive` keeps the ids from being used again.
+        # Keyed by id, because == of tensors is element by element. `_alive` keeps ids from being reused.
         self._alive: list[Tensor] = [images]
         self._producers: dict[int, frozenset[int]] = {id(images): frozenset()}
         self._parameters = {id(parameter): id(parameter) for parameter in parameters(model)}
@@ -85,7 +85,7 @@ class _Recorder(TorchFunctionMode):
         self.steps = StepRecorder(images)
 
     def graph(self) -> Graph:
-        """Give what was recorded so far."""
+        """Return what was recorded so far."""
         return Graph(
             nodes=tuple(self._nodes),
             edges=tuple(sorted(self._edges)),
@@ -97,7 +97,7 @@ class _Recorder(TorchFunctionMode):
     @contextmanager
     def watching_layers(self) -> Iterator[None]:
         """Record the layers of torch.nn as one node each while the context lasts."""
-        # Two hooks on the way out, in this order: only the second is called after an error, without keyword arguments.
+        # Two hooks after the layer, in this order: only the second is called after an error, and it gets no keywords.
         handles = (
             hooks.register_module_forward_pre_hook(self._enter_layer),
             hooks.register_module_forward_hook(self._record_layer, with_kwargs=True),
@@ -146,12 +146,12 @@ class _Recorder(TorchFunctionMode):
         return output
 
     def _leave_layer(self, layer: nn.Module, args: tuple[Any, ...], output: Any) -> None:
-        """Count a layer out, also one that raised, whose error the network may catch to go on without it."""
+        """Note that a layer ended, also by an error, which the network may catch to continue without the layer."""
         if _layer_class(layer) is not None:
             self._layers_entered -= 1
 
     def _follow(self, op: str, inputs: list[Tensor], output: Any, *, key: int | None, settings: Settings) -> None:
-        """Pass data flow from inputs to outputs, through a new node where the call is an operation.
+        """Follow data from inputs to outputs, through a new node where the call is an operation.
 
         Args:
             op: its spelling.
@@ -178,7 +178,7 @@ class _Recorder(TorchFunctionMode):
     def _add_node(
         self, op: str, producers: frozenset[int], inputs: list[Tensor], result: Tensor, key: int | None
     ) -> int:
-        """Append one node with its edges; give its index."""
+        """Append one node with its edges; return its index."""
         index = len(self._nodes)
         weighted = key is not None and op in WEIGHTED
         width = 0 if key is None or not weighted else self._note_layer(op, inputs, result, key)
@@ -187,7 +187,7 @@ class _Recorder(TorchFunctionMode):
         return index
 
     def _note_layer(self, op: str, inputs: list[Tensor], result: Tensor, key: int) -> int:
-        """Keep the properties of a weighted layer, once however often it is called; give its width."""
+        """Record the properties of a weighted layer once, however often it is called; return its width."""
         rank = CONVOLUTIONS.get(op)
         if rank is None:
             width = result.shape[-1]
@@ -201,14 +201,14 @@ class _Recorder(TorchFunctionMode):
         return width
 
     def _derive(self, inputs: list[Tensor], results: list[Tensor]) -> None:
-        """Remember that tensors independent of the network's input were made from a parameter."""
+        """Record that tensors which do not depend on the input were made from a parameter."""
         root = self._root(inputs, dimensions=0)
         if root is not None:
             self._parameters |= {id(result): root for result in results}
             self._alive += results
 
     def _root(self, inputs: list[Tensor], *, dimensions: int) -> int | None:
-        """Find the parameter behind the first input of at least so many dimensions that is made from one."""
+        """Find the parameter behind the first input with at least these dimensions that is made from one."""
         known = (self._parameters.get(id(tensor)) for tensor in inputs if tensor.dim() >= dimensions)
         return next((root for root in known if root is not None), None)
 
@@ -221,7 +221,7 @@ def _layer_class(module: nn.Module) -> type[nn.Module] | None:
 
 
 def _distinct(output: Any, inputs: list[Tensor]) -> Any:
-    """Give an output that is the very input object (dropout in eval mode) an identity of its own."""
+    """Return a view of an output that is the input object itself (dropout in eval mode), so that ids differ."""
     if isinstance(output, Tensor) and any(output is tensor for tensor in inputs):
         return output.view_as(output)
     return output

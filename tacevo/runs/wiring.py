@@ -14,7 +14,7 @@ from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
 from tacevo.rules import CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.standins import InPlace, refuse_to_run
-from tacevo.sandbox.client import Notice, Sandbox
+from tacevo.sandbox.client import Notice, Run, Sandbox
 from tacevo.search.algorithm import Plan
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
@@ -22,7 +22,7 @@ from tacevo.search.development import Evaluate, Tools
 from tacevo.search.proposals import Settings, Task
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
-from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
+from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
 from tacevo.training.numerics import environment
 

@@ -1,4 +1,4 @@
-"""The zygote's first step: settle what a process can only inherit, then start Python again as the zygote."""
+"""The zygote's first step: set what a process can only inherit, then start Python again as the zygote."""
 
 import os
 import signal
@@ -14,15 +14,15 @@ _ZYGOTE = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.zygote im
 
 
 def command(socket: int) -> list[str]:
-    """Write the command line of a zygote that serves the socket and imports from where this process does."""
+    """Return the command line of a zygote that serves the socket and has the import path of this process."""
     return _python(_BOOT, str(socket), *map(os.path.abspath, sys.path))
 
 
 def boot() -> NoReturn:
     """Become the zygote.
 
-    The signals by which people and batch systems cancel a run are ignored from here on: they reach every process,
-    and a candidate's death by one would be taken for its own fault. The end of the search ends everything anyway.
+    From here on, the signals by which people and batch systems cancel a run are ignored. They reach every process, and
+    a candidate killed by one would be rejected for it. When the search ends, everything below it ends too.
     """
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
@@ -32,5 +32,5 @@ def boot() -> NoReturn:
 
 
 def _python(code: str, *arguments: str) -> list[str]:
-    """Run code without the user's packages, without this folder on the path, and without writing bytecode."""
+    """Return a command that runs code without the user's packages or this directory on the path, or bytecode."""
     return [sys.executable, "-s", "-P", "-B", "-c", code, *arguments]

@@ -1,6 +1,6 @@
 """The child's side of a job: from source text to a network, from stored images to its input, from an error to a reason.
 
-Only entries import this module; it needs torch, and what it runs is hostile until proven otherwise.
+Only entries import this module. It needs torch, and the code that it runs may be hostile.
 """
 
 import hashlib
@@ -20,21 +20,21 @@ from tacevo.records import Contract, Reason
 from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
-torch.zeros(1).half()  # torch reads what the CPU can do from a file, when first needed; no candidate could
+torch.zeros(1).half()  # at first use torch reads the CPU's features from a file, which no candidate could
 
-#: Name of the module that a candidate's text makes, which its classes bear.
+#: Name of the module that a candidate's text becomes; its classes carry it.
 NAME = "candidate"
 
 
 def call_plainly(*functions: Any) -> None:
-    """Have torch call functions of its own as they are, where it would first import its compiler to keep it away.
+    """Have torch call functions of its own directly, where it would first import its compiler to keep the compiler off.
 
     Args:
         functions: what `torch._disable_dynamo` made.
     """
     for function in functions:
         plain = function.__wrapped__
-        plain.__dynamo_disable = plain  # what torch looks up, and makes with the compiler where it is missing
+        plain.__dynamo_disable = plain  # torch looks this up, and imports the compiler to make it where it is missing
 
 
 call_plainly(torch.optim.Optimizer.add_param_group, torch.optim.Optimizer.zero_grad)
@@ -56,7 +56,7 @@ class Adam(torch.optim.Adam):
 
 
 def _warm_up() -> None:
-    """Take a step for nobody: torch looks for optional modules at its first one, and no candidate's process could."""
+    """Take one step: at its first, torch looks for optional modules, which no candidate's process could."""
     parameter = nn.Parameter(torch.zeros(1))
     parameter.grad = torch.zeros(1)
     Adam([parameter], 0.0).step()
@@ -86,7 +86,7 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
 
     Raises:
         TypeError: the source does not define such a class, or it or what it makes is not an `nn.Module`.
-        Exception: whatever the source raises.
+        Exception: what the source raises.
     """
     module = ModuleType(NAME)
     sys.modules[NAME] = module  # where dataclasses and type hints look their names up
@@ -120,9 +120,9 @@ def standardise(images: np.ndarray[Any, Any], mean: torch.Tensor, deviation: tor
 
 
 def fault(output: object, shape: tuple[int, ...]) -> str | None:
-    """Say what keeps an output from being a plain float32 tensor of the shape; None where it is one.
+    """Return why an output is not a plain float32 tensor of the shape; None where it is one.
 
-    A subclass of Tensor is refused, because it may answer every later question as it likes.
+    A subclass of Tensor is refused, because its own methods could answer every later question.
     """
     if type(output) is not torch.Tensor:
         return f"expected a torch.Tensor; got {type(output).__name__}"
@@ -135,7 +135,7 @@ def fault(output: object, shape: tuple[int, ...]) -> str | None:
 
 @contextmanager
 def blaming(reason: Reason) -> Iterator[None]:
-    """Turn whatever the candidate raises into a failure for this reason, or for `out_of_memory` where that is why.
+    """Turn what the candidate raises into a failure for this reason, or for `out_of_memory` where that is the cause.
 
     Raises:
         CandidateError: the body raised an exception, or this very error.
@@ -149,7 +149,7 @@ def blaming(reason: Reason) -> Iterator[None]:
 
 
 def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:
-    """Check that whatever an output learns by is listed.
+    """Check that an output learns by listed parameters only.
 
     Args:
         output: what the network returned.
@@ -163,7 +163,7 @@ def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:
     hidden = [leaf for leaf in leaves(output) if id(leaf) not in known]
     if hidden:
         detail = (
-            f"expected gradients of the network's parameters only; got {len(hidden)} other tensors, one of shape "
+            f"expected only parameters of the network to learn; got {len(hidden)} other tensors, one of shape "
             f"{tuple(hidden[0].shape)}; make them in the constructor, in attributes, nn.ModuleList or nn.ParameterList"
         )
         raise CandidateError(Reason.hidden_parameters, detail)
@@ -179,6 +179,6 @@ def digest(model: nn.Module) -> str:
 
 
 def _reason_for(error: Exception, otherwise: Reason) -> Reason:
-    """Name an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
+    """Return an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
     failed_allocation = isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
     return Reason.out_of_memory if isinstance(error, MemoryError) or failed_allocation else otherwise

@@ -28,25 +28,25 @@ Entry = Callable[[Json, bytes, Arrays, Send], object]
 
 
 class _Last:
-    """A finder of modules that is asked when all others have found none."""
+    """A finder of modules that is asked after all others."""
 
     def __init__(self, find_spec: Callable[[str, object, object], NoReturn]) -> None:
         self.find_spec = find_spec
 
 
 def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int) -> NoReturn:
-    """Turn this fresh fork into a candidate's process, run the entry and end without any clean-up.
+    """Turn this fresh fork into a candidate's process, run the entry, and end without clean-up.
 
     Args:
         entry: the code to run.
         job: `header` for the entry, `limits` as JSON, the level of confinement as `strongest`, and `prepared`: whether
-            the zygote has all modules that any job may need. Where it has not, the first import of another one is
-            reported as `unprepared` and ends the process, so that no answer depends on the lack.
+            the zygote has imported all that a job may need. If not, the first import of another module is reported as
+            `unprepared` and ends the process, so that no answer depends on it.
         payload: bytes for the entry.
         arrays: what the zygote mapped.
-        pipe: file descriptor that answers go to; the only one that stays open beside the standard streams, which
-            are /dev/null.
-        supervisor: the process that forked this one, and whose end is its own.
+        pipe: file descriptor for answers; the only one that stays open besides the standard streams, which are
+            /dev/null.
+        supervisor: the process that forked this one; this one ends with it.
     """
 
     def say(sort: Sort, header: Json, data: bytes = b"") -> None:
@@ -63,7 +63,7 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, s
         os.setsid()
         os.chdir("/")
         close_all_but(pipe)
-        # No file can be read: say so at once, and alike everywhere.
+        # No file can be read; without finders of files an import fails at once, and alike everywhere.
         sys.meta_path[:] = [BuiltinImporter, FrozenImporter, *(() if job["prepared"] else (_Last(lack),))]
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
@@ -74,4 +74,4 @@ def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, s
     except BaseException as error:  # SystemExit too: a candidate must not reach the code of the zygote
         say(Sort.raised, None, describe(error).encode())
     finally:
-        os._exit(0)  # no atexit, no finaliser, no flush: nothing of the candidate's runs after its answer
+        os._exit(0)  # no atexit, no finaliser, no flush: no code of the candidate runs after its answer

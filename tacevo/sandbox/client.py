@@ -1,8 +1,8 @@
 """The sandbox as the search sees it: one call runs one candidate's job in a confined process of its own.
 
 What it promises: the answer is data (JSON and raw bytes of stated length), however the candidate behaves; when a
-call returns, or the search ends in whatever way, no process of the candidate's is left; a candidate over a limit
-is dead within a second. What it does not promise is in docs/security.md.
+call returns, or the search ends for any reason, no process of the candidate is left; a candidate over a limit is
+dead within a second. docs/security.md says what it does not promise.
 """
 
 import contextlib
@@ -15,31 +15,41 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, Self, TypeVar
 
 from tacevo.choices import Confinement
-from tacevo.errors import SandboxError
+from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Json, Limits, Reason, to_json
 from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import require
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
 from tacevo.sandbox.protocol import Channel, Message, Sort, describe, one_line
+from tacevo.typed import convert
 
-#: Seconds that a zygote may take to import torch, and a supervisor to come up on a busy machine.
+#: Seconds that a zygote may take to import torch, and a supervisor to start on a busy machine.
 _START_SECONDS = 120.0
 
-#: Seconds after a candidate's limit when the search itself ends it: its supervisor was stopped from within.
+#: Seconds after a candidate's limit at which the search itself kills it: the candidate stopped its supervisor.
 _GRACE_SECONDS = 5.0
 
 #: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
 _TRANSFER_SECONDS = 20.0
 
-#: What torch imports when it is first needed, which takes as long as torch itself; few candidates make it do so.
+_AGAIN = "run the same command again"
+
+#: What torch imports when it is first needed. It takes as long as torch itself, and few candidates need it.
 _LATE_IMPORTS = ("torch._dynamo",)
 
-#: Told the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
+#: Called with the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
 Notice = Callable[[tuple[str, ...]], None]
+
+
+T = TypeVar("T")
+
+
+class AnswerError(TacevoError):
+    """A child's answer is not what its entry sends; the caller makes it a verdict on the candidate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +58,14 @@ class Frame:
 
     header: Json
     payload: bytes
+
+    def read(self, kind: type[T]) -> T:
+        """Read the header as a record.
+
+        Raises:
+            AnswerError: it is not such a record.
+        """
+        return convert(kind, self.header, place="", error=AnswerError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +84,38 @@ class Died:
     detail: str
 
 
+#: Runs a job, as `Sandbox.run` does: entry, header, payload, limits.
+Run = Callable[[str, Json, bytes, Limits], Finished | Died]
+
+
 @dataclass(frozen=True, slots=True)
 class _Killed:
-    """The candidate or its supervisor was killed, by the candidate or by somebody else."""
+    """The candidate or its supervisor was killed, by the candidate or from outside."""
 
     detail: str
 
 
 class _LostError(SandboxError):
-    """A job was lost before any code of the candidate ran; nothing is known of it."""
+    """A job was lost before any code of the candidate ran."""
 
 
 class _UnpreparedError(SandboxError):
-    """A job's process would import a module that its zygote has not."""
+    """A job's process tried to import a module that its zygote has not imported."""
 
 
 class Sandbox:
     """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
 
-    The prepared process (the zygote) starts with the first job. If it dies, running jobs are finished by their
-    supervisors, and the next one starts another zygote. A job whose process would import more than the zygote has runs
-    again, from its beginning, below a second zygote that has all of it; nothing else tells the two apart.
+    The prepared process (the zygote) starts with the first job. If it dies, the supervisors finish the running jobs,
+    and the next job starts another zygote. A job that needs a module which the zygote has not imported runs again, from
+    its beginning, below a second zygote that has imported more; the two do not differ otherwise.
 
     Args:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
-        environment: the whole environment of the candidates, beside a fixed `PYTHONHASHSEED`.
+        environment: the whole environment of the candidates, except for a fixed `PYTHONHASHSEED`.
         arrays: name to an `.npy` file, mapped read-only for the entries.
-        strongest: measures above this level are left out, so that tests meet what a weaker machine offers.
-        notice: told of every candidate before its answer is given, by the thread that waits for it.
+        strongest: measures above this level are left out, so that tests run as on a weaker machine.
+        notice: called for every candidate before its answer is returned, by the thread that waits for it.
     """
 
     def __init__(
@@ -127,20 +149,14 @@ class Sandbox:
     def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
         """Run one job and wait for it.
 
-        A job that was killed, or lost its supervisor, is run once more before that counts as the candidate's doing.
-
-        Args:
-            entry: which of the entries.
-            header: JSON for the entry.
-            payload: bytes for the entry.
-            limits: wall time and memory of the child.
+        A job that was killed, or lost its supervisor, runs once more; the second time counts as the candidate's doing.
 
         Raises:
-            SandboxError: the sandbox itself failed; nothing follows about the candidate.
-            KeyError: there is no such entry.
+            SandboxError: the sandbox itself failed; this says nothing about the candidate.
+            KeyError: it is not an entry of the sandbox.
         """
         if entry not in self._setup["entries"]:
-            raise KeyError(f"no entry {entry!r}; the sandbox has {sorted(self._setup['entries'])}")
+            raise KeyError(f"expected one of the entries {sorted(self._setup['entries'])}; got {entry!r}")
         order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
         try:
             answer = self._run(order, payload, limits, prepared=False)
@@ -149,23 +165,20 @@ class Sandbox:
         if not isinstance(answer, _Killed):
             return answer
         if self._closed:
-            raise SandboxError("the sandbox was closed while a candidate ran")
+            raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
         return Died(Reason.crashed, answer.detail)
 
     def _run(self, order: Json, payload: bytes, limits: Limits, *, prepared: bool) -> "Finished | Died | _Killed":
-        """Run a job, once more where it was killed."""
+        """Run a job, once more where it was killed, and each time once more where it was lost."""
         job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
-        answer = self._answer(job, limits, prepared)
-        if isinstance(answer, _Killed):  # perhaps by the kernel or a person; a candidate that did it does it again
-            answer = self._answer(job, limits, prepared)
+        for is_last in (False, True):
+            try:
+                answer = self._attempt(job, limits, prepared)
+            except _LostError:
+                answer = self._attempt(job, limits, prepared)
+            if is_last or not isinstance(answer, _Killed):
+                break  # a kill by the kernel or a person is rare; a candidate that did it will do it again
         return answer
-
-    def _answer(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
-        """Run a job, once more where it was lost."""
-        try:
-            return self._attempt(job, limits, prepared)
-        except _LostError:
-            return self._attempt(job, limits, prepared)
 
     def _attempt(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
         """Run a job in a fresh process."""
@@ -188,7 +201,7 @@ class Sandbox:
         """Pass the socket of a job to its zygote, starting one where there is none."""
         with self._lock:
             if self._closed:
-                raise SandboxError("the sandbox is closed")
+                raise SandboxError("the sandbox is closed", remedy="open another one")
             zygote = self._zygotes.get(prepared)
             if zygote is not None:
                 with contextlib.suppress(_LostError):  # it is dying, which may not show yet
@@ -202,12 +215,14 @@ class Sandbox:
 
 
 class _Zygote:
-    """A running zygote: its process and the socket that jobs are handed over on."""
+    """A running zygote: its process, and the socket that takes jobs."""
 
     def __init__(self, setup: Json, environment: Mapping[str, str]) -> None:
         ours, theirs = socket.socketpair()
         self._stream = ours
-        with tempfile.TemporaryFile() as errors:  # until the start is over; nothing can fill it up or wait for it
+        with (
+            tempfile.TemporaryFile() as errors
+        ):  # until the start is over; unlike a pipe it cannot fill up and block the zygote
             with theirs:
                 self._process = subprocess.Popen(
                     boot.command(theirs.fileno()),
@@ -232,9 +247,9 @@ class _Zygote:
             problem = channel.receive().read_header()["error"]
         except (OSError, EOFError) as error:
             said = _last_line(errors) or "nothing"
-            raise SandboxError(f"the zygote did not start ({describe(error)}); it wrote: {said}") from error
+            raise SandboxError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
         if problem is not None:
-            raise SandboxError(f"the zygote could not be prepared: {problem}")
+            raise SandboxError(problem, expected="a zygote that imports its entries and maps its arrays")
 
     def is_alive(self) -> bool:
         """Tell whether the process runs."""
@@ -245,14 +260,14 @@ class _Zygote:
 
         Raises:
             _LostError: the zygote is gone.
-            SandboxError: the kernel passes no socket on at the moment; the zygote and its jobs go on.
+            SandboxError: the kernel does not pass the socket on at the moment; the zygote and its jobs continue.
         """
         try:
             socket.send_fds(self._stream, [b"j"], [job.fileno()])
         except (BrokenPipeError, ConnectionResetError) as error:
-            raise _LostError(f"the zygote takes no job ({error}); run the same command again") from error
+            raise _LostError(str(error), expected="a zygote that takes jobs", remedy=_AGAIN) from error
         except OSError as error:
-            raise SandboxError(f"a job could not be passed on ({error}); run the same command again") from error
+            raise SandboxError(str(error), expected="a kernel that passes jobs on", remedy=_AGAIN) from error
 
     def close(self) -> None:
         """End the process and everything below it; harmless when it has ended already."""
@@ -265,24 +280,22 @@ class _Zygote:
 
 
 def _last_line(errors: IO[bytes]) -> str:
-    """Give the last line that says something of a file, or nothing."""
+    """Return the last line of a file that is not blank; empty where there is none."""
     errors.seek(0)
     lines = [line for line in errors.read().decode(errors="replace").splitlines() if line.strip()]
     return one_line(lines[-1]) if lines else ""
 
 
 def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
-    """Give the job to its supervisor, before any code of the candidate runs; return the supervisor's process id."""
+    """Send the job to its supervisor, before any code of the candidate runs; return the supervisor's process id."""
     channel.stream.settimeout(_START_SECONDS)
     try:
         supervisor: int = channel.receive().read_header()["pid"]
         channel.send(job)
     except (OSError, EOFError) as error:
         state = "is alive" if zygote.is_alive() else "has died"
-        raise _LostError(
-            f"a job found no supervisor ({type(error).__name__}: {error}); the zygote {state}; run the same command "
-            "again"
-        ) from error
+        found = f"{type(error).__name__}: {error}; the zygote {state}"
+        raise _LostError(found, expected="a supervisor for the job", remedy=_AGAIN) from error
     return supervisor
 
 
@@ -299,11 +312,11 @@ def _await_answer(
             message = channel.receive(deadline)
     except TimeoutError:
         end_tree(supervisor)
-        return Died(Reason.out_of_time, f"over {limits.seconds:g} s, and its supervisor was stopped")
+        return Died(Reason.out_of_time, f"ran for more than {limits.seconds:g} s, and its supervisor was stopped")
     except (OSError, EOFError):
         return _Killed("its supervisor was killed")
     verdict = message.read_header()
-    measures = verdict.get("measures")  # none where the sandbox broke before
+    measures = verdict.get("measures")  # None where the sandbox broke before
     if notice is not None and measures is not None:
         notice(tuple(measures))
     return _judge(verdict, frames)
@@ -320,10 +333,10 @@ def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
         case "died":
             return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
         case "unprepared":
-            raise _UnpreparedError("a job needs a module that no zygote has; add it to tacevo.sandbox.client")
+            raise _UnpreparedError("a job needs a module that the zygote has not imported")
         case "killed":
             return _Killed(verdict["detail"])
         case "lost":
-            raise _LostError(f"a child was {verdict['detail']} before it was confined; run the same command again")
+            raise _LostError(verdict["detail"], expected="a child that is confined", remedy=_AGAIN)
         case _:
-            raise SandboxError(f"the sandbox is broken: {one_line(verdict['detail'])}")
+            raise SandboxError(one_line(verdict["detail"]), expected="a sandbox that works")

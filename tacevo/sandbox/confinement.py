@@ -1,9 +1,9 @@
-"""What holds a candidate inside its process, and what this machine can offer of it.
+"""What confines a candidate to its process, and which of these measures this machine has.
 
-Two levels. The measures of `process` need no special kernel: limits of resources, no privileges, no capabilities, a
-supervisor. Those of `kernel` are walls that the process cannot take down again: Landlock and a seccomp filter. They
-are used wherever the kernel has them, whatever a run demands. See docs/security.md for what follows from each
-measure, and what does not.
+There are two levels. The measures of `process` need no special kernel: limits of resources, no privileges, no
+capabilities, a supervisor. Those of `kernel` are walls that the process cannot remove again: Landlock and a seccomp
+filter. They are used wherever the kernel has them, even if a run does not demand them. docs/security.md says what
+follows from each measure, and what does not.
 """
 
 import os
@@ -28,76 +28,74 @@ _WALLS = frozenset({"landlock", "seccomp"})
 
 
 def available() -> Confinement:
-    """Say the strongest level that this machine has."""
+    """Return the strongest level that this machine has."""
     if not (hasattr(os, "pidfd_open") and os.path.exists("/proc/thread-self/children")):
         return Confinement.none
     return Confinement.kernel if landlock.version() and seccomp.is_available() else Confinement.process
 
 
-def require(level: Confinement) -> None:
-    """Refuse to go on where candidates cannot be confined as strongly as asked.
+#: What a machine lacks for any stronger level.
+_MISSING = {
+    Confinement.none: "not Linux 5.3 or later with /proc/<pid>/task/<tid>/children",
+    Confinement.process: "a kernel without Landlock (5.13 or later), or without seccomp filters on x86-64 or aarch64",
+}
+
+
+def require(level: Confinement, offered: Confinement | None = None) -> None:
+    """Check that candidates can be confined as strongly as a run demands.
+
+    Args:
+        level: what the run demands.
+        offered: the strongest level of the machine; None for this one's.
 
     Raises:
-        SandboxError: the level is not available.
+        SandboxError: the level is stronger than the one offered.
     """
-    refuse_weaker(available(), wanted=level)
-
-
-def refuse_weaker(offered: Confinement, *, wanted: Confinement) -> None:
-    """Refuse a level that a machine does not offer.
-
-    Raises:
-        SandboxError: the level wanted is stronger than the one offered.
-    """
+    offered = offered or available()
     levels = list(Confinement)
-    if levels.index(wanted) > levels.index(offered):
+    if levels.index(level) > levels.index(offered):
         raise SandboxError(
-            f"sandbox.require={wanted} is not available here; the strongest level is {offered!s}, because "
-            f"{_missing(offered)} (`tacevo doctor` lists what there is). Use another machine, or accept less with "
-            f"sandbox.require={offered!s}"
+            f"{offered}: {_MISSING[offered]}",
+            place="sandbox.require",
+            expected=f"a machine that offers the level {level}",
+            remedy=f"use another machine, or set sandbox.require={offered} (`tacevo doctor` lists the measures)",
         )
 
 
-def _missing(offered: Confinement) -> str:
-    if offered is Confinement.none:
-        return "it needs Linux 5.3 or later with /proc/<pid>/task/<tid>/children"
-    return "the kernel lacks Landlock (5.13 or later), or seccomp filters on x86-64 or aarch64"
-
-
 def report() -> dict[str, str]:
-    """Describe every measure that this machine has in a line: what it does, or why it is missing."""
+    """Describe every measure in one line: what it does, or why this machine lacks it."""
     known = landlock.version()
     return {
         "level": available().value,
         "session": "each candidate has its own session, working directory / and no inherited file",
-        "environment": "cleared; only the numeric settings are given",
-        "rlimits": "address space and CPU time; no file or socket can be opened, no byte written, no core dumped",
-        "no_new_privs": "set-user-id programs gain nothing",
+        "environment": "cleared, except for the numeric settings",
+        "rlimits": "address space and CPU time; no file or socket can be opened, nothing written, no core dumped",
+        "no_new_privs": "set-user-id programs gain no privileges",
         "not_dumpable": "no process of the same user may trace it or read its memory",
-        "no_capabilities": "a candidate of root has none of root's powers",
-        "supervisor": "time and memory limits kill the whole process tree",
+        "no_capabilities": "a candidate run by root has none of root's powers",
+        "supervisor": "kills the whole process tree at the limits of time and memory",
         "fixed_addresses": "addresses are not randomised; mapped libraries lie in the same place in every run"
         if can_fix_addresses()
-        else "refused by the kernel: a candidate whose result hangs on addresses may differ between runs",
+        else "refused by the kernel: a candidate whose result depends on addresses may differ between runs",
         "landlock": f"version {known}: no access to files{', network' * (known >= landlock.NETWORK_SINCE)}"
         f"{', processes outside' * (known >= landlock.SCOPES_SINCE)}"
         if known
-        else "missing: the kernel has none, or it is switched off (Linux 5.13 or later, `lsm=landlock,...`)",
-        "seccomp": "a short list of system calls is left; no process or thread can be started, nobody else signalled"
+        else "missing: it needs Linux 5.13 or later, and may be switched off (`lsm=landlock,...`)",
+        "seccomp": "a short list of system calls is left; no process or thread can be started, no other signalled"
         if seccomp.is_available()
-        else "missing: the kernel takes no filter, or this is neither x86-64 nor aarch64",
+        else "missing: the kernel does not accept filters, or this is neither x86-64 nor aarch64",
     }
 
 
 def in_force(measures: Collection[str]) -> dict[str, str]:
-    """Describe what held a candidate, for `tacevo doctor` and run.json.
+    """Describe what confined a candidate, for `tacevo doctor` and run.json.
 
     Args:
         measures: the names that `confine` returned in the candidate's process.
 
     Returns:
-        The lines of `report`, with the level that the candidate was held at, and those measures named that this
-        machine has and the run left out.
+        The lines of `report`, with the level that the candidate was confined at; measures that this machine has and
+        the run left out are named as such.
     """
     lines = report()
     absent = [
@@ -116,14 +114,14 @@ def _level(measures: Collection[str]) -> Confinement:
 
 
 def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
-    """Give up, for good, what this process does not need as a candidate; called in the child, before its source.
+    """Drop, for good, what a candidate does not need; called in the child before its source runs.
 
     Args:
         limits: what the candidate may use.
-        strongest: the level whose measures are taken, those that this machine has.
+        strongest: the level whose measures are taken, as far as this machine has them.
 
     Returns:
-        The names of the measures in force, as `report` spells them.
+        The names of the measures in force, as in `report`.
 
     Raises:
         OSError: the kernel refused a measure that it has.
@@ -134,19 +132,19 @@ def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
     if strongest is Confinement.kernel and landlock.version():
         landlock.restrict()
         names.append("landlock")
-    if strongest is not Confinement.none:  # a device driver opens files and reserves addresses without end
+    if strongest is not Confinement.none:  # the driver of a GPU opens files and reserves many addresses
         _limit_resources(limits, inherited_mib)
         names.append("rlimits")
     protect_memory()
     drop_capabilities()
     if strongest is Confinement.kernel and seccomp.is_available():
-        seccomp.restrict()  # the last, because the other measures need calls that it refuses
+        seccomp.restrict()  # last, because the other measures need calls that it refuses
         names.append("seccomp")
     return tuple(names)
 
 
 def _limit_resources(limits: Limits, inherited_mib: float) -> None:
-    """Set the limits that the kernel keeps for each process by itself; hard limits, so they cannot be raised."""
+    """Set the limits that the kernel enforces by process; as hard limits, which cannot be raised again."""
     space = int((inherited_mib + limits.memory_mib + _SLACK_MIB) * 2**20)
     seconds = int(limits.seconds) + _CPU_SLACK
     for kind, value in (

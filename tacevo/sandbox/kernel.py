@@ -1,4 +1,4 @@
-"""Calls of the kernel that Python has no function for; each raises `OSError` where the kernel refuses."""
+"""System calls that Python has no function for; each raises `OSError` where the kernel refuses."""
 
 import ctypes
 import os
@@ -24,7 +24,7 @@ def system_call(number: int, *arguments: int | object) -> int:
 
     Args:
         number: of the call, on this architecture.
-        arguments: integers, and whatever `ctypes` passes as a pointer.
+        arguments: integers, and what `ctypes` passes as a pointer.
 
     Raises:
         OSError: the kernel refused, or does not know the call.
@@ -37,12 +37,12 @@ def system_call(number: int, *arguments: int | object) -> int:
 
 
 def protect_memory() -> None:
-    """Let no unprivileged process trace this one or read its memory, environment or descriptors."""
+    """Keep unprivileged processes from tracing this one or reading its memory, environment or descriptors."""
     _control(_PR_SET_DUMPABLE, 0)
 
 
 def end_with(parent: int) -> None:
-    """Let the kernel kill this process as soon as its parent is gone, however that ends.
+    """Have the kernel kill this process as soon as its parent is gone, for any reason.
 
     Args:
         parent: the process that forked this one; it may be gone already.
@@ -53,22 +53,22 @@ def end_with(parent: int) -> None:
 
 
 def become_subreaper() -> None:
-    """Make this process the parent of every orphan below it, so that none escapes its sight."""
+    """Make this process the parent of every orphan below it, so that it sees all of them."""
     _control(_PR_SET_CHILD_SUBREAPER, 1)
 
 
 def renounce_privileges() -> None:
-    """Gain no privilege from any program that this process starts, from now on."""
+    """Keep the programs that this process starts from gaining privileges, from now on."""
     _control(_PR_SET_NO_NEW_PRIVS, 1)
 
 
 def fix_addresses() -> bool:
-    """Switch the randomisation of addresses off for whatever program this thread starts next.
+    """Switch the randomisation of addresses off for the program that this thread starts next.
 
-    Sets of classes iterate in the order of their addresses, which would else differ from run to run.
+    Sets of classes iterate in the order of their addresses, which would otherwise differ from run to run.
 
     Returns:
-        False where the kernel, or a container's filter, refuses.
+        False where the kernel refuses, or the filter of a container.
     """
     kernel = ctypes.CDLL(None)
     current: int = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))

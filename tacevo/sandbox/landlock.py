@@ -1,7 +1,7 @@
-"""Landlock (landlock(7)): the process renounces the file system, the network and signals to others, for good.
+"""Landlock (landlock(7)): the process gives up the file system, the network and signals to others, for good.
 
-A ruleset names kinds of access that are refused from then on, except where a rule allows them. A candidate needs
-none, so there is no rule. It needs no privilege beyond `no_new_privs`. What was open before stays open.
+A ruleset names kinds of access that are refused from then on, except where a rule allows them. A candidate needs no
+access, so there is no rule. Only `no_new_privs` must be set. Files that were open before stay open.
 """
 
 import ctypes
@@ -28,13 +28,13 @@ _SOCKETS_AND_SIGNALS = 0b11
 
 
 class _Ruleset(ctypes.Structure):
-    """What is refused; a kernel that does not know the last fields takes them for granted while they are 0."""
+    """What is refused; a kernel that does not know the last fields accepts them while they are 0."""
 
     _fields_ = (("files", ctypes.c_uint64), ("network", ctypes.c_uint64), ("scopes", ctypes.c_uint64))
 
 
 def version() -> int:
-    """Give the version of the kernel's interface (its ABI); 0 where there is no Landlock or it is switched off."""
+    """Return the version of the kernel's interface (its ABI); 0 where Landlock is missing or switched off."""
     try:
         return system_call(_CREATE_RULESET, 0, 0, _ASK_VERSION)
     except OSError:
@@ -42,7 +42,7 @@ def version() -> int:
 
 
 def refused(known: int) -> tuple[int, int, int]:
-    """Name everything that a version of the interface can refuse, as bits.
+    """Return everything that a version of the interface can refuse, as bits.
 
     Args:
         known: the version, at least 1.
@@ -56,12 +56,12 @@ def refused(known: int) -> tuple[int, int, int]:
 
 
 def restrict() -> None:
-    """Refuse this thread, and all that it starts, everything that Landlock can refuse.
+    """Take from this thread, and from all that it starts, everything that Landlock can refuse.
 
     It opens a file for a moment, so it comes before a limit on open files.
 
     Raises:
-        OSError: there is no Landlock, or `no_new_privs` is not set.
+        OSError: Landlock is missing, or `no_new_privs` is not set.
     """
     ruleset = _Ruleset(*refused(version()))
     descriptor = system_call(_CREATE_RULESET, ctypes.byref(ruleset), ctypes.sizeof(ruleset), 0)

@@ -98,6 +98,6 @@ def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:
 
 
 def _held(module: nn.Module, kind: str) -> list[tuple[str, Any]]:
-    """List what a module holds of a kind; what it was told to hold as None is left out."""
+    """List what a module holds of a kind, without entries that are None."""
     entries = dict.items(attributes(module)[kind])  # not `.items()`, which a subclass of dict could define
     return [(name, value) for name, value in entries if value is not None]

@@ -1,4 +1,4 @@
-"""Process trees as the kernel shows them in /proc: who descends from whom, how much memory they hold, their end.
+"""Process trees as /proc shows them: parents and children, memory, and how to kill them.
 
 Linux only. Everything here runs in trusted processes that have one thread each.
 """
@@ -21,7 +21,7 @@ _LAST_DESCRIPTOR = 2**31 - 1
 
 
 def children(pid: int) -> list[int]:
-    """List the children of a process, those of all its threads; none where it is gone."""
+    """List the children of a process and all its threads; none where it is gone."""
     found: list[int] = []
     for thread in _threads(pid):
         with contextlib.suppress(OSError):
@@ -30,7 +30,7 @@ def children(pid: int) -> list[int]:
 
 
 def descendants(pid: int, spare: Collection[int] = ()) -> Iterator[int]:
-    """Give every process below `pid`, parents first, without the spared children and what is below those."""
+    """Yield every process below `pid`, parents first, except the spared children and the processes below those."""
     generation = [child for child in children(pid) if child not in spare]
     while generation:
         yield from generation
@@ -50,32 +50,32 @@ class Memory:
 
 
 def memory(pid: int) -> Memory:
-    """Look at the memory of a process; all of it is 0 where it is gone."""
+    """Read the memory of a process; all fields are 0 where it is gone."""
     fields = _status(pid)
     anonymous = _mib(fields, "RssAnon") + _mib(fields, "RssShmem")
     return Memory(anonymous=anonymous, of_files=_mib(fields, "RssFile"), peak=_mib(fields, "VmHWM"))
 
 
 def address_space_mib() -> float:
-    """Address space of this process, in MiB."""
+    """Return the address space of this process, in MiB."""
     return _mib(_status(os.getpid()), "VmSize")
 
 
 def is_ending(pid: int) -> bool:
-    """Tell whether the kernel is taking all of a process down, or has done so; its files may be closed already."""
+    """Tell whether the whole process is exiting or gone; its files may be closed already."""
     return all(map(_is_thread_ending, _threads(pid)))
 
 
 def end_own_descendants(spare: Collection[int] = ()) -> None:
     """Kill and reap every descendant of this process, which must be a subreaper, except the spared and theirs.
 
-    A killed process hands its children to the subreaper, so a double fork or a new session does not escape; the
-    loop ends when the kernel knows of no descendant any more.
+    The children of a killed process become the subreaper's, so a double fork or a new session does not escape. The
+    loop ends when no descendant is left.
     """
     while doomed := list(descendants(os.getpid(), spare)):
         for pid in doomed:
             _kill(pid)
-            with contextlib.suppress(ChildProcessError):  # a grandchild: it will be ours once its parent is gone
+            with contextlib.suppress(ChildProcessError):  # a grandchild: it becomes ours when its parent is gone
                 os.waitpid(pid, os.WNOHANG)
         time.sleep(_PAUSE)
 
@@ -90,7 +90,7 @@ def end_tree(pid: int) -> None:
 
 
 def close_all_but(descriptor: int) -> None:
-    """Close every file of this process but the standard streams and one more."""
+    """Close every file of this process except the standard streams and one more."""
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, _LAST_DESCRIPTOR)
 
@@ -101,7 +101,7 @@ def _kill(pid: int) -> None:
 
 
 def _is_alive(pid: int) -> bool:
-    """Tell a process that runs, in whichever thread, from one that is gone or has ended and waits to be reaped."""
+    """Tell whether any thread of a process runs; one that has ended may still wait to be reaped."""
     return bool(_status(pid))
 
 
@@ -111,10 +111,10 @@ def _mib(fields: Mapping[str, str], name: str) -> float:
 
 
 def _status(pid: int) -> dict[str, str]:
-    """Read the status of a process from a thread that lives; empty where none does.
+    """Read the status of a process from a running thread; empty where there is none.
 
-    /proc/<pid>/status is that of the first thread. Where that one ended alone it tells of no memory, although the
-    others hold it all.
+    /proc/<pid>/status is that of the first thread. After that thread has ended it shows no memory, although the other
+    threads hold it all.
     """
     for thread in _threads(pid):
         with contextlib.suppress(OSError):
@@ -134,9 +134,9 @@ def _is_thread_ending(thread: Path) -> bool:
 
 
 def _threads(pid: int) -> list[Path]:
-    """List the folders of a process's threads in /proc; none where it is gone."""
-    folder = Path(f"/proc/{pid}/task")
+    """List the directories of a process's threads in /proc; none where it is gone."""
+    directory = Path(f"/proc/{pid}/task")
     try:
-        return [folder / thread for thread in os.listdir(folder)]
+        return [directory / thread for thread in os.listdir(directory)]
     except OSError:
         return []

@@ -1,8 +1,8 @@
 """The messages between search, zygote, supervisor and candidate: lengths, JSON and raw bytes, never a pickle.
 
 A message is 13 bytes (sort, header length, payload length, big-endian), then the header as JSON in UTF-8, then
-the payload. Nothing is trusted: a reader checks every length against a limit before it stores a byte, and a
-header that no store could write back (NaN, infinity, lone surrogates) or that is nested deeply is refused.
+the payload. Nothing is trusted: a reader checks every length against a limit before it stores a byte. It refuses a
+header that a store could not write (NaN, infinity, lone surrogates) or that is nested deeply.
 """
 
 import json
@@ -26,7 +26,7 @@ _CHUNK = 2**18
 
 
 class TooMuchError(ValueError):
-    """A sender said or sent more than it may."""
+    """A sender sent, or announced, more than it may."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +34,7 @@ class Bounds:
     """Most that a sender may send in all."""
 
     total_bytes: int
-    #: Headers are parsed, and take up to forty times their length of the reader's memory.
+    #: Parsed headers take up to forty times their length in the reader's memory.
     header_bytes: int
     messages: int
 
@@ -47,7 +47,7 @@ CHILD = Bounds(total_bytes=64 * 2**20, header_bytes=2 * 2**20, messages=10_000)
 class Sort(IntEnum):
     """What a message is."""
 
-    #: Search to zygote, once: paths, entries and arrays. Zygote to search: it is ready, or why it is not.
+    #: Search to zygote, once: imports, entries and arrays. Zygote to search: that it is ready, or why not.
     setup = 1
     #: Search to supervisor: one job, with its limits.
     job = 2
@@ -61,7 +61,7 @@ class Sort(IntEnum):
     done = 6
     raised = 7
     starved = 8
-    #: Child to supervisor, its last message: it needs a module that the zygote has not imported.
+    #: Child to supervisor, its last message: it needs a module that the zygote did not import.
     unprepared = 10
     #: Supervisor to search: how it ended (its last message).
     verdict = 9
@@ -79,14 +79,14 @@ class Message:
         """Parse the header.
 
         Raises:
-            ValueError: it is not JSON that could be written back as UTF-8, or it is nested too deeply.
+            ValueError: it is not JSON that can be written as UTF-8, or it is nested too deeply.
         """
-        too_deep = f"expected at most {_DEEPEST} levels in a header; it is nested too deeply"
+        too_deep = f"expected at most {_DEEPEST} levels in a header; got more"
         try:
             value = json.loads(self.header)
         except RecursionError as error:
             raise ValueError(too_deep) from error
-        if _is_deeper(value, _DEEPEST):  # whoever walks it by recursion would fail
+        if _is_deeper(value, _DEEPEST):  # later code walks it by recursion
             raise ValueError(too_deep)
         json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
         return value
@@ -97,7 +97,7 @@ class Message:
 
     @classmethod
     def of(cls, sort: Sort, header: Json, payload: bytes = b"") -> Self:
-        """Make a message from a header that is still an object.
+        """Make a message from a header that is not yet written as JSON.
 
         Raises:
             ValueError: the header holds NaN or infinity.
@@ -109,7 +109,7 @@ class Splitter:
     """Cuts a stream of bytes into messages.
 
     Args:
-        bounds: what may come in all; None for a trusted sender.
+        bounds: how much may come in all; None for a trusted sender.
     """
 
     def __init__(self, bounds: Bounds | None) -> None:
@@ -118,15 +118,15 @@ class Splitter:
         self._bytes = self._header_bytes = self._messages = 0
 
     def feed(self, data: bytes) -> list[Message]:
-        """Take the next bytes and give every message that they complete.
+        """Take the next bytes and return every message that they complete.
 
         Raises:
-            TooMuchError: the sender said or sent more than the bounds allow.
-            ValueError: the bytes are no messages.
+            TooMuchError: the sender sent, or announced, more than the bounds allow.
+            ValueError: the bytes are not messages.
         """
         self._bytes += len(data)
         if self._bounds is not None and self._bytes > self._bounds.total_bytes:
-            raise TooMuchError(f"expected at most {self._bounds.total_bytes} bytes; it sent too much")
+            raise TooMuchError(f"expected at most {self._bounds.total_bytes} bytes; got more")
         self._buffer += data
         messages = []
         while message := self._cut():
@@ -151,16 +151,13 @@ class Splitter:
         return message
 
     def _refuse_excess(self, bounds: Bounds, header_length: int, length: int) -> None:
-        """Hold the lengths of the message that begins the buffer against the bounds; raises as `feed` does."""
+        """Compare the lengths of the first message in the buffer with the bounds; raises as `feed` does."""
         if self._bytes - len(self._buffer) + length > bounds.total_bytes:
-            raise TooMuchError(
-                f"expected at most {bounds.total_bytes} bytes; it announced a message of {length} bytes, which is too "
-                "much"
-            )
+            raise TooMuchError(f"expected at most {bounds.total_bytes} bytes in all; got a message of {length} bytes")
         if self._header_bytes + header_length > bounds.header_bytes:
-            raise TooMuchError(f"expected at most {bounds.header_bytes} bytes of headers; it announced more")
+            raise TooMuchError(f"expected at most {bounds.header_bytes} bytes of headers; got more")
         if self._messages == bounds.messages:
-            raise TooMuchError(f"expected at most {bounds.messages} messages; it sent more")
+            raise TooMuchError(f"expected at most {bounds.messages} messages; got more")
 
 
 class Channel:
@@ -183,13 +180,13 @@ class Channel:
         """Wait for the next message.
 
         Args:
-            deadline: when to give up, by `time.monotonic`, however much keeps coming; None for the socket's own limit,
+            deadline: when to give up, by `time.monotonic`, even if bytes keep coming; None for the socket's own limit,
                 which is one of silence.
 
         Raises:
             EOFError: the other side is gone.
             TimeoutError: the time has passed.
-            ValueError: what came is no message.
+            ValueError: what came is not a message.
         """
         while not self._waiting:
             if deadline is not None:
@@ -205,7 +202,7 @@ class Channel:
 
 
 def _is_deeper(value: Json, levels: int) -> bool:
-    """Tell whether lists and objects are nested in more levels, without recursion."""
+    """Tell whether lists and objects are nested in more levels than these, without recursion."""
     nested = [value]
     for _ in range(levels):
         nested = [inner for outer in nested for inner in _inside(outer) if isinstance(inner, list | dict)]
@@ -221,14 +218,13 @@ def _inside(value: Json) -> Iterable[Json]:
 #: Longest detail that a rejection carries, in characters.
 LONGEST = 300
 
-_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # and not the middle of a shape such as 30400x64
+_ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # but not the middle of a shape such as 30400x64
 
 
 def one_line(text: str) -> str:
-    """Cut text to its first line that says something, printable only, addresses scrubbed, at most 300 characters.
+    """Return the first line of a text that is not blank, printable, without addresses, of at most 300 characters.
 
-    Memory addresses differ between runs, and control characters would speak to the terminal of whoever reads
-    the detail.
+    Memory addresses differ between runs, and a terminal would obey control characters.
     """
     lines = (line.strip() for line in text[: 100 * LONGEST].splitlines())
     first = next((line for line in lines if line), "")
@@ -236,7 +232,7 @@ def one_line(text: str) -> str:
 
 
 def describe(error: BaseException) -> str:
-    """Say what an exception is: its type and the first line of its message, as `one_line` cuts them."""
+    """Return an exception's type and the first line of its message, cut by `one_line`."""
     name = type(error).__name__
     try:
         message = one_line(str(error))

@@ -1,10 +1,10 @@
-"""The seccomp filter: of some 350 system calls a candidate keeps those that computing needs, and no other.
+"""The seccomp filter: of some 350 system calls a candidate keeps only those that computing needs.
 
-The list was found by watching trainings and probes of recorded answers with strace(1) after their start: they map
-memory, wait for locks, write to the result pipe and end. The rest of it is harmless: clocks, sleep, a process's own
-signals. Whatever is not listed answers EPERM: to open or look at a file, sockets, programs, processes and threads,
-io_uring, tracing, shared memory, namespaces, limits, and every call that a later kernel adds. The arguments of a
-call do not matter, except that a signal may go to the process itself only.
+The list comes from watching trainings and probes of recorded answers with strace(1) after their start: they map
+memory, wait for locks, write to the result pipe and end. The other listed calls are harmless: clocks, sleep, a
+process's own signals. Every other call fails with EPERM: opening or inspecting files, sockets, programs, processes and
+threads, io_uring, tracing, shared memory, namespaces, limits, and every call that a later kernel adds. The filter does
+not look at the arguments of a call, except that a process may send signals only to itself.
 
 A filter is a program for a small machine inside the kernel (seccomp(2)), written here for x86-64 and aarch64.
 """
@@ -32,8 +32,8 @@ _REFUSE = 0x00050000 | errno.EPERM
 
 _SET_FILTER, _IS_ACTION_AVAILABLE = 1, 2
 
-# Kernels before 5.16 would else slow down all that a filtered process computes (speculative store bypass), to
-# protect it from its own code.
+# Otherwise kernels before 5.16 slow down all that a filtered process computes (speculative store bypass), to protect it
+# from its own code.
 _ALLOW_SPECULATION = 1 << 2
 
 
@@ -44,85 +44,58 @@ class Machine:
     #: As the kernel's audit names it; a program may switch to another architecture's calls at any time.
     architecture: int
     seccomp: int
-    allowed: Mapping[str, int]
-    #: Calls that send a signal, allowed where the first argument is the process itself.
-    to_itself: Mapping[str, int]
+    #: As in `_ALLOWED` and `_TO_ITSELF`.
+    allowed: tuple[int, ...]
+    to_itself: tuple[int, ...]
 
+
+#: The system calls that are allowed, by their numbers on x86-64 and aarch64.
+_ALLOWED = {
+    "brk": (12, 214),
+    "mmap": (9, 222),
+    "mprotect": (10, 226),
+    "mremap": (25, 216),
+    "munmap": (11, 215),
+    "madvise": (28, 233),
+    "futex": (202, 98),
+    "write": (1, 64),
+    "getrandom": (318, 278),
+    "clock_gettime": (228, 113),
+    "clock_getres": (229, 114),
+    "clock_nanosleep": (230, 115),
+    "gettimeofday": (96, 169),
+    "nanosleep": (35, 101),
+    "restart_syscall": (219, 128),
+    "sched_yield": (24, 124),
+    "sched_getaffinity": (204, 123),
+    "getrusage": (98, 165),
+    "getpid": (39, 172),
+    "getppid": (110, 173),
+    "gettid": (186, 178),
+    "rt_sigaction": (13, 134),
+    "rt_sigprocmask": (14, 135),
+    "rt_sigreturn": (15, 139),
+    "sigaltstack": (131, 132),
+    "exit": (60, 93),
+    "exit_group": (231, 94),
+}
+
+#: Calls that send a signal, allowed where the first argument is the process itself.
+_TO_ITSELF = {"kill": (62, 129), "tgkill": (234, 131)}
 
 MACHINES: Mapping[str, Machine] = {
-    "x86_64": Machine(
-        architecture=0xC000003E,
-        seccomp=317,
-        allowed={
-            "brk": 12,
-            "mmap": 9,
-            "mprotect": 10,
-            "mremap": 25,
-            "munmap": 11,
-            "madvise": 28,
-            "futex": 202,
-            "write": 1,
-            "getrandom": 318,
-            "clock_gettime": 228,
-            "clock_getres": 229,
-            "clock_nanosleep": 230,
-            "gettimeofday": 96,
-            "nanosleep": 35,
-            "restart_syscall": 219,
-            "sched_yield": 24,
-            "sched_getaffinity": 204,
-            "getrusage": 98,
-            "getpid": 39,
-            "getppid": 110,
-            "gettid": 186,
-            "rt_sigaction": 13,
-            "rt_sigprocmask": 14,
-            "rt_sigreturn": 15,
-            "sigaltstack": 131,
-            "exit": 60,
-            "exit_group": 231,
-        },
-        to_itself={"kill": 62, "tgkill": 234},
-    ),
-    "aarch64": Machine(
-        architecture=0xC00000B7,
-        seccomp=277,
-        allowed={
-            "brk": 214,
-            "mmap": 222,
-            "mprotect": 226,
-            "mremap": 216,
-            "munmap": 215,
-            "madvise": 233,
-            "futex": 98,
-            "write": 64,
-            "getrandom": 278,
-            "clock_gettime": 113,
-            "clock_getres": 114,
-            "clock_nanosleep": 115,
-            "gettimeofday": 169,
-            "nanosleep": 101,
-            "restart_syscall": 128,
-            "sched_yield": 124,
-            "sched_getaffinity": 123,
-            "getrusage": 165,
-            "getpid": 172,
-            "getppid": 173,
-            "gettid": 178,
-            "rt_sigaction": 134,
-            "rt_sigprocmask": 135,
-            "rt_sigreturn": 139,
-            "sigaltstack": 132,
-            "exit": 93,
-            "exit_group": 94,
-        },
-        to_itself={"kill": 129, "tgkill": 131},
-    ),
+    name: Machine(
+        architecture=architecture,
+        seccomp=seccomp,
+        allowed=tuple(numbers[column] for numbers in _ALLOWED.values()),
+        to_itself=tuple(numbers[column] for numbers in _TO_ITSELF.values()),
+    )
+    for column, (name, architecture, seccomp) in enumerate((("x86_64", 0xC000003E, 317), ("aarch64", 0xC00000B7, 277)))
 }
 
 
 def is_available() -> bool:
-    """Tell whether the kernel takes filters, and this module knows the architecture."""
+    """Tell whether the kernel accepts filters and this module knows the architecture."""
     machine = MACHINES.get(platform.machine())
     if machine is None:
         return False
@@ -136,7 +109,7 @@ def is_available() -> bool:
 def program(machine: Machine, pid: int) -> bytes:
     """Write the filter of one process.
 
-    Calls of other architectures are refused by the first test; those of x32 by their numbers, which are in no list.
+    The first test refuses calls of other architectures. Those of x32 have numbers that are not listed.
 
     Args:
         machine: the system calls of the architecture.
@@ -148,9 +121,9 @@ def program(machine: Machine, pid: int) -> bytes:
         _INSTRUCTION.pack(_RETURN, 0, 0, _REFUSE),
         _INSTRUCTION.pack(_LOAD_WORD, 0, 0, _NUMBER),
     ]
-    for number in machine.allowed.values():
+    for number in machine.allowed:
         text += [_INSTRUCTION.pack(_JUMP_IF_EQUAL, 0, 1, number), _INSTRUCTION.pack(_RETURN, 0, 0, _ALLOW)]
-    for number in machine.to_itself.values():
+    for number in machine.to_itself:
         text += [
             _INSTRUCTION.pack(_JUMP_IF_EQUAL, 0, 4, number),
             _INSTRUCTION.pack(_LOAD_WORD, 0, 0, _FIRST_ARGUMENT),
@@ -166,10 +139,10 @@ class _Program(ctypes.Structure):
 
 
 def restrict() -> None:
-    """Refuse this process, which must have one thread, every call that is not listed, for good.
+    """Take from this process, which must have one thread, every call that is not listed, for good.
 
     Raises:
-        OSError: the kernel takes no filter, or `no_new_privs` is not set.
+        OSError: the kernel does not accept filters, or `no_new_privs` is not set.
     """
     machine = MACHINES[platform.machine()]
     text = program(machine, os.getpid())

@@ -1,6 +1,7 @@
-"""One trusted process per candidate: starts it, watches time and memory, ends its whole tree, passes the answer on.
+"""One trusted process for each candidate: starts it, watches time and memory, kills its tree, passes the answer on.
 
-It never runs a line of the candidate's and parses no header but the first, which is sent before any such line runs.
+It never runs a line of the candidate. The only header of the child that it parses is the first, which the child sends
+before any such line runs.
 """
 
 import contextlib
@@ -17,11 +18,11 @@ from tacevo.sandbox.kernel import become_subreaper
 from tacevo.sandbox.processes import descendants, end_own_descendants, is_ending, memory
 from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
 
-_TICK = 0.025  # seconds between two looks at time and memory
+_TICK = 0.025  # seconds between two checks of time and memory
 
 _PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pipe hold
 
-_LONGEST_REASON = 2**16  # bytes that are read of a child's last words, of which `one_line` keeps less
+_LONGEST_REASON = 2**16  # bytes that are read of a child's last message, of which `one_line` keeps fewer
 
 
 def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> None:
@@ -36,7 +37,7 @@ def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays:
         channel.send(Message.of(Sort.hello, {"pid": os.getpid()}))
         answer = _serve(channel, entries, arrays)
     except EOFError:
-        return  # nobody waits any more
+        return  # the search no longer waits
     except Exception as error:
         answer = [Message.of(Sort.verdict, {"ended": "broken", "detail": describe(error)})]
     finally:
@@ -46,7 +47,7 @@ def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays:
 
 
 def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> list[Message]:
-    """Start the candidate and watch it to its end; give its frames and the verdict.
+    """Start the candidate and watch it until it ends; return its frames and the verdict.
 
     Raises:
         EOFError: the search has given the job up, or is gone.
@@ -71,30 +72,30 @@ class _Watch:
     Args:
         pid: the child.
         pipe: the non-blocking end of its result pipe.
-        search: descriptor of the socket to the search; its end means that nobody waits any more.
+        search: descriptor of the socket to the search; when it closes, the search no longer waits.
         limits: what the candidate may use, from now on.
-        prepared: whether the zygote has every module that a job may need.
+        prepared: whether the zygote has imported every module that a job may need.
     """
 
     def __init__(self, pid: int, pipe: int, search: int, limits: Limits, *, prepared: bool) -> None:
         self.frames: list[Message] = []
-        #: What `confine` put in force; None until the child is confined, before which no code of the candidate's runs.
+        #: What `confine` put in force; None until the child is confined. No code of the candidate runs before that.
         self.measures: Json = None
         self._pid, self._pipe, self._search, self._limits, self._prepared = pid, pipe, search, limits, prepared
         self._end = os.pidfd_open(pid)
         self._deadline = time.monotonic() + limits.seconds
         self._inherited_mib = memory(os.getpid()).anonymous
-        self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files that was seen
+        self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files seen so far
         self._splitter = Splitter(CHILD)
         self._poll = select.poll()
         for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (search, select.POLLRDHUP)):
             self._poll.register(descriptor, event)
 
     def until_the_end(self) -> Json:
-        """Wait until the candidate is done, dead or over a limit, and give the verdict."""
+        """Wait until the candidate is done, dead or over a limit; return the verdict."""
         while True:
             if time.monotonic() >= self._deadline:
-                return _died(Reason.out_of_time, f"over {self._limits.seconds:g} s")
+                return _died(Reason.out_of_time, f"ran for more than {self._limits.seconds:g} s")
             if self._has_too_much_memory():
                 return self._out_of_memory()
             happened = {descriptor for descriptor, _ in self._poll.poll(_TICK * 1000)}
@@ -108,7 +109,7 @@ class _Watch:
                 return self._out_of_memory() if finished and self._has_too_much_memory() else verdict
 
     def _read(self) -> Json | None:
-        """Take what is in the pipe; give the verdict if it ends the job."""
+        """Read what is in the pipe; return the verdict if it ends the job."""
         try:
             data = os.read(self._pipe, _PIPE_SIZE)
             messages = self._splitter.feed(data)
@@ -125,7 +126,7 @@ class _Watch:
         return None if data else self._lost()  # no data: every writer has closed the pipe
 
     def _hear(self, message: Message) -> Json | None:
-        """Take one message of the child's; give the verdict if it is the last."""
+        """Take one message of the child; return the verdict if it is the last."""
         match message.sort:
             case Sort.ready if self.measures is None:
                 self.measures = message.read_header()
@@ -145,14 +146,14 @@ class _Watch:
         return None
 
     def _lost(self) -> Json | None:
-        """Give the verdict on a child that stopped talking before it was done, once there is one."""
+        """Return the verdict on a child that closed its pipe before it was done; None while it is still exiting."""
         end = os.waitid(os.P_PID, self._pid, os.WEXITED | os.WNOHANG)
-        # It closes its files before it can be waited for: long before, at times.
+        # A process closes its files before it can be waited for, sometimes long before.
         if end is None and is_ending(self._pid):
-            with contextlib.suppress(KeyError):  # it was taken out at an earlier look
-                self._poll.unregister(self._pipe)  # whose end would be told without a pause
+            with contextlib.suppress(KeyError):  # an earlier check did it already
+                self._poll.unregister(self._pipe)  # a closed pipe would wake the poll at once, again and again
             return None
-        if end is None or end.si_code == os.CLD_TRAPPED:  # it lives, and made this process its tracer
+        if end is None or end.si_code == os.CLD_TRAPPED:  # it is alive, and made this process its tracer
             how = "it closed its result pipe"
         elif end.si_code == os.CLD_EXITED:
             how = f"it exited with status {end.si_status} before it had answered"
@@ -163,26 +164,26 @@ class _Watch:
         return {"ended": "broken", "detail": how} if self.measures is None else _died(Reason.crashed, how)
 
     def _has_too_much_memory(self) -> bool:
-        """Tell whether the whole tree has, or had for a moment, more memory than allowed, beside what it inherited."""
+        """Tell whether the whole tree has, or had for a moment, more memory than allowed, without what it inherited."""
         used = sum(max(0.0, self._peak_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
         return used > self._limits.memory_mib
 
     def _peak_mib(self, pid: int) -> float:
-        """Give the most memory without a file behind it that a process ever held, in MiB, or a little less.
+        """Return the most memory not backed by files that a process ever held, in MiB, or a little less.
 
-        The kernel keeps the peak of all memory; that of the mapped files, which the limit does not count, can only
-        have been smaller then than it was ever seen to be.
+        The kernel records the peak of all memory. The limit does not count mapped files; at the peak they took at most
+        what this process has seen them take.
         """
         seen = memory(pid)
         self._files_mib[pid] = max(seen.of_files, self._files_mib.get(pid, 0.0))
         return max(seen.anonymous, seen.peak - self._files_mib[pid])
 
     def _out_of_memory(self) -> Json:
-        return _died(Reason.out_of_memory, f"over {self._limits.memory_mib} MiB of resident memory")
+        return _died(Reason.out_of_memory, f"used more than {self._limits.memory_mib} MiB of resident memory")
 
 
 def _last_words(message: Message) -> str:
-    """Read why a child ended, by its own account."""
+    """Read the child's own reason for its end."""
     return one_line(message.payload[:_LONGEST_REASON].decode(errors="replace"))
 
 

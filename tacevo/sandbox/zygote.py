@@ -1,7 +1,7 @@
 """The zygote: imports the entries (and with them torch) once, maps the data, and forks a supervisor for each job.
 
-It has one thread, a cleared environment and no task of its own beside forking and reaping. Its end, or that of
-the search, ends everything below it.
+It has one thread and a cleared environment, and does nothing but fork and reap. When it ends, or the search, everything
+below it ends too.
 """
 
 import gc
@@ -26,7 +26,7 @@ _OUTPUT, _ERRORS = 1, 2
 
 def main(descriptor: int) -> None:
     """Serve jobs until the search closes its end of the socket `descriptor`."""
-    gc.disable()  # what is imported is kept; looking through it again and again would be a tenth of the start
+    gc.disable()  # what is imported is kept, and searching it for garbage took a tenth of the start
     protect_memory()
     become_subreaper()
     search = Channel(socket.socket(fileno=descriptor))
@@ -36,9 +36,9 @@ def main(descriptor: int) -> None:
         search.send(Message.of(Sort.setup, {"error": describe(error)}))
         return
     search.send(Message.of(Sort.setup, {"error": None}))
-    os.dup2(_OUTPUT, _ERRORS)  # what a candidate prints goes the way of its output, to /dev/null
+    os.dup2(_OUTPUT, _ERRORS)  # what a candidate writes goes to /dev/null
     _serve(search.stream, entries, arrays)
-    os._exit(0)  # to take torch apart, object by object, would be half a second of work for nobody
+    os._exit(0)  # freeing torch object by object would take half a second
 
 
 def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
@@ -53,23 +53,25 @@ def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
     arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in setup["arrays"].items()}
     threads = len(os.listdir("/proc/self/task"))
     if threads > 1:
-        raise SandboxError(f"the zygote needs one thread; it has {threads}. Set OMP_NUM_THREADS=1 in its environment")
+        raise SandboxError(
+            f"{threads} threads", expected="one thread in the zygote", remedy="set OMP_NUM_THREADS=1 for it"
+        )
     gc.collect()
     gc.enable()
-    gc.freeze()  # what is imported stays shared: no collection of a child's touches these pages
+    gc.freeze()  # so that no garbage collection in a child writes to these shared pages
     return entries, arrays
 
 
 def _import(place: str) -> Entry:
-    """Find an entry by `module:function`."""
+    """Import an entry named `module:function`."""
     module, _, function = place.partition(":")
     entry: Entry = getattr(importlib.import_module(module), function)
     return entry
 
 
 def _serve(search: socket.socket, entries: dict[str, Entry], arrays: Arrays) -> None:
-    """Fork a supervisor for each socket that comes in, reap those that end, and at last end all."""
-    supervisors: dict[int, int] = {}  # descriptor that tells of its end -> process id
+    """Fork a supervisor for each socket that arrives, reap those that end, and in the end kill all."""
+    supervisors: dict[int, int] = {}  # descriptor that shows its end -> process id
     poll = select.poll()
     poll.register(search, select.POLLIN)
     while True:
@@ -92,12 +94,12 @@ def _serve(search: socket.socket, entries: dict[str, Entry], arrays: Arrays) -> 
 
 
 def _fork_supervisor(job: int, entries: dict[str, Entry], arrays: Arrays) -> int:
-    """Start the trusted process of one job; give its process id."""
+    """Start the trusted process of one job; return its process id."""
     pid = os.fork()
     if pid == 0:
         try:
             close_all_but(job)
             supervise(socket.socket(fileno=job), entries, arrays)
         finally:
-            os._exit(0)  # the frames of the zygote lie above: nothing of them may run here
+            os._exit(0)  # the zygote's code further up the stack must not run here
     return pid

@@ -1,29 +1,61 @@
-"""What a trainer's answer is worth: nothing of it is trusted, and the losses are computed here, in the parent."""
+"""A trainer's answer, read and judged in the parent: nothing of it is trusted, and the losses are computed here."""
 
 import hashlib
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import MaxLen
 from numpy.typing import NDArray
+from pydantic import StringConstraints
 
 from tacevo.choices import Device
-from tacevo.records import Contract, Json, Loss, Reason, Rejection, Stage, Training
-from tacevo.sandbox.client import Died, Finished, Frame
+from tacevo.records import STRICT, Contract, Loss, Reason, Rejection, Stage, Training
+from tacevo.sandbox.client import AnswerError, Died, Finished, Frame
 from tacevo.sandbox.protocol import one_line
 from tacevo.training.losses import validation_loss
 
-#: How torch spells an operation, as `training.determinism` notes it.
-_OPERATION = re.compile(r"[\w:.]{1,100}", re.ASCII)
+#: How torch spells an operation, as `training.determinism` notes it. A summary shows it, so it is not free text.
+_Operation = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_:.]{1,100}$")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Epoch:
+    """What a trainer sends after an epoch, besides its predictions."""
+
+    __pydantic_config__ = STRICT
+
+    epoch: int
+    train_loss: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Failure:
+    """Why a training ended early."""
+
+    __pydantic_config__ = STRICT
+
+    reason: Reason
+    detail: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _End:
+    """What a trainer sends last: the digest of the trained weights, or why there is none."""
+
+    __pydantic_config__ = STRICT
+
+    weights_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] = ""
+    not_deterministic: Annotated[tuple[_Operation, ...], MaxLen(100)] = ()
+    rejection: _Failure | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Answer:
     """A trainer's whole answer, well formed and finite."""
 
-    #: Of each epoch, as the child reported it.
+    #: Of each epoch, as the child reported them.
     train_losses: tuple[float, ...]
     #: Of each epoch, float32, shape (rows, K).
     predictions: tuple[NDArray[np.float32], ...]
@@ -36,10 +68,10 @@ class Answer:
 def read_answer(
     outcome: Finished | Died, contract: Contract, *, epochs: int, rows: int, device: Device = Device.cpu
 ) -> Answer | Rejection:
-    """Hold a child's answer against what a trainer sends.
+    """Read a child's answer, of which nothing is trusted.
 
     Args:
-        outcome: what the sandbox gave.
+        outcome: what the sandbox returned.
         contract: for the number of outputs.
         epochs: how many were asked for.
         rows: how many images were to be predicted.
@@ -48,21 +80,13 @@ def read_answer(
     if isinstance(outcome, Died):
         return _rejection(outcome.reason, outcome.detail)
     try:
-        refused = _refusal(outcome.frames)
-        if refused is not None:
-            return refused
-        *progress, last = outcome.frames
-        answer = Answer(
-            train_losses=tuple(_finite(frame.header["train_loss"]) for frame in progress),
-            weights_sha256=_digest(last.header["weights_sha256"]),
-            not_deterministic=_operations(last.header.get("not_deterministic", []), device),
-            predictions=tuple(_matrix(frame.payload, rows, contract.outputs) for frame in progress),
-        )
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        return _rejection(Reason.bad_output, f"the training's answer is malformed: {error}")
-    count = len(answer.predictions)
-    if count != epochs:
-        return _rejection(Reason.bad_output, f"expected the predictions of {epochs} epochs; got {count}")
+        answer = _read(outcome.frames, (rows, contract.outputs), epochs, device)
+    except AnswerError:  # its text quotes the candidate, who may have written the frame
+        return _rejection(Reason.bad_output, "expected a trainer's frames; got another frame")
+    except ValueError as error:
+        return _rejection(Reason.bad_output, str(error))
+    if isinstance(answer, Rejection):
+        return answer
     for epoch, values in enumerate(answer.predictions, start=1):
         if not np.isfinite(values).all():
             return _rejection(Reason.not_finite, f"the predictions after epoch {epoch} are not all finite")
@@ -87,43 +111,30 @@ def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:
     )
 
 
-def _refusal(frames: Sequence[Frame]) -> Rejection | None:
-    """Read the rejection that a trainer sends as its last frame, if it did."""
-    problem = frames[-1].header.get("rejection") if frames and isinstance(frames[-1].header, dict) else None
-    return None if problem is None else _rejection(Reason(problem["reason"]), str(problem["detail"]))
+def _read(frames: Sequence[Frame], shape: tuple[int, int], epochs: int, device: Device) -> Answer | Rejection:
+    """Read a trainer's frames, each but the last with predictions of this shape.
+
+    Raises:
+        AnswerError, ValueError: they are not such frames.
+    """
+    if not frames:
+        raise ValueError("expected at least one frame; got none")
+    *progress, last = frames
+    end = last.read(_End)
+    if end.rejection is not None:
+        return _rejection(end.rejection.reason, end.rejection.detail)
+    operations = end.not_deterministic
+    if list(operations) != sorted(set(operations)) or (operations and device is Device.cpu):
+        raise ValueError("expected distinct operations in the order of their names, and none on a CPU; got others")
+    if not end.weights_sha256 or len(progress) != epochs:
+        raise ValueError(f"expected the predictions of {epochs} epochs and a digest; got those of {len(progress)}")
+    return Answer(
+        train_losses=tuple(frame.read(_Epoch).train_loss for frame in progress),
+        predictions=tuple(np.frombuffer(frame.payload, np.float32).reshape(shape) for frame in progress),
+        weights_sha256=end.weights_sha256,
+        not_deterministic=operations,
+    )
 
 
 def _rejection(reason: Reason, detail: str) -> Rejection:
     return Rejection(stage=Stage.train, reason=reason, detail=one_line(detail))
-
-
-def _finite(value: Json) -> float:
-    if not isinstance(value, float):
-        raise TypeError(f"expected a number; got {type(value).__name__}")
-    return value  # finite: no message may hold anything else
-
-
-def _digest(value: Json) -> str:
-    if not isinstance(value, str) or not re.fullmatch(r"[0-9a-f]{64}", value):
-        raise ValueError("expected a SHA-256 in hex")
-    return value
-
-
-def _operations(value: Json, device: Device) -> tuple[str, ...]:
-    """Read the names of operations without a deterministic form; a summary shows them, so they are no free text."""
-    if value and device is Device.cpu:
-        raise ValueError("expected no operation without a deterministic form, since a CPU runs none")
-    if not isinstance(value, list) or len(value) > 100 or not all(_is_operation(name) for name in value):
-        raise ValueError("expected at most 100 names of operations")
-    if value != sorted(set(value)):
-        raise ValueError("expected distinct names of operations in their order")
-    return tuple(value)
-
-
-def _is_operation(name: Json) -> bool:
-    return isinstance(name, str) and _OPERATION.fullmatch(name) is not None
-
-
-def _matrix(payload: bytes, rows: int, columns: int) -> NDArray[np.float32]:
-    """Read float32 values of shape (rows, columns)."""
-    return np.frombuffer(payload, np.float32).reshape(rows, columns)

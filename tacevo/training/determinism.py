@@ -1,7 +1,7 @@
-"""What becomes of operations that torch cannot repeat bit by bit (child side).
+"""Operations that torch cannot repeat bit by bit (child side).
 
-On a CPU they are refused: there are few, and no honest network has needed one. On a GPU the backward pass of adaptive
-pooling is among them, which every baseline needs; so there they run, and are named in the candidate's record.
+On a CPU they are refused: there are few, and no honest network has needed one. On a GPU they run and are named in the
+candidate's record, because the backward pass of adaptive pooling, which every baseline needs, is one of them.
 """
 
 import re
@@ -14,13 +14,13 @@ import torch
 
 _WITHOUT_FORM = re.compile(r"(\S+) does not have a deterministic implementation")
 
-#: What stands in no name: the search takes names alone, no free text.
+#: What a name does not contain: the search accepts names only, not free text.
 _FOREIGN = re.compile(r"[^\w:.]+", re.ASCII)
 
 
 @contextmanager
 def noting_nondeterminism(device: torch.device) -> Iterator[set[str]]:
-    """Let torch take deterministic algorithms; where it has none, refuse on a CPU, and note the name elsewhere.
+    """Make torch use deterministic algorithms; an operation without one fails on a CPU, and is noted elsewhere.
 
     Raises:
         RuntimeError: from within, on a CPU: the operation has no deterministic form.

@@ -1,28 +1,33 @@
-"""The parent's side of a training: what is asked of the sandbox, and what its answer is worth.
+"""The parent's side of a training: what the sandbox is asked, and how its answer is judged and stored.
 
-An evaluation is a pure function of source, data, contract, recipe, seed and numerics, recalled from the store
-under exactly these. The validation labels stay here: the child predicts, the parent computes the loss.
+An evaluation is a pure function of source, data, contract, recipe, seed and numerics, and exactly these are its key in
+the store. The validation labels stay here: the child predicts, and the parent computes the loss.
 """
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError
-from tacevo.records import Contract, Json, Limits, Recipe, Rejection, Training, to_json
-from tacevo.sandbox.client import Died, Finished
+from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json
+from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.store import Store
+from tacevo.storage.verdicts import recall_verdict
 from tacevo.training.answers import read_answer, training_of
 
-#: What the sandbox must offer for `Evaluator`, beside the array `images`.
+#: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
 
-#: `Sandbox.run`, or anything that acts like it.
-Run = Callable[[str, Json, bytes, Limits], Finished | Died]
+_LOAD = "load the data set to train it"
+
+Data = TypeVar("Data")
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +52,7 @@ class Examples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What all trainings of one kind share: with source and seed, this is all that their results follow from."""
+    """What all trainings of one kind share. Their results follow from this, the source and the seed alone."""
 
     contract: Contract
     #: Of the data set.
@@ -56,19 +61,8 @@ class Setting:
     numerics: Numerics
     device: Device = Device.cpu
 
-    def insist_on(self, examples: Examples) -> None:
-        """Refuse examples of another data set.
-
-        Raises:
-            ValueError: the fingerprints differ.
-        """
-        if examples.fingerprint != self.fingerprint:
-            raise ValueError(
-                f"fingerprint must be that of the examples, {examples.fingerprint}; got {self.fingerprint}"
-            )
-
     def request(self, source: str, seed: int, *, version: int) -> Json:
-        """Write the question that a store keeps an evaluation under."""
+        """Return the request that a store keeps an evaluation under."""
         return {
             "version": version,
             "source": source,
@@ -83,7 +77,7 @@ class Setting:
     def train(
         self, run: Run, source: str, seed: int, *, examples: Examples, predicted: Sequence[NDArray[np.int64]]
     ) -> Finished | Died:
-        """Have a candidate trained in a sandbox.
+        """Train a candidate in a sandbox.
 
         Args:
             run: `Sandbox.run`.
@@ -92,8 +86,13 @@ class Setting:
             examples: to train on.
             predicted: rows of the images to predict after each epoch, without their labels, in groups of which no
                 two share a batch.
+
+        Raises:
+            ValueError: the examples are not those of the setting's fingerprint.
         """
-        # Came later, and so enters messages only where there are several groups; a search has one.
+        if examples.fingerprint != self.fingerprint:
+            raise ValueError(f"expected examples with the fingerprint {self.fingerprint}; got {examples.fingerprint}")
+        # Sent only where there are several groups, so that the message of a search, which has one, stays as it was.
         groups = {"groups": [len(rows) for rows in predicted]} if len(predicted) > 1 else {}
         rows = np.concatenate(predicted)
         header = {
@@ -112,91 +111,84 @@ class Setting:
         return run("train", header, payload, self.recipe.limits)
 
     def _sent_device(self) -> dict[str, str]:
-        # Came later, and so enters keys and messages only where it is set.
+        # Left out on a CPU, so that older keys and messages stay as they were.
         return {} if self.device is Device.cpu else {"device": self.device.value}
 
 
-class Evaluator:
-    """Trains candidates, each once.
+class TrainingStore(ABC, Generic[Data, Result]):
+    """Trains candidates, each with each seed once, and keeps the results.
 
     Args:
         run: `Sandbox.run` of a sandbox that has `ENTRIES` and the array `images`.
-        store: of the kind `evaluations`.
+        store: of the kind that the class writes.
         setting: what all trainings share.
-        examples: None where every answer is recorded, as in replay.
-        rules: number of the trainer and of `judge` (`tacevo.rules.Rules.training`), part of every key.
-
-    Raises:
-        ValueError: the setting's fingerprint is not that of the examples.
+        examples: None where every answer is recorded, as in a replay.
+        rules: number of the code that trains and judges, part of every key.
     """
 
-    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: Examples | None, rules: int) -> None:
-        if examples is not None:
-            setting.insist_on(examples)
+    _result: type[Result]
+    #: Of the result, in an entry of the store.
+    _name: str
+
+    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: Data | None, rules: int) -> None:
         self._run, self._store, self._setting, self._examples = run, store, setting, examples
         self._rules = rules
 
     def key(self, source: str, seed: int) -> str:
-        """Name an evaluation: its key in the store."""
+        """Return the key of a training in the store."""
         return self._store.key(self._request(source, seed))
 
-    def evaluate(self, source: str, seed: int) -> Training | Rejection:
-        """Train a candidate, or recall how its training went.
+    def is_recorded(self, source: str, seed: int) -> bool:
+        """Tell whether the store has a training, sound or not."""
+        return self._store.holds(self.key(source, seed))
 
-        Args:
-            source: text that defines the contract's class.
-            seed: of the initial weights, the order of batches and dropout.
+    def evaluate(self, source: str, seed: int) -> Result | Rejection:
+        """Train a candidate with a seed, or recall how its training went.
 
         Raises:
-            CacheMissError: the store is in replay and holds no such evaluation.
+            CacheMissError: the store is in replay and has no such training.
             DataError: it must be trained, and there are no examples.
             SandboxError: the sandbox is broken; nothing is stored.
             StoreError: the store's entry is damaged.
         """
-        answer = self._store.recall(self._request(source, seed), lambda: self._train(source, seed))
-        return _verdict(answer)
+        request = self._request(source, seed)
+        return recall_verdict(self._store, request, self._result, self._name, lambda: self.retrain(source, seed))
 
-    def retrain(self, source: str, seed: int) -> Training | Rejection:
-        """Train a candidate whatever is recorded of it; nothing is stored.
+    def retrain(self, source: str, seed: int) -> Result | Rejection:
+        """Train a candidate, recorded or not; nothing is stored.
 
         Raises:
             DataError: there are no examples.
             SandboxError: the sandbox is broken.
         """
-        return _verdict(self._train(source, seed))
+        if self._examples is None:
+            raise DataError(
+                "none", place=f"training {self.key(source, seed)[:12]}", expected="a recorded answer", remedy=_LOAD
+            )
+        return self._train(self._examples, source, seed)
 
     def _request(self, source: str, seed: int) -> Json:
         return self._setting.request(source, seed, version=self._rules)
 
-    def _train(self, source: str, seed: int) -> Json:
-        """Have a candidate trained; give the store's answer."""
-        examples, setting = self._examples, self._setting
-        if examples is None:
-            raise DataError(f"evaluation {self.key(source, seed)[:12]} is not recorded; load the data set to train it")
-        outcome = setting.train(self._run, source, seed, examples=examples, predicted=[examples.validation])
-        targets = examples.validation_targets
-        verdict = judge(outcome, setting.contract, setting.recipe.epochs, targets, setting.device)
-        return {"rejection" if isinstance(verdict, Rejection) else "training": to_json(verdict)}
+    @abstractmethod
+    def _train(self, data: Data, source: str, seed: int) -> Result | Rejection:
+        """Train a candidate in the sandbox and judge its answer."""
 
 
-def _verdict(answer: Json) -> Training | Rejection:
-    """Read an answer as the store keeps it."""
-    if "rejection" in answer:
-        return Rejection.from_json(answer["rejection"])
-    return Training.from_json(answer["training"])
+class Evaluator(TrainingStore[Examples, Training]):
+    """The trainings of a search, in a store of the kind `evaluations`; its rules are `Rules.training`."""
+
+    _result, _name = Training, "training"
+
+    def _train(self, data: Examples, source: str, seed: int) -> Training | Rejection:
+        setting = self._setting
+        outcome = setting.train(self._run, source, seed, examples=data, predicted=[data.validation])
+        return judge(outcome, setting.contract, setting.recipe.epochs, data.validation_targets, setting.device)
 
 
 def judge(
     outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any], device: Device = Device.cpu
 ) -> Training | Rejection:
-    """Hold a child's answer, of which nothing is trusted, against what a trainer sends; compute the losses.
-
-    Args:
-        outcome: what the sandbox gave.
-        contract: for the loss and the number of outputs.
-        epochs: how many were asked for.
-        targets: of the validation images, as in `Examples`.
-        device: what was trained on; on a CPU no operation may lack a deterministic form.
-    """
+    """Check a child's answer, as `read_answer` does, and compute the losses on these validation targets."""
     answer = read_answer(outcome, contract, epochs=epochs, rows=len(targets), device=device)
     return answer if isinstance(answer, Rejection) else training_of(answer, contract.loss, targets)

@@ -1,8 +1,7 @@
 """The task losses as the parent computes them from a candidate's predictions.
 
-They decide which candidate wins, so they must be equal on every machine: sums are exact (`math.fsum`), and the
-result is rounded to 9 significant digits on purpose, because `exp` and `log` of the C library may differ in
-their last bit between CPUs.
+They decide which candidate wins, so they must be equal on every machine. Sums are exact (`math.fsum`), and the result
+is rounded to 9 significant digits, because `exp` and `log` of the C library may differ in their last bit between CPUs.
 """
 
 import math

@@ -89,7 +89,7 @@ def confusion(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> Confus
 
 
 def macro_f1(counts: Confusion) -> float:
-    """Average the F1 of the classes; one that is neither true nor predicted anywhere is left out.
+    """Average the F1 of the classes, without classes that are neither true nor predicted anywhere.
 
     Args:
         counts: shape (K, K), at least one image.

@@ -1,4 +1,4 @@
-"""How trained bits depend on the machine, as environment variables for the sandbox; see docs/determinism.md."""
+"""Environment variables of the sandbox that decide how results depend on the machine (docs/determinism.md)."""
 
 import platform
 from importlib.util import find_spec
@@ -7,51 +7,53 @@ from pathlib import Path
 from tacevo.choices import Device, Numerics
 from tacevo.errors import ConfigError
 
-#: One thread: sums would otherwise depend on how many there are, and a zygote with threads cannot fork safely.
+#: One thread: sums depend on the number of threads, and a zygote with threads cannot fork safely.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
-#: Each of these libraries would else choose its kernels by the CPU it finds.
+#: Otherwise each of these libraries chooses its kernels by the CPU.
 _ONE_INSTRUCTION_SET = {
     "ATEN_CPU_CAPABILITY": "avx2",
     "ONEDNN_MAX_CPU_ISA": "AVX2",
     "MKL_CBWR": "COMPATIBLE",
 }
 
-#: In bytes: glibc's malloc keeps what is freed below these. Else every step gives its tensors' pages back and has them
-#: zeroed anew, which took a tenth of a training's time (the baseline's, at 32 pixels).
+#: In bytes: below these glibc's malloc keeps what is freed. Otherwise every step returns its tensors' pages, and the
+#: kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels).
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
 
-#: Without a workspace of fixed size, cuBLAS may add up in another order each time.
+#: Without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
 _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
 
 
 def environment(numerics: Numerics, device: Device = Device.cpu) -> dict[str, str]:
-    """Give the variables that must be set before torch is imported."""
+    """Return the variables that must be set before torch is imported."""
     instructions = _ONE_INSTRUCTION_SET if numerics is Numerics.portable else {}
     return _ONE_THREAD | _KEPT_MEMORY | instructions | (_CUBLAS if device is Device.cuda else {})
 
 
 def check_machine(numerics: Numerics, device: Device = Device.cpu) -> None:
-    """Refuse numerics or a device that this machine cannot compute with.
+    """Check that this machine can compute with these numerics on this device.
 
     Raises:
-        ConfigError: portable numerics without an x86-64 with AVX2, or CUDA without a GPU or a torch that knows it.
+        ConfigError: portable numerics without an x86-64 CPU with AVX2, or CUDA without a GPU or a torch built for it.
     """
     table = Path("/proc/cpuinfo")
-    refuse_unfit(numerics, platform.machine(), table.read_text(errors="replace") if table.exists() else "")
+    check_cpu(numerics, platform.machine(), table.read_text(errors="replace") if table.exists() else "")
     if device is Device.cuda:
-        torch = find_spec("torch")  # found, not imported: no process but the sandbox's needs it
+        torch = find_spec("torch")  # found, not imported: only the sandbox needs it
         library = Path(torch.origin if torch and torch.origin else "").parent / "lib" / "libtorch_cuda.so"
         for needed in (Path("/dev/nvidiactl"), library):
             if not needed.exists():
                 raise ConfigError(
-                    f"training.device=cuda needs an NVIDIA GPU and a torch built for it; {needed} is not there. "
-                    "Set training.device=cpu"
+                    f"cuda, but {needed} does not exist",
+                    place="training.device",
+                    expected="cpu, or an NVIDIA GPU with a torch built for it",
+                    remedy="set training.device=cpu",
                 )
 
 
-def refuse_unfit(numerics: Numerics, machine: str, cpuinfo: str) -> None:
-    """Refuse portable numerics on the machine described.
+def check_cpu(numerics: Numerics, machine: str, cpuinfo: str) -> None:
+    """Check that a machine can compute with these numerics.
 
     Args:
         numerics: what a run asks for.
@@ -59,12 +61,13 @@ def refuse_unfit(numerics: Numerics, machine: str, cpuinfo: str) -> None:
         cpuinfo: text of /proc/cpuinfo.
 
     Raises:
-        ConfigError: the machine is no x86-64 with AVX2.
+        ConfigError: portable numerics on a machine that is not an x86-64 CPU with AVX2.
     """
     flags = {flag for line in cpuinfo.splitlines() if line.startswith("flags") for flag in line.split()}
     if numerics is Numerics.portable and not (machine == "x86_64" and "avx2" in flags):
-        came = "x86_64 without avx2 in /proc/cpuinfo" if machine == "x86_64" else machine
         raise ConfigError(
-            f"numerics=portable needs an x86_64 CPU with avx2; this is {came}. "
-            "Set numerics=fast: training bits then hold on this machine only"
+            "x86_64 without avx2 in /proc/cpuinfo" if machine == "x86_64" else machine,
+            place="numerics=portable",
+            expected="an x86_64 CPU with avx2",
+            remedy="set numerics=fast; results are then reproduced on this machine only",
         )

@@ -1,10 +1,10 @@
 """The training of one candidate, inside its sandbox: the entry `run`.
 
 It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
-validation labels never come here, so a candidate cannot know how well it does. Weights are listed, switched and
-saved without asking the candidate (`tacevo.sandbox.network`). In the full training of a study the
-test images are a second group of images to predict, as unlabelled as those. Nothing that leaves here is trusted: the
-candidate shares this process.
+validation labels never come here, so a candidate cannot know how well it does. Weights are listed, switched and hashed
+without calling the candidate's methods (`tacevo.sandbox.network`). In the full training of a study the test images are
+a second group to predict, also without labels. The parent trusts nothing that leaves here, because the candidate shares
+this process.
 """
 
 import math
@@ -41,7 +41,7 @@ class _Job(NamedTuple):
     device: torch.device
 
     def inputs(self, rows: NDArray[np.int64]) -> torch.Tensor:
-        """Give the network's input for some images, float32 of shape (len(rows), C, S, S)."""
+        """Return the network's input for some images, float32 of shape (len(rows), C, S, S)."""
         return standardise(self.images[rows], self.mean, self.deviation).to(self.device)
 
 
@@ -50,8 +50,8 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
 
     Args:
         header: `source`, `contract`, `recipe`, `seed`; `mean` and `deviation` per channel, in units of the stored
-            values; `train` and `validation`, the numbers of images; `groups`, into how many images each the latter
-            are divided, one group where it is left out; `device`, `cpu` where it is left out.
+            values; `train` and `validation`, the numbers of images; `groups`, the sizes of the groups that the latter
+            are divided into, by default one; `device`, by default `cpu`.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S).
@@ -64,11 +64,11 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
         return _train(_read(header, payload, arrays), send)
     except CandidateError as failure:
         send({"rejection": {"reason": failure.reason.value, "detail": str(failure)}}, b"")
-        return failure  # its trace keeps the candidate's objects alive: their finalisers must not run
+        return failure  # its traceback keeps the candidate's objects alive, so that their finalisers do not run
 
 
 def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
-    """Read a job from its wire form."""
+    """Read a job from header and payload."""
     contract = Contract.from_json(header["contract"])
     device = torch.device(header.get("device", "cpu"))
     count, split = header["train"], header["train"] + header["validation"]
@@ -91,7 +91,7 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
 
 
 def _train(job: _Job, send: Send) -> nn.Module:
-    """Train for all epochs; give the trained network."""
+    """Train for all epochs; return the trained network."""
     with blaming(Reason.construction_failed):
         model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
         listed = parameters(model)
@@ -117,7 +117,7 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
 
 
 def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, epoch: int) -> float:
-    """Train on every batch of one epoch; give the mean of the batch losses."""
+    """Train on every batch of one epoch; return the mean of the batch losses."""
     switch(model, training=True)
     losses = [
         _step(job, model, listed, optimiser, positions)
@@ -129,7 +129,7 @@ def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: A
 def _step(
     job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, positions: NDArray[np.int64]
 ) -> float:
-    """Take one step on one batch; give its loss before the step."""
+    """Take one step on one batch; return its loss before the step."""
     output = _forward(job, model, job.train[positions])
     with blaming(Reason.backward_failed):
         loss = (mse_loss if job.contract.loss is Loss.mse else cross_entropy)(output, job.targets[positions])
@@ -137,10 +137,10 @@ def _step(
         if not math.isfinite(value):
             raise CandidateError(Reason.not_finite, f"expected a finite training loss; got {value}")
         check_leaves(output, listed)  # at every step: the probe's batches are smaller
-        optimiser.zero_grad()  # what a forward left there
+        optimiser.zero_grad()  # drops what a forward pass left there
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
-        optimiser.zero_grad()  # so that no forward finds a gradient that it could step by
+        optimiser.zero_grad()  # so that no forward pass finds a gradient to step by
     return value
 
 
@@ -154,7 +154,7 @@ def _predict(job: _Job, model: nn.Module) -> bytes:
 
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:
-    """Run the network on some images and check what comes out: float32 of shape (len(rows), K)."""
+    """Run the network on some images and check its output: float32 of shape (len(rows), K)."""
     with blaming(Reason.forward_failed):
         output: Any = model(job.inputs(rows))
     problem = fault(output, (len(rows), job.contract.outputs))

@@ -3,11 +3,11 @@
 from textwrap import indent
 
 import pytest
-from gate_cases import VALID, completion, contract, examples, needs_shared
+from gate_cases import VALID, completion, contract, examples, extracted, needs_shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.gate.extraction import extract
+from tacevo.gate.extraction import extract, first_look
 from tacevo.records import Reason, Rejection, Stage
 
 CONTRACT = contract()
@@ -18,14 +18,14 @@ OTHER = VALID.replace("4", "8")
 
 def source_of(text: str, stop_reason: str = "end_turn") -> str:
     """Extract and insist on a source."""
-    found = extract(completion(text, stop_reason), CONTRACT)
+    found = extracted(completion(text, stop_reason), CONTRACT)
     assert isinstance(found, str), found
     return found
 
 
 def rejection_of(text: str, stop_reason: str = "end_turn") -> Rejection:
     """Extract and insist on a rejection at this stage."""
-    found = extract(completion(text, stop_reason), CONTRACT)
+    found = extracted(completion(text, stop_reason), CONTRACT)
     assert isinstance(found, Rejection), found
     assert found.stage is Stage.extract
     return found
@@ -107,15 +107,15 @@ def test_two_definitions_in_one_text_are_ambiguous(again: str) -> None:
 
 def test_size_is_checked_first() -> None:
     """Nothing else is done with a huge answer, and the limit itself still passes."""
-    assert extract(completion(VALID), CONTRACT, limit=len(VALID)) == VALID
-    rejection = extract(completion(VALID, "refusal"), CONTRACT, limit=len(VALID) - 1)
+    assert first_look(completion(VALID), limit=len(VALID)) is None
+    rejection = first_look(completion(VALID, "refusal"), limit=len(VALID) - 1)
     assert isinstance(rejection, Rejection)
     assert rejection.reason is Reason.too_long
 
 
 def test_size_is_in_bytes() -> None:
     """A sign beyond ASCII counts as what it takes in UTF-8."""
-    rejection = extract(completion(VALID + "# é\n"), CONTRACT, limit=len(VALID) + 4)
+    rejection = first_look(completion(VALID + "# é\n"), limit=len(VALID) + 4)
     assert isinstance(rejection, Rejection)
     assert rejection.reason is Reason.too_long
 
@@ -152,7 +152,7 @@ def test_class_without_forward_is_no_class() -> None:
     """An excerpt alone cannot be run."""
     rejection = rejection_of(VALID.split("    def forward")[0])
     assert rejection.reason is Reason.no_class
-    assert "no forward" in rejection.detail
+    assert "a forward method; got it without one" in rejection.detail
 
 
 @pytest.mark.parametrize("wrap", ["{}", "```python\n{}```", "It's here:\n\n{}\nDone."])
@@ -225,7 +225,7 @@ def test_extraction_is_idempotent(wrap: str) -> None:
 @pytest.mark.parametrize("example", examples("llm_answers"), ids=lambda example: example["file"])
 def test_real_answer_extracts_unless_cut_off(example: dict[str, str]) -> None:
     """Every real answer holds its class, but for the one that reached the token limit."""
-    found = extract(completion(example["response"], example["stop_reason"]), contract(example["task"]))
+    found = extracted(completion(example["response"], example["stop_reason"]), contract(example["task"]))
     assert isinstance(found, str) == (example["stop_reason"] == "end_turn")
     if isinstance(found, Rejection):
         assert found.reason is Reason.truncated

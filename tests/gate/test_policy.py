@@ -1,15 +1,14 @@
-"""The static policy lets networks through and names the line of what is none; each rule has its breach here."""
+"""The static policy admits networks and names the line of what breaks a rule; each rule has its breach here."""
 
 import sys
 from types import ModuleType
 
 import pytest
 import torch  # noqa: F401 - loads the modules that the allow-list names
-from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
+from gate_cases import VALID, candidate, completion, contract, examples, extracted, needs_shared
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.gate.extraction import extract
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import DEEPEST, check
 from tacevo.records import Reason, Rejection, Stage
@@ -76,7 +75,7 @@ def test_import_off_the_list_is_refused(line: str) -> None:
     """Anything not listed is refused, also inside a function, and the message says what is listed."""
     rejection = rejection_of(f"{line}\n\n\n{VALID}")
     assert rejection.reason is Reason.forbidden_import
-    assert "may not be imported; allowed is what a network needs of abc, collections" in rejection.detail
+    assert "may not be imported; allowed is what networks need from abc, collections" in rejection.detail
 
 
 @pytest.mark.parametrize(
@@ -197,9 +196,9 @@ def test_change_to_what_was_imported_is_refused(code: str) -> None:
         ("def f(nn):\n    return nn", "nn is the module torch.nn"),
         ("class F:\n    pass", "F is the module torch.nn.functional"),
         ("match 1:\n    case math:\n        pass", "math is the module math"),
-        ("import math as torch", "torch means torch, not math"),
-        ("import torch.nn as torch", "torch means torch, not torch.nn"),
-        ("from math import pi as nn", "nn means torch.nn, not math.pi"),
+        ("import math as torch", "torch already means torch; import math under another name"),
+        ("import torch.nn as torch", "torch already means torch; import torch.nn under another name"),
+        ("from math import pi as nn", "nn already means torch.nn; import math.pi under another name"),
     ],
 )
 def test_module_keeps_its_name(code: str, message: str) -> None:
@@ -274,7 +273,7 @@ def test_identifier_must_be_ascii() -> None:
     """Python folds an italic letter to a plain one, so the text would not say what it does."""
     rejection = rejection_of(candidate("\N{MATHEMATICAL ITALIC SMALL P}rint(x)\nreturn x"))
     assert rejection.reason is Reason.forbidden_construct
-    assert rejection.detail == "line 10: identifier '\N{MATHEMATICAL ITALIC SMALL P}rint' is not plain ASCII"
+    assert rejection.detail == "line 10: expected identifiers in ASCII; got '\N{MATHEMATICAL ITALIC SMALL P}rint'"
 
 
 def test_no_allowed_name_is_another_module() -> None:
@@ -332,7 +331,7 @@ def test_any_lines_get_an_answer(lines: list[str]) -> None:
 def test_real_answer_passes(example: dict[str, str]) -> None:
     """No honest answer breaks the policy."""
     task = contract(example["task"])
-    source = extract(completion(example["response"], example["stop_reason"]), task)
+    source = extracted(completion(example["response"], example["stop_reason"]), task)
     assert isinstance(source, Rejection) or check(source, task) is None
 
 
@@ -340,7 +339,7 @@ def test_real_answer_passes(example: dict[str, str]) -> None:
 @pytest.mark.parametrize("example", examples("hostile"), ids=lambda example: example["id"])
 def test_attack_is_refused_where_it_can_be_seen(example: dict[str, str]) -> None:
     """What can be seen in the text is refused; what is harmless passes the static stages."""
-    source = extract(completion(example["source"]), CONTRACT)
+    source = extracted(completion(example["source"]), CONTRACT)
     verdict = source if isinstance(source, Rejection) else check(source, CONTRACT)
     match example["expected"]:
         case "reject_static":

@@ -1,6 +1,6 @@
 """The probe admits what trains and measures it; everything else gets the reason that fits.
 
-These tests run `run` in this process, on harmless candidates only; test_gate_admission.py goes through the sandbox.
+These tests run `run` in this process, on harmless candidates only; test_admission.py goes through the sandbox.
 """
 
 from collections.abc import Iterator
@@ -13,6 +13,7 @@ from tacevo.gate.probe import run
 from tacevo.profile import Profile
 from tacevo.records import Contract, Json, Reason, Rejection, Stage, to_json
 from tacevo.search.descriptors import describe
+from tacevo.storage.verdicts import read_verdict
 
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 
@@ -32,7 +33,7 @@ def probe(source: str, task: Contract, **limits: int) -> Profile | Rejection:
     header = {"source": source, "contract": to_json(task), "limits": {**LIMITS, **limits}}
     run(header, b"", {}, lambda frame, _: frames.append(frame))
     (answer,) = frames
-    return Profile.from_json(answer["profile"]) if "profile" in answer else Rejection.from_json(answer["rejection"])
+    return read_verdict(Profile, "profile", answer, place="answer")
 
 
 def profile_of(source: str, task: Contract | None = None, **limits: int) -> Profile:

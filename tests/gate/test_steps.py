@@ -8,9 +8,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
 from tacevo.gate.operations import activation
-from tacevo.gate.soundness import MOST_OPERANDS, MOST_STEPS
 from tacevo.gate.trace import trace
-from tacevo.profile import Step
+from tacevo.profile import MOST_OPERANDS, MOST_STEPS, Step
 
 
 class Function(nn.Module):

@@ -359,7 +359,7 @@ def test_tracing_leaves_no_hook_behind() -> None:
     ],
 )
 def test_caught_error_does_not_blind_the_tracer(bad: nn.Module) -> None:
-    """A network that tries a layer, catches its error and goes on is seen from there on; the failed call is no node."""
+    """A network that catches the error of a layer and continues is recorded on; a failed call is not a node."""
 
     def steps(x: Tensor, layer: nn.Module) -> object:
         assert isinstance(layer, nn.ModuleList)

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from canaries import SECRET, Canaries, canaries
+from gate_cases import VALID, needs_shared
 from gate_cases import examples as shared
-from gate_cases import needs_shared
-from hostile_runs import Harness, examples, open_sandbox, rejection_of
+from hostile_runs import Harness, examples, open_sandbox
 from waiting import eventually
 
 from tacevo.records import Json, Reason, Rejection, Stage, Training
@@ -41,7 +41,9 @@ def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     images, data = examples()
     np.save(folder / "images.npy", images)
     with open_sandbox(folder / "images.npy") as sandbox:
-        yield Harness(sandbox, data, folder)
+        opened = Harness(sandbox, data, folder)
+        opened.probed(f"import torch._dynamo\n{VALID}")  # starts the second zygote, which is not a leftover
+        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +95,7 @@ def test_program_is_contained_in_the_probe(program: Json, harness: Harness, cont
     """Past the policy, the probe still refuses what it is there for, and holds the rest."""
     outcome = harness.probed(program["source"])
     contained.append(outcome)
-    assert program["expected"] != "reject_probe" or rejection_of(outcome) is not None
+    assert program["expected"] != "reject_probe" or isinstance(outcome, Rejection)
 
 
 @EVERY_PROGRAM

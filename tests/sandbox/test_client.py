@@ -1,6 +1,6 @@
 """Promise: whatever a candidate does, the search gets a typed answer, and no process of the candidate's is left.
 
-All of it holds without the kernel's walls, which these tests leave out; test_sandbox_walls.py puts them up.
+All of it holds without the kernel's walls, which these tests leave out; test_walls.py puts them up.
 """
 
 import os
@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from waiting import eventually
 from witness import is_gone, living, watching_candidates
 
@@ -56,7 +57,7 @@ def open_sandbox(folder: Path) -> Sandbox:
 
 @pytest.fixture(scope="module")
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox to all attacks, so that each also finds what the others left behind."""
+    """Open one sandbox for all attacks, so that each also finds what the others left behind."""
     with open_sandbox(tmp_path_factory.mktemp("sandbox")) as opened:
         yield opened
 
@@ -137,7 +138,7 @@ def test_child_has_its_own_session_and_no_inherited_file(sandbox: Sandbox) -> No
 
 
 def test_hashes_of_text_are_fixed(sandbox: Sandbox, tmp_path: Path) -> None:
-    """Two sandboxes give a string the same hash, so that no candidate's bits hang on it."""
+    """Two sandboxes give a string the same hash, so that no candidate's bits depend on it."""
     with open_sandbox(tmp_path) as other:
         assert answer(other, "look_around")["hash"] == answer(sandbox, "look_around")["hash"]
 
@@ -156,7 +157,7 @@ def test_search_never_imports_torch() -> None:
 @pytest.mark.parametrize("entry", ["spin", "spin_with_family"])
 def test_endless_candidate_is_out_of_time(sandbox: Sandbox, entry: str) -> None:
     """Over the time limit the whole tree dies, other sessions included."""
-    assert death(sandbox, entry, SHORT) == Died(Reason.out_of_time, "over 1 s")
+    assert death(sandbox, entry, SHORT) == Died(Reason.out_of_time, "ran for more than 1 s")
 
 
 @pytest.mark.parametrize("entry", ["spin", "spin_with_family"])
@@ -165,7 +166,7 @@ def test_endless_candidate_is_gone_when_its_verdict_comes(sandbox: Sandbox, entr
     with watching_candidates() as seen:
         died = sandbox.run(entry, None, b"", SHORT)
         left = living(seen)
-    assert died == Died(Reason.out_of_time, "over 1 s")
+    assert died == Died(Reason.out_of_time, "ran for more than 1 s")
     assert len(seen) >= (5 if entry == "spin_with_family" else 1)
     assert left == []
 
@@ -185,7 +186,9 @@ def test_endless_end_does_not_delay_the_answer(sandbox: Sandbox, entry: str) -> 
 def test_short_peak_of_memory_counts(sandbox: Sandbox) -> None:
     """Memory that is given back before anybody looks is found by the kernel's own record."""
     little = Limits(seconds=5, memory_mib=16)
-    assert death(sandbox, "flash_memory", little) == Died(Reason.out_of_memory, "over 16 MiB of resident memory")
+    assert death(sandbox, "flash_memory", little) == Died(
+        Reason.out_of_memory, "used more than 16 MiB of resident memory"
+    )
 
 
 def test_memory_of_mapped_images_is_free(tmp_path: Path) -> None:
@@ -248,7 +251,7 @@ def test_job_that_was_killed_before_its_confinement_is_run_again() -> None:
 def test_job_that_is_killed_twice_before_its_confinement_is_no_verdict() -> None:
     """Where it happens again the sandbox is at fault, says so, and can be used again."""
     with Sandbox(entries=EARLY, environment={"OMP_NUM_THREADS": "1", "KILLED_EARLY": "2"}, arrays={}) as fresh:
-        with pytest.raises(SandboxError, match="a child was killed by signal 9 before it was confined"):
+        with refused(SandboxError, expected="a child that is confined", got="killed by signal 9"):
             fresh.run("early", 1, b"", LIMITS)
         assert fresh.run("early", 1, b"", LIMITS) == Finished((Frame(1, b""),))
 
@@ -288,7 +291,7 @@ def test_socket_that_the_kernel_does_not_pass_on_costs_no_zygote() -> None:
     """Too many files on their way stop one job, not the zygote, and so none of those that run."""
     command = [sys.executable, "-c", CROWDED_SEARCH]
     done = subprocess.run(command, env=_search_environment(), check=True, capture_output=True, text=True)
-    assert re.fullmatch(r"a job could not be passed on \(.*Too many references.*\); .*\nTrue\n", done.stdout)
+    assert re.fullmatch(r"expected a kernel that passes jobs on; got .*Too many references.*; .*\nTrue\n", done.stdout)
 
 
 def is_of_a_sandbox(pid: int) -> bool:
@@ -325,7 +328,7 @@ def test_signal_that_cancels_a_run_is_no_verdict(sandbox: Sandbox, number: signa
     "members", [(1,), (2,), (0, 1), (0, 1, 2)], ids=["supervisor", "candidate", "both above it", "all"]
 )
 def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, members: tuple[int, ...]) -> None:
-    """The kernel's way out of full memory is no verdict on a candidate, and nothing of it lives on."""
+    """The kernel's way out of full memory is not a verdict on a candidate, and nothing of it lives on."""
     with ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(answer, sandbox, "doze")
         family = wait_for_doze()
@@ -336,12 +339,12 @@ def test_job_that_was_killed_once_is_run_again(sandbox: Sandbox, members: tuple[
 
 
 def test_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
-    """Nobody collects more than a stated number of bytes."""
+    """The search does not collect more than a stated number of bytes."""
     assert death(sandbox, "answer_much").reason is Reason.too_much_output
 
 
 def test_announced_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
-    """Nobody waits for more than a stated number of bytes either."""
+    """The search does not wait for more than a stated number of bytes either."""
     announced = b"\x05\x00\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\xff"
     assert death(sandbox, "write_raw", payload=announced).reason is Reason.too_much_output
 
@@ -349,18 +352,18 @@ def test_announced_endless_answer_is_too_much_output(sandbox: Sandbox) -> None:
 @pytest.mark.parametrize(
     ("entry", "detail"),
     [
-        ("announce_lists", "expected at most 2097152 bytes of headers; it announced more"),
-        ("send_crumbs", "expected at most 10000 messages; it sent more"),
+        ("announce_lists", "expected at most 2097152 bytes of headers; got more"),
+        ("send_crumbs", "expected at most 10000 messages; got more"),
     ],
 )
 def test_answer_that_would_swell_in_the_search_is_too_much_output(sandbox: Sandbox, entry: str, detail: str) -> None:
-    """Headers and messages are counted before they are read: 64 MiB of either are a GiB to whoever keeps them."""
+    """Headers and messages are counted before they are read: 64 MiB of either are a GiB to a reader that keeps them."""
     with holding_little_memory(32):
         assert death(sandbox, entry) == Died(Reason.too_much_output, detail)
 
 
 def test_endless_last_words_are_cut_before_they_reach_the_search(sandbox: Sandbox) -> None:
-    """The text of an error is one line, whoever writes it."""
+    """The text of an error is one line, independent of its author."""
     with holding_little_memory(32):
         assert death(sandbox, "raise_at_length") == Died(Reason.crashed, "\N{REPLACEMENT CHARACTER}" * 300)
 
@@ -392,14 +395,14 @@ def test_garbage_in_the_pipe_is_a_crash(sandbox: Sandbox, forged: bytes) -> None
 
 
 def test_half_a_message_is_out_of_time(sandbox: Sandbox) -> None:
-    """Nobody waits longer than the limit for the rest of a message."""
+    """The search does not wait longer than the limit for the rest of a message."""
     half = Message.of(Sort.frame, None, bytes(100)).to_bytes()[:50]
     assert death(sandbox, "write_raw", SHORT, half).reason is Reason.out_of_time
 
 
 def test_stopped_supervisor_does_not_stop_the_search(sandbox: Sandbox) -> None:
     """Where a candidate stops its supervisor, the search itself ends both."""
-    assert death(sandbox, "stop_supervisor", SHORT).detail == "over 1 s, and its supervisor was stopped"
+    assert death(sandbox, "stop_supervisor", SHORT).detail == "ran for more than 1 s, and its supervisor was stopped"
 
 
 def test_killed_zygote_costs_no_running_job(tmp_path: Path) -> None:
@@ -494,13 +497,13 @@ def test_closed_sandbox_ends_running_jobs(tmp_path: Path) -> None:
     waiting.join()
     assert len(told) == 1
     assert set(descendants(os.getpid())) <= before
-    with pytest.raises(SandboxError, match="the sandbox is closed"):
+    with refused(SandboxError, got="the sandbox is closed"):
         fresh.run("echo", None, b"", LIMITS)
 
 
 def test_missing_entry_is_named(sandbox: Sandbox) -> None:
     """A misspelt entry is the caller's mistake, told at once."""
-    with pytest.raises(KeyError, match="no entry 'ecko'"):
+    with pytest.raises(KeyError, match="got 'ecko'"):
         sandbox.run("ecko", None, b"", LIMITS)
 
 
@@ -518,7 +521,7 @@ def test_zygote_that_cannot_be_prepared_says_why(
     """A broken sandbox raises; it never judges a candidate."""
     with (
         Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as broken,
-        pytest.raises(SandboxError, match=problem),
+        refused(SandboxError, expected="imports its entries", got=problem),
     ):
         broken.run("a", None, b"", LIMITS)
 
@@ -529,6 +532,6 @@ def test_zygote_that_dies_at_its_start_says_why(tmp_path: Path, monkeypatch: pyt
     monkeypatch.syspath_prepend(tmp_path)
     with (
         Sandbox(entries={"a": "fatal:run"}, environment={"OMP_NUM_THREADS": "1"}, arrays={}) as broken,
-        pytest.raises(SandboxError, match=r"the zygote did not start \(\w+: .*\); it wrote: last words$"),
+        refused(SandboxError, expected="a zygote that starts", got="; it wrote: last words"),
     ):
         broken.run("a", None, b"", LIMITS)

@@ -32,7 +32,10 @@ def test_search_that_demands_the_walls_is_refused(tmp_path: Path) -> None:
     """The user is told in one line what is missing and what to do, and nothing is left behind."""
     done = tacevo("search", "experiment=demo", "sandbox.require=kernel", "tracking=none", folder=tmp_path)
     assert done.returncode == 2
-    assert "sandbox.require=kernel is not available here; the strongest level is process" in done.stderr
+    assert (
+        "sandbox.require: expected a machine that offers the level kernel; got process: a kernel without Landlock"
+        in done.stderr
+    )
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "runs").exists()
 

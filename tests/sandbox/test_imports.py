@@ -23,7 +23,7 @@ LIMITS = Limits(seconds=60, memory_mib=1000)
 
 @pytest.fixture(scope="module")
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give a sandbox with the real entries and two attacks."""
+    """Open a sandbox with the real entries and two attacks."""
     images = tmp_path_factory.mktemp("images") / "images.npy"
     np.save(images, np.zeros((12, 3, 32, 32), np.uint8))
     attacks = {name: f"attacks:{name}" for name in ("import_modules", "write_raw")}
@@ -38,7 +38,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
 
 @pytest.fixture(scope="module")
 def force() -> Task:
-    """Give the task of the forces, at 32 pixels."""
+    """Return the task of the forces, at 32 pixels."""
     return task_without_data("force", 32)[1]
 
 

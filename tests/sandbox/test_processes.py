@@ -24,7 +24,7 @@ attacks.fill_memory_in_fork_without_leader(None, b"", {}, lambda header, payload
 
 @pytest.fixture
 def leaderless() -> Iterator[int]:
-    """Give a process whose first thread has ended, while another holds 400 MiB."""
+    """Return a process whose first thread has ended, while another holds 400 MiB."""
     with subprocess.Popen([sys.executable, "-c", LEADERLESS], env=_environment()) as process:
         try:
             assert eventually(lambda: _state(process.pid) == "Z")

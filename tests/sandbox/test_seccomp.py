@@ -1,7 +1,7 @@
 """Promise: a filter lets the listed system calls of its own architecture through, and nothing else.
 
 The filters are run here by a small machine of the tests' own, so that the one for the other architecture is tried
-too; test_sandbox_walls.py has the kernel run the one for this machine.
+too; test_walls.py has the kernel run the one for this machine.
 """
 
 import errno
@@ -49,7 +49,7 @@ def verdict(text: bytes, *, architecture: int, number: int, arguments: tuple[int
 def test_listed_calls_pass(machine: Machine) -> None:
     """What computing needs is allowed, whatever the arguments."""
     text = program(machine, PID)
-    for number in machine.allowed.values():
+    for number in machine.allowed:
         assert verdict(text, architecture=machine.architecture, number=number, arguments=(7,) * 6) == ALLOW
 
 
@@ -58,7 +58,7 @@ def test_listed_calls_pass(machine: Machine) -> None:
 def test_every_other_call_is_refused(machine: Machine, number: int) -> None:
     """No number slips through, those of x32 and of calls to come included."""
     found = verdict(program(machine, PID), architecture=machine.architecture, number=number)
-    assert found == (ALLOW if number in machine.allowed.values() else REFUSE)
+    assert found == (ALLOW if number in machine.allowed else REFUSE)
 
 
 @EVERY_MACHINE
@@ -66,7 +66,7 @@ def test_every_other_call_is_refused(machine: Machine, number: int) -> None:
 def test_calls_of_another_architecture_are_refused(machine: Machine, architecture: int) -> None:
     """A program that switches to 32 bits, where the numbers mean other calls, gets nothing."""
     text = program(machine, PID)
-    for number in machine.allowed.values():
+    for number in machine.allowed:
         found = verdict(text, architecture=architecture, number=number)
         assert found == (ALLOW if architecture == machine.architecture else REFUSE)
 
@@ -76,7 +76,7 @@ def test_calls_of_another_architecture_are_refused(machine: Machine, architectur
 def test_signals_reach_the_process_itself_only(machine: Machine, target: int) -> None:
     """Nobody else, no group and not everybody."""
     text = program(machine, PID)
-    for number in machine.to_itself.values():
+    for number in machine.to_itself:
         found = verdict(text, architecture=machine.architecture, number=number, arguments=(target, 9, 9, 0, 0, 0))
         assert found == (ALLOW if target == PID else REFUSE)
         own = (PID, PID, 9, 0, 0, 0)
@@ -90,14 +90,6 @@ def test_dangerous_calls_are_refused(name: str) -> None:
     text = program(machine, PID)
     for number in DANGEROUS[name]:
         assert verdict(text, architecture=machine.architecture, number=number) == REFUSE
-
-
-def test_machines_allow_the_same_calls() -> None:
-    """A candidate lives under the same rules on each architecture."""
-    first, *others = MACHINES.values()
-    for other in others:
-        assert other.allowed.keys() == first.allowed.keys()
-        assert other.to_itself.keys() == first.to_itself.keys()
 
 
 def test_program_fits_the_kernel() -> None:

@@ -29,11 +29,6 @@ def test_shapes_are_kept() -> None:
     assert one_line("mat1 of 1x30400 and mat2 of 30400x64") == "mat1 of 1x30400 and mat2 of 30400x64"
 
 
-def test_terminal_codes_are_replaced() -> None:
-    """An escape sequence stays readable and does nothing."""
-    assert one_line("\x1b[2Jgone") == "?[2Jgone"
-
-
 def test_exception_is_its_type_and_message() -> None:
     """A detail starts with the type, which says most."""
     assert describe(ValueError("bad shape\nmore")) == "ValueError: bad shape"

@@ -51,14 +51,14 @@ def open_sandbox(folder: Path, strongest: Confinement) -> Sandbox:
 
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox with the kernel's walls to all attacks."""
+    """Open one sandbox with the kernel's walls for all attacks."""
     with open_sandbox(tmp_path_factory.mktemp("walled"), Confinement.kernel) as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Give one sandbox without them."""
+    """Open one sandbox without them."""
     with open_sandbox(tmp_path_factory.mktemp("plain"), Confinement.process) as opened:
         yield opened
 
@@ -170,13 +170,13 @@ def test_signals_to_itself_work(walled: Sandbox) -> None:
 @pytest.mark.parametrize(
     ("entry", "verdict"),
     [
-        ("spin", Died(Reason.out_of_time, "over 1 s")),
+        ("spin", Died(Reason.out_of_time, "ran for more than 1 s")),
         ("exit_quietly", Died(Reason.crashed, "it exited with status 0 before it had answered")),
         ("raise_system_exit", Died(Reason.crashed, "SystemExit: 0")),
         ("divide_by_zero", Died(Reason.crashed, "ZeroDivisionError: division by zero")),
         ("read_address_zero", Died(Reason.crashed, "killed by signal 11")),
         ("kill_itself", Died(Reason.crashed, "killed by signal 9")),
-        ("fill_shared_memory", Died(Reason.out_of_memory, "over 300 MiB of resident memory")),
+        ("fill_shared_memory", Died(Reason.out_of_memory, "used more than 300 MiB of resident memory")),
         ("spin_with_family", Died(Reason.crashed, "PermissionError: [Errno 1] Operation not permitted")),
         ("kill_supervisor", Died(Reason.crashed, "PermissionError: [Errno 1] Operation not permitted")),
         ("stop_supervisor", Died(Reason.crashed, "PermissionError: [Errno 1] Operation not permitted")),

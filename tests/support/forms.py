@@ -11,9 +11,8 @@ from enum import StrEnum
 from typing import Any, TypeVar, get_type_hints
 
 import torch
-from gate_cases import completion, contract, examples
+from gate_cases import completion, contract, examples, extracted
 
-from tacevo.gate.extraction import extract
 from tacevo.gate.operations import is_factory, operation
 from tacevo.llm.grammar.network import Block, Head, Hidden, Network, Signature
 from tacevo.llm.grammar.rendering import render
@@ -63,7 +62,7 @@ def forms_of_answers() -> frozenset[str]:
     """Name every form in the recorded answers from which a source can be extracted."""
     found: frozenset[str] = frozenset()
     for answer in examples("llm_answers"):
-        source = extract(completion(answer["response"], answer["stop_reason"]), contract(answer["task"]))
+        source = extracted(completion(answer["response"], answer["stop_reason"]), contract(answer["task"]))
         found |= frozenset() if isinstance(source, Rejection) else forms(source)
     return found
 

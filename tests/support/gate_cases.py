@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.records import Completion, Contract, Json, Kind, Loss
+from tacevo.gate.extraction import extract, first_look
+from tacevo.records import Completion, Contract, Json, Kind, Loss, Rejection
 
 #: Real answers and attacks; beside the checkout, not part of it.
 SHARED = Path(__file__).parents[3] / "shared"
@@ -50,6 +51,11 @@ def contract(task: str = "force", image_size: int = 32) -> Contract:
 def completion(text: str, stop_reason: str = "end_turn") -> Completion:
     """Wrap text as a model's answer."""
     return Completion(text=text, model="test", stop_reason=stop_reason, input_tokens=0, output_tokens=0)
+
+
+def extracted(answer: Completion, task: Contract) -> str | Rejection:
+    """Extract the source of an answer as the gate does."""
+    return first_look(answer, limit=100_000) or extract(answer, task)
 
 
 def candidate(forward: str, init: str = "") -> str:

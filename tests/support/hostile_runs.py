@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from tacevo.choices import Numerics
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted
-from tacevo.records import Json, Limits, Mode, Reason, Recipe, Rejection, Stage, Training, to_json
+from tacevo.records import Limits, Mode, Recipe, Rejection, Training
 from tacevo.rules import CURRENT
-from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.sandbox.client import Sandbox
 from tacevo.storage.store import Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
@@ -21,8 +21,6 @@ from tacevo.training.numerics import environment
 CONTRACT = contract("force", 32)
 LIMITS = Limits(seconds=6, memory_mib=1_000)
 GATE_LIMITS = GateLimits(parameters=20_000_000, flops=10**10, modules=500)
-#: What the gate says of whatever is no answer of a probe.
-GARBAGE = "the probe's answer was no profile and no rejection"
 RECIPE = Recipe(epochs=2, batch_size=16, learning_rate=1e-3, optimiser="adam", limits=LIMITS)
 
 
@@ -61,11 +59,9 @@ class Harness:
         found = self._gate().admit(completion(text))
         return self.trained(found.source) if isinstance(found, Admitted) else found
 
-    def probed(self, source: str) -> Finished | Died:
-        """Probe a source without asking the policy; give the raw answer."""
-        sizes = {"parameters": GATE_LIMITS.parameters, "flops": GATE_LIMITS.flops, "modules": GATE_LIMITS.modules}
-        header = {"source": source, "contract": to_json(CONTRACT), "limits": sizes}
-        return self.sandbox.run("probe", header, b"", LIMITS)
+    def probed(self, source: str) -> Admitted | Rejection:
+        """Probe a source without asking the policy."""
+        return self._gate().measure(source)
 
     def trained(self, source: str) -> Training | Rejection:
         """Train a source that neither the policy nor the probe has seen."""
@@ -78,7 +74,7 @@ class Harness:
         )
 
     def good_one(self) -> Training | Rejection:
-        """Train a decent candidate: what it gives must not hang on who was there before."""
+        """Train a decent candidate: what it gives must not depend on who was there before."""
         return self.trained(VALID)
 
     def _gate(self) -> Gate:
@@ -98,14 +94,3 @@ def open_sandbox(images: Path) -> Sandbox:
     """Open a sandbox as a search does, with all the walls that the kernel has."""
     entries = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
     return Sandbox(entries=entries, environment=environment(Numerics.portable), arrays={"images": images})
-
-
-def rejection_of(outcome: Finished | Died) -> Json:
-    """Read what a probe says against a candidate; None where it gives a profile."""
-    if isinstance(outcome, Died):
-        return {"stage": Stage.probe, "reason": outcome.reason, "detail": outcome.detail}
-    match outcome.frames:
-        case (Frame(header=dict(header)),):
-            return header.get("rejection")
-        case _:
-            return {"stage": Stage.probe, "reason": Reason.crashed, "detail": GARBAGE}

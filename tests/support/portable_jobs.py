@@ -26,6 +26,7 @@ from analysis.tables.published import published_tables
 from analysis.tables.rendering import as_csv
 from tacevo.choices import LightScene, SensorTask
 from tacevo.data.simulator.tasks import Simulated, draw
+from tacevo.errors import StoreError
 from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
@@ -39,6 +40,7 @@ from tacevo.search.descriptors import describe
 from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer
 from tacevo.training.evaluation import judge
+from tacevo.typed import convert
 
 LIBRARY = Path(__file__).parents[2] / "conf" / "library"
 NETWORKS = Path(__file__).parents[1] / "portable"
@@ -105,7 +107,7 @@ def _probed(source: str, task: Contract) -> Profile:
     limits = {"parameters": 50_000_000, "flops": 10**10, "modules": 2_000}
     header = {"source": source, "contract": to_json(task), "limits": limits}
     probe.run(header, b"", {}, lambda frame, _: frames.append(frame))
-    return Profile.from_json(frames[0]["profile"])
+    return convert(Profile, frames[0]["profile"], place="frame", error=StoreError)
 
 
 def _trained(source: str, task: Contract) -> tuple[Frame, ...]:

@@ -115,7 +115,7 @@ def attempt_channels(header: Json, payload: bytes, arrays: Arrays, send: Send) -
 
 def attempt_every_number(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Make every system call below a number, and as x32, that is in no list; report those that were not refused."""
-    spared = {*MACHINES[header["machine"]].allowed.values(), *header["spared"]}
+    spared = {*MACHINES[header["machine"]].allowed, *header["spared"]}
     numbers = [number for number in range(header["below"]) if number not in spared]
     numbers += [number | _X32 for number in range(header["below"])]
     through = [number for number in numbers if _outcome(partial(_raw, number, *(-1,) * 6)) != "EPERM"]

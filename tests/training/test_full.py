@@ -8,12 +8,12 @@ import pytest
 from numpy.typing import NDArray
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
-from tacevo.choices import Device, Numerics
-from tacevo.errors import CacheMissError, DataError
+from tacevo.choices import Numerics
 from tacevo.records import Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
-from tacevo.sandbox.client import Died, Finished, Frame
+from tacevo.sandbox.client import Finished, Frame, Run
 from tacevo.storage.store import Store
-from tacevo.training.evaluation import Evaluator, Examples, Run, Setting
+from tacevo.storage.verdicts import read_verdict
+from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess
 
 DATA = examples()
@@ -130,53 +130,16 @@ def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
     assert len(payload) == named.nbytes + EXAMPLES.train_targets.nbytes
 
 
-def test_second_evaluation_is_recalled(tmp_path: Path) -> None:
-    """Neither data nor sandbox is needed for what is recorded, and a replay trains nothing."""
-    recorder = Recorder()
-    first = evaluator(recorder.run, tmp_path).evaluate(SOURCE, 0)
-    assert evaluator(recorder.run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
-    assert len(recorder.sent) == 1
-    with pytest.raises(CacheMissError, match="no recorded answer for studies request"):
-        evaluator(recorder.run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 1)
-
-
-def test_record_comes_back_as_it_was() -> None:
-    """For a regression and with a confusion matrix."""
-    verdict = judged(answer([0.5, 0.25, 0.3, 1.0]))
-    for record in (verdict, replace(verdict, confusion=((1, 2), (0, 3)))):
-        assert FullTraining.from_json(to_json(record)) == record
-
-
-def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
-    """Source, seed, data, contract, recipe, numerics and device; and no search has a key of a study."""
-
-    def key(setting: Setting, source: str = SOURCE, seed: int = 0) -> str:
-        return evaluator(Recorder().run, tmp_path, setting=setting, data=None).key(source, seed)
-
-    keys = {
-        key(SETTING),
-        key(SETTING, SOURCE + "\n"),
-        key(SETTING, seed=1),
-        key(replace(SETTING, fingerprint="other")),
-        key(replace(SETTING, contract=replace(CONTRACT, outputs=1))),
-        key(replace(SETTING, recipe=replace(RECIPE, epochs=9))),
-        key(replace(SETTING, numerics=Numerics.fast)),
-        key(replace(SETTING, device=Device.cuda)),
-        Store(tmp_path, "evaluations").key(SETTING.request(SOURCE, 0, version=1)),
-    }
-    assert len(keys) == 9
-
-
-def test_failed_training_is_recorded_as_such(tmp_path: Path) -> None:
-    """A training that ends early is a value, and is not tried again."""
-    verdict = evaluator(lambda *_: Died(Reason.out_of_time, "over 2 s"), tmp_path).evaluate(SOURCE, 0)
-    assert isinstance(verdict, Rejection)
-    assert verdict.reason is Reason.out_of_time
-    assert evaluator(Recorder().run, tmp_path).evaluate(SOURCE, 0) == verdict
+def test_recorded_training_is_recalled(tmp_path: Path) -> None:
+    """A replay needs neither data nor sandbox, and reads a confusion matrix too."""
+    first = evaluator(Recorder().run, tmp_path).evaluate(SOURCE, 0)
+    assert evaluator(Recorder().run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
+    classified = replace(judged(answer([0.5, 0.25, 0.3, 1.0])), confusion=((1, 2), (0, 3)))
+    assert read_verdict(FullTraining, "full", {"full": to_json(classified)}, place="entry") == classified
 
 
 def test_predictions_that_are_not_finite_are_refused() -> None:
-    """NaN for a single test image, in an epoch that is not even chosen, turns the network away."""
+    """NaN for a single test image, even in an epoch that is not chosen, makes a rejection."""
     outcome = answer([0.5, 0.25, 0.3, 1.0])
     spoilt = np.frombuffer(outcome.frames[3].payload, np.float32).copy()
     spoilt[-1] = np.nan
@@ -184,14 +147,6 @@ def test_predictions_that_are_not_finite_are_refused() -> None:
     verdict = assess(Finished(frames), SETTING, EXAMPLES.validation_targets, HELD_OUT)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.not_finite
-
-
-def test_training_without_data_is_an_error(tmp_path: Path) -> None:
-    """Recording needs the data set, and the right one."""
-    with pytest.raises(DataError, match="load the data set to train it"):
-        evaluator(Recorder().run, tmp_path, data=None).evaluate(SOURCE, 0)
-    with pytest.raises(ValueError, match="fingerprint must be that of the examples, abc; got other"):
-        evaluator(Recorder().run, tmp_path, setting=replace(SETTING, fingerprint="other"))
 
 
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:

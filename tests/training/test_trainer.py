@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, payload_of
 
-from tacevo.records import Contract, Json, Kind, Limits, Loss, Reason, Recipe, to_json
+from tacevo.records import Json, Kind, Loss, Reason, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
 from tacevo.training.trainer import batches, run
 
@@ -26,7 +26,7 @@ def test_batches_are_full_and_disjoint(count: int, size: int, epoch: int) -> Non
 
 
 def test_batches_differ_between_epochs_and_seeds() -> None:
-    """The order is drawn anew for each epoch, by name."""
+    """The order is drawn again for each epoch, by name."""
     orders = {tuple(batches(20, 20, seed, epoch)[0].tolist()) for seed in range(2) for epoch in range(2)}
     assert len(orders) == 4
 
@@ -124,12 +124,6 @@ def test_equal_jobs_give_equal_bits() -> None:
     torch.rand(7)
     assert sent_by(SOURCE) == first
     assert sent_by(SOURCE, seed=1) != first
-
-
-def test_training_loss_falls() -> None:
-    """A linear target is learnt."""
-    losses = [header["train_loss"] for header, _ in sent_by(SOURCE)[:-1]]
-    assert losses[-1] < losses[0] / 2
 
 
 def net(construct: str = "pass", forward: str = "return self.head(x.flatten(1))") -> str:
@@ -235,16 +229,12 @@ def test_column_major_output_is_sent_row_by_row() -> None:
 
 def test_classification_trains() -> None:
     """Classes are int64 targets of shape (n,)."""
-    contract = Contract(**{**_fields(CONTRACT), "kind": Kind.classification, "loss": Loss.cross_entropy})
+    contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)
     data = examples(classes=True)
     frames: list[tuple[Json, bytes]] = []
     header = {**header_of(SOURCE, data), "contract": to_json(contract)}
     run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
     assert len(frames) == RECIPE.epochs + 1
-
-
-def _fields(contract: Contract) -> dict[str, Any]:
-    return {name: getattr(contract, name) for name in Contract.__slots__}
 
 
 def test_groups_share_no_batch() -> None:
@@ -264,7 +254,4 @@ def test_groups_share_no_batch() -> None:
 
 def test_single_small_batch_is_kept() -> None:
     """Fewer images than a batch make one batch of what there is."""
-    recipe = Recipe(
-        epochs=1, batch_size=1000, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=9, memory_mib=300)
-    )
-    assert len(sent_by(SOURCE, recipe=to_json(recipe))) == 2
+    assert len(sent_by(SOURCE, recipe=to_json(replace(RECIPE, epochs=1, batch_size=1000)))) == 2

@@ -1,7 +1,7 @@
 """What a candidate's text may name: an allow-list of modules and of the names in each.
 
-Generous with mathematics and layers, closed to files, processes, code generation, threads, seeds and global
-switches. A new layer of `torch.nn` needs no entry, because layers are allowed by the shape of their names.
+It allows most of mathematics and all layers, but not files, processes, code generation, threads, seeds and global
+switches. A new layer of `torch.nn` needs no entry, because layers are allowed by the form of their names.
 """
 
 import re
@@ -112,17 +112,24 @@ IMPORTABLE = ", ".join(sorted({name.split(".")[0] for name in _MODULES} - {"__fu
 
 _BUILTINS = "exec eval compile open globals locals vars __import__ breakpoint help exit quit memoryview"
 
-_UNSTABLE = "set frozenset id"
+_SPECIAL_METHODS = "__init__ __len__ __getitem__ __iter__ __next__ __repr__ __str__ __post_init__"
 
-_CALLED_ONLY = "getattr setattr delattr hasattr"
+#: Built-in functions that run text, reach files or show the interpreter's insides.
+BUILTINS = frozenset(_BUILTINS.split())
+
+#: Built-in functions whose results follow memory addresses; a text may use the names for its own variables.
+UNSTABLE = frozenset({"set", "frozenset", "id"})
+
+#: Built-in functions that may be called by name but never passed around.
+CALLED_ONLY = frozenset({"getattr", "setattr", "delattr", "hasattr"})
 
 _ATTRIBUTES = """
     numpy ctypes tofile from_file storage untyped_storage data_ptr share_memory_ as_subclass mro
     f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
 """
 
-#: Names that have code called around a pass: honest answers do not use them, and a gradient given to one could be
-#: stepped by.
+#: Names that register or hold hooks. Honest answers do not use them, and a hook could take an optimiser step with the
+#: gradient that it is given.
 _HOOK = re.compile(r"_?register_\w*hook|_\w*hooks(_\w+)?")
 
 _MODULE_NAMES = """
@@ -143,26 +150,15 @@ _MODULE_NAMES = """
     __call__ __class__ __delattr__ __dir__ __getattr__ __getstate__ __setattr__ __setstate__
 """
 
-_SPECIAL_METHODS = "__init__ __len__ __getitem__ __iter__ __next__ __repr__ __str__ __post_init__"
-
-#: Built-in functions that run text, reach files or show the interpreter's insides.
-BUILTINS = frozenset(_BUILTINS.split())
-
-#: Built-in functions whose results follow memory addresses; fine names for a text's own variables.
-UNSTABLE = frozenset(_UNSTABLE.split())
-
-#: Built-in functions that may be called by name but never passed around.
-CALLED_ONLY = frozenset(_CALLED_ONLY.split())
-
 _REFUSED = frozenset(_ATTRIBUTES.split())
 
 #: Special methods that a candidate may define.
 SPECIAL_METHODS = frozenset(_SPECIAL_METHODS.split())
 
-#: What `nn.Module` and its objects define and a candidate may not; free are `__init__`, `forward` and what makes texts.
+#: What `nn.Module` and its objects define, and a candidate may not; it may define `__init__`, `forward` and texts.
 MODULE_NAMES = frozenset(_MODULE_NAMES.split())
 
-#: Special names that it may bind in a class: TorchScript's list of constants does nothing here.
+#: Special names that it may assign in a class: TorchScript's list of constants does nothing here.
 SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
 
 #: Special names that it may read.
@@ -170,15 +166,15 @@ SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
 
 
 def is_refused(attribute: str) -> bool:
-    """Say whether an attribute of a tensor, module, frame or function leads out of the network or hooks into a pass."""
+    """Tell whether an attribute of a tensor, module, frame or function leads out of the network or hooks into it."""
     return attribute in _REFUSED or _HOOK.fullmatch(attribute) is not None
 
 
 def is_module(path: str) -> bool:
-    """Say whether a dotted path is a module that may be named."""
+    """Tell whether a dotted path is a module that may be named."""
     return path in _MODULES
 
 
 def is_allowed(module: str, name: str) -> bool:
-    """Say whether a name of an allowed module may be used."""
+    """Tell whether a name of an allowed module may be used."""
     return _MODULES[module].fullmatch(name) is not None

@@ -1,7 +1,7 @@
-"""The static policy: what a candidate's syntax tree may hold.
+"""The static policy: what a candidate's syntax tree may contain.
 
 Courtesy, not the wall: it answers in a millisecond, with a message that a person (or the next prompt) can act on.
-Text that hides its intent can pass it; the sandbox is what confines.
+Text that hides its intent can pass it; the sandbox confines the candidate.
 """
 
 import ast
@@ -34,14 +34,14 @@ _UNORDERED = "the order of sets differs between processes; use a list, a tuple o
 _REFUSED: Mapping[type[ast.AST], str] = {
     **dict.fromkeys((ast.Set, ast.SetComp), f"a set may not be used: {_UNORDERED}"),
     **dict.fromkeys(
-        (ast.AsyncFunctionDef, ast.Await, ast.AsyncFor, ast.AsyncWith), "async code has no place in a network"
+        (ast.AsyncFunctionDef, ast.Await, ast.AsyncFor, ast.AsyncWith), "async code may not be used in a network"
     ),
-    ast.MatchClass: "a class pattern reads attributes; use isinstance",
+    ast.MatchClass: "a class pattern may not be used, because it reads attributes; use isinstance",
 }
 
 
 def check(source: str, contract: Contract) -> Rejection | None:
-    """Hold source text against the policy.
+    """Check source text against the policy.
 
     Args:
         source: text as `extract` returned it.
@@ -58,7 +58,7 @@ def check(source: str, contract: Contract) -> Rejection | None:
 
 
 def _first_problem(source: str, tree: ast.Module, contract: Contract) -> Problem | None:
-    """Find the first breach, the text as a whole before its parts."""
+    """Find the first breach in the order of the lines."""
     found = list(_by_depth(tree))
     if found[-1][1] > DEEPEST:
         return Problem(Reason.too_complex, f"expected expressions nested at most {DEEPEST} deep; got more")
@@ -95,15 +95,15 @@ def _problems_of_text(source: str) -> Iterator[Problem]:
     try:
         for token in tokenize.generate_tokens(io.StringIO(source).readline):
             if token.type in (tokenize.NAME, tokenize.ERRORTOKEN) and not token.string.isascii():
-                detail = f"identifier {token.string!r} is not plain ASCII"
+                detail = f"expected identifiers in ASCII; got {token.string!r}"
                 yield Problem.at(Reason.forbidden_construct, token.start[0], detail)
     except (tokenize.TokenError, SyntaxError) as error:
-        yield Problem(Reason.syntax, f"the text parses, but cannot be cut into tokens: {error.args[0]}")
+        yield Problem(Reason.syntax, f"the text cannot be split into tokens: {error.args[0]}")
 
 
 @dataclass(frozen=True, slots=True)
 class _Scope:
-    """What the names of a text mean; one scope for all of it, since no honest network reuses a module's name."""
+    """What the names of a text mean. One scope for all of it, since honest networks do not reuse a module's name."""
 
     #: Names bound to modules, with the modules' dotted paths.
     modules: Mapping[str, str]
@@ -131,7 +131,7 @@ def _scope(nodes: list[ast.AST]) -> _Scope:
 
 
 def _defined(node: ast.AST) -> str | None:
-    """Give the name that a node binds, other than by an import; None where it binds none."""
+    """Return the name that a node binds, except by an import; None where it binds none."""
     match node:
         case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
             return name
@@ -165,11 +165,14 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
         case ast.FunctionDef(name=name):
             if is_special(name) and name not in allowed.SPECIAL_METHODS:
                 methods = ", ".join(sorted(allowed.SPECIAL_METHODS))
-                yield Problem.at(Reason.forbidden_construct, node, f"method {name} may not be defined; only {methods}")
+                detail = f"special method {name} may not be defined; allowed are {methods}"
+                yield Problem.at(Reason.forbidden_construct, node, detail)
             yield from _problems_of_binding(node, name, scope)
         case ast.ClassDef(name=name):
             if node.keywords:
-                yield Problem.at(Reason.forbidden_construct, node, f"class {name} may have bases only, no keywords")
+                yield Problem.at(
+                    Reason.forbidden_construct, node, f"class {name} may have base classes only; remove the keywords"
+                )
             yield from _problems_of_binding(node, name, scope)
         case ast.arg(arg=name) | ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
             yield from _problems_of_binding(node, name, scope)
@@ -178,20 +181,21 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
 
 
 def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Iterator[Problem]:
-    """Hold an import against the allow-list."""
+    """Find imports that are not on the allow-list."""
     for alias, (name, path) in zip(node.names, _bindings(node), strict=True):
         wanted = alias.name if isinstance(node, ast.Import) else path
         module, _, last = path.rpartition(".")
         is_member = isinstance(node, ast.ImportFrom) and allowed.is_module(module) and allowed.is_allowed(module, last)
         if not (is_member or allowed.is_module(wanted)):
-            detail = f"{wanted} may not be imported; allowed is what a network needs of {allowed.IMPORTABLE}"
+            detail = f"{wanted} may not be imported; allowed is what networks need from {allowed.IMPORTABLE}"
             yield Problem.at(Reason.forbidden_import, node, detail)
         elif scope.modules.get(name, path) != path:
-            yield Problem.at(Reason.forbidden_construct, node, f"{name} means {scope.modules[name]}, not {path}")
+            detail = f"{name} already means {scope.modules[name]}; import {path} under another name"
+            yield Problem.at(Reason.forbidden_construct, node, detail)
 
 
 def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
-    """Find forbidden built-ins, special names, and modules that are passed around or rebound."""
+    """Find forbidden built-ins and special names, and modules that are used as values or rebound."""
     name = node.id
     if not isinstance(node.ctx, ast.Load):
         yield from _problems_of_binding(node, name, scope)
@@ -201,13 +205,13 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
         detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
         yield Problem.at(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
     elif name in allowed.CALLED_ONLY and id(node) not in scope.called:
-        yield Problem.at(Reason.forbidden_name, node, f"{name} may be called, but not passed around")
+        yield Problem.at(Reason.forbidden_name, node, f"{name} may only be called, not passed as a value")
     elif name in scope.modules and id(node) not in scope.bases:
-        yield Problem.at(Reason.forbidden_name, node, f"module {name} may only be used as {name}.something")
+        yield Problem.at(Reason.forbidden_name, node, f"module {name} may not be used as a value; use {name}.NAME")
 
 
 def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Problem]:
-    """Find names of modules that come to mean something else."""
+    """Find names of modules that are bound to something else."""
     if name in scope.modules:
         detail = f"{name} is the module {scope.modules[name]}; choose another name"
         yield Problem.at(Reason.forbidden_construct, node, detail)
@@ -217,26 +221,30 @@ def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Probl
     """Find attributes that lead out of the network, and changes to what was imported."""
     yield from _problems_of_attribute_name(node, node.attr)
     if not isinstance(node.ctx, ast.Load) and _root(node) in scope.imported:
-        yield Problem.at(Reason.forbidden_construct, node, f"{ast.unparse(node)} is not the network's to change")
+        yield Problem.at(
+            Reason.forbidden_construct, node, f"{ast.unparse(node)} may not be changed, because it was imported"
+        )
     module = _module_of(node.value, scope)
     if module is None:
         return
     path = f"{module}.{node.attr}"
     if allowed.is_module(path):
         if id(node) not in scope.bases:
-            yield Problem.at(Reason.forbidden_name, node, f"module {path} may only be used as {path}.something")
+            yield Problem.at(Reason.forbidden_name, node, f"module {path} may not be used as a value; use {path}.NAME")
     elif not allowed.is_allowed(module, node.attr):
-        yield Problem.at(Reason.forbidden_name, node, f"{path} is not among the names allowed in {module}")
+        yield Problem.at(
+            Reason.forbidden_name, node, f"{path} may not be used; it is not on the list of allowed names in {module}"
+        )
 
 
 def _problems_of_attribute_name(node: ast.AST, name: str) -> Iterator[Problem]:
-    """Find attribute names that are forbidden whatever they are taken of."""
+    """Find attribute names that are forbidden on every object."""
     if allowed.is_refused(name) or (is_special(name) and name not in allowed.SPECIAL_NAMES):
         yield Problem.at(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
 
 
 def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
-    """Find calls of `input`, which is a fine name for an argument, and attributes that are named by a string."""
+    """Find calls of `input`, which may be the name of an argument, and attributes that are named by a string."""
     function = node.func.id if isinstance(node.func, ast.Name) else ""
     if function == "input":
         yield Problem.at(Reason.forbidden_name, node, "input may not be called in a network")
@@ -248,7 +256,7 @@ def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
 
 
 def _module_of(node: ast.AST, scope: _Scope) -> str | None:
-    """Find the module that an expression such as `torch.nn` stands for; None where it is something else."""
+    """Find the module that an expression such as `torch.nn` means; None where it means something else."""
     if isinstance(node, ast.Name):
         return scope.modules.get(node.id)
     if isinstance(node, ast.Attribute):

@@ -1,4 +1,4 @@
-"""Names of `nn.Module` that a text gives a meaning of its own, in a class or on an object.
+"""Names of `nn.Module` that a text redefines, in a class or on an object.
 
 A network that answers `parameters()`, `train()` or `state_dict()` itself can misreport its size and ignore its mode.
 """
@@ -14,11 +14,11 @@ _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 def overrides(node: ast.AST) -> Iterator[Problem]:
-    """Find what one node binds of the names in `allowed.MODULE_NAMES`; its children are visited on their own.
+    """Find the names in `allowed.MODULE_NAMES` that one node binds; its children are visited separately.
 
-    A class is searched for what its body binds: methods, variables in every form of assignment, imports, classes. A
-    method's own variables are free, and so are names outside classes. Attributes are searched wherever they are
-    written to or deleted.
+    A class is searched for what its body binds: methods, variables in every form of assignment, imports, classes.
+    Variables of a method may have any name, and so may names outside classes. Attributes are searched for writes and
+    deletions everywhere.
     """
     match node:
         case ast.ClassDef():
@@ -29,7 +29,9 @@ def overrides(node: ast.AST) -> Iterator[Problem]:
         case ast.Call(func=ast.Name(id="setattr" | "delattr"), args=[_, ast.Constant(value=str(name)), *_]):
             yield from _problems_of_name(node, name)
         case ast.Call(func=ast.Name(id="type"), args=[_, _, *_]):
-            yield Problem.at(Reason.redefines_module, node, "type may not make a class; write a class statement")
+            yield Problem.at(
+                Reason.redefines_module, node, "type may not be called to make a class; write a class statement"
+            )
 
 
 def _problems_of_class(part: ast.AST) -> Iterator[Problem]:
@@ -41,7 +43,7 @@ def _problems_of_class(part: ast.AST) -> Iterator[Problem]:
 
 def _problems_of_name(node: ast.AST, name: str) -> Iterator[Problem]:
     if name in allowed.MODULE_NAMES:
-        detail = f"{name} is nn.Module's own name and may not be defined or assigned; choose another name"
+        detail = f"{name} is a name of nn.Module and may not be defined or assigned; choose another name"
         yield Problem.at(Reason.redefines_module, node, detail)
 
 
@@ -61,7 +63,7 @@ def _class_scope(nodes: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 
 def _bound(node: ast.AST) -> Iterator[str]:
-    """Name what a node of a scope binds there or deletes from it."""
+    """Yield the names that a node of a scope binds there or deletes from it."""
     match node:
         case ast.Name(id=name, ctx=ast.Store() | ast.Del()) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
             yield name

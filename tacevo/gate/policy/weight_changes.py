@@ -1,7 +1,7 @@
-"""What a text does to weights, or to a module's mode, while the network runs; constructors may do all of it.
+"""What a text does to weights, or to a module's mode, after construction; constructors may do all of it.
 
-What runs is what `forward` reaches by name: methods and functions that it names, and all that they name. A function
-that only a constructor names initialises. Text can hide a name; what a pass then changes, the probe sees.
+After construction runs what `forward` reaches by name: the methods and functions that it names, and all that these
+name. A function that only a constructor names initialises. Text can hide a name; the probe sees what a pass changes.
 """
 
 import ast
@@ -30,7 +30,7 @@ _Function = ast.FunctionDef | ast.Lambda
 
 
 def weight_changes(nodes: list[ast.AST], imported: Collection[str]) -> Iterator[Problem]:
-    """Find uses of `.data`, `.grad`, modes and in-place operations on parameters in what runs.
+    """Find uses of `.data`, `.grad`, modes and in-place operations on parameters after construction.
 
     Args:
         nodes: every node of a text.
@@ -47,25 +47,25 @@ def weight_changes(nodes: list[ast.AST], imported: Collection[str]) -> Iterator[
 
 @dataclass(frozen=True, slots=True)
 class _Names:
-    """What names stand for in one function."""
+    """What names mean in one function."""
 
     imported: Collection[str]
     #: Attributes that the text makes parameters.
     attributes: frozenset[str]
-    #: Variables that the function sets to one, or that run through a list of them.
+    #: Variables that the function sets to one, or that loop over a list of them.
     variables: frozenset[str]
 
     def are_imported(self, node: ast.expr) -> bool:
-        """Say whether an expression such as `nn.init` begins with a name that is not the text's own."""
+        """Tell whether an expression such as `nn.init` begins with an imported name."""
         while isinstance(node, ast.Attribute):
             node = node.value
         return isinstance(node, ast.Name) and node.id in self.imported
 
     def hold(self, node: ast.AST | None) -> bool:
-        """Say whether an expression is a parameter, or shares the memory of one.
+        """Tell whether an expression is a parameter, or shares the memory of one.
 
-        An element or a slice of a tensor shares its memory. What a tensor or a list selects is a copy, and a variable
-        may be one, so it is left to the probe.
+        An element or a slice of a tensor shares its memory. An index by a tensor or a list makes a copy, and a variable
+        may be one; so these are left to the probe.
         """
         match node:
             case ast.Name(id=name):
@@ -89,7 +89,7 @@ def _problems_of(node: ast.AST, names: _Names) -> Iterator[Problem]:
                 yield _problem_of_attribute(node, name)
         case ast.AugAssign(target=target) if names.hold(target):
             yield _problem_of_change(node, target)
-        case ast.Subscript(value=value, ctx=ast.Store()) if names.hold(value):  # whatever the index, nothing is copied
+        case ast.Subscript(value=value, ctx=ast.Store()) if names.hold(value):  # for every index: nothing is copied
             yield _problem_of_change(node, node)
     if isinstance(node, ast.Call):
         for changed in _changed(node, names):
@@ -98,7 +98,7 @@ def _problems_of(node: ast.AST, names: _Names) -> Iterator[Problem]:
 
 
 def _changed(call: ast.Call, names: _Names) -> Iterator[ast.expr]:
-    """Give what a call changes if its name ends as in-place operations do, and what it is told to write to."""
+    """Yield what a call changes, if its name ends as in-place operations do, and the tensors that it writes to."""
     name = _called(call)
     if name.endswith("_") and not is_special(name):
         match call.func:
@@ -110,7 +110,7 @@ def _changed(call: ast.Call, names: _Names) -> Iterator[ast.expr]:
 
 
 def _is_fixed(index: ast.expr) -> bool:
-    """Say whether an index is written out: numbers, slices, `...`, `None`, or a tuple of them."""
+    """Tell whether an index is written out: numbers, slices, `...`, `None`, or a tuple of them."""
     match index:
         case ast.Constant() | ast.Slice() | ast.UnaryOp(operand=ast.Constant()):
             return True
@@ -120,17 +120,17 @@ def _is_fixed(index: ast.expr) -> bool:
 
 
 def _problem_of_attribute(node: ast.AST, name: str) -> Problem:
-    what = "switch modes" if _ATTRIBUTES[name] is Reason.changes_its_mode else "reach its weights or gradients"
-    return Problem.at(_ATTRIBUTES[name], node, f"a running network may not {what} by {name}; the trainer does that")
+    what = "switches modes" if _ATTRIBUTES[name] is Reason.changes_its_mode else "reaches weights and gradients"
+    return Problem.at(_ATTRIBUTES[name], node, f"{name} may not be used after construction; only the trainer {what}")
 
 
 def _problem_of_change(node: ast.AST, changed: ast.expr) -> Problem:
-    detail = f"a running network may not change its weights ({ast.unparse(changed)}); initialise in the constructor"
+    detail = f"weight {ast.unparse(changed)} may not be changed after construction; initialise it in the constructor"
     return Problem.at(Reason.changes_its_weights, node, detail)
 
 
 def _made_parameters(node: ast.AST) -> Iterator[str]:
-    """Name the attributes that a node of a text makes parameters."""
+    """Yield the attributes that a node of a text makes parameters."""
     match node:
         case ast.Assign(targets=targets, value=value) if _makes_parameters(value):
             yield from (target.attr for target in targets if isinstance(target, ast.Attribute))
@@ -145,7 +145,7 @@ def _makes_parameters(value: ast.expr) -> bool:
 
 
 def _aliases(node: ast.AST, names: _Names) -> Iterator[str]:
-    """Name the variables that a node sets to a parameter, or lets run through parameters."""
+    """Yield the variables that a node sets to a parameter, or that loop over parameters."""
     match node:
         case ast.Assign(targets=targets, value=value) if names.hold(value):
             yield from (target.id for target in targets if isinstance(target, ast.Name))
@@ -158,7 +158,7 @@ def _aliases(node: ast.AST, names: _Names) -> Iterator[str]:
 
 
 def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
-    """Give the functions that run after construction."""
+    """Yield the functions that run after construction."""
     named: dict[str, list[ast.AST]] = {}
     for name, function in chain.from_iterable(map(_named, nodes)):
         named.setdefault(name, []).append(function)
@@ -176,7 +176,7 @@ def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
 
 
 def _named(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
-    """Give the functions that a node names, or the names to which it gives another one."""
+    """Yield the function that a node defines, or what it assigns to other names, each with the name."""
     match node:
         case ast.FunctionDef(name=name) if name not in _CONSTRUCTORS:
             yield name, node
@@ -187,7 +187,7 @@ def _named(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
 
 
 def _applied(node: ast.AST) -> list[ast.Lambda]:
-    """Give the lambdas that `apply` is called with: it calls them at once, on each module."""
+    """Return the lambdas that `apply` is called with: it calls them at once, on each module."""
     match node:
         case ast.Call(func=ast.Attribute(attr="apply"), args=args):
             return [part for part in args if isinstance(part, ast.Lambda)]
@@ -215,7 +215,7 @@ def _own(function: _Function) -> Iterator[ast.AST]:
 
 
 def _called(call: ast.Call) -> str:
-    """Give the last name of what is called; nothing where it has none."""
+    """Return the last name of what is called; empty where it has none."""
     match call.func:
         case ast.Name(id=name) | ast.Attribute(attr=name):
             return name

@@ -1,0 +1,45 @@
+"""Verdicts on candidates, as stores keep them: `{NAME: what it passed with}`, or `{"rejection": ...}`."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from tacevo.errors import StoreError, TacevoError
+from tacevo.records import Json, Rejection, to_json
+from tacevo.storage.store import Store
+from tacevo.typed import convert
+
+T = TypeVar("T")
+
+
+def recall_verdict(
+    store: Store, request: Json, kind: type[T], name: str, judge: Callable[[], T | Rejection]
+) -> T | Rejection:
+    """Return the recorded verdict on a request, or judge and record it, as the store's mode says.
+
+    Args:
+        store: where the verdict is kept.
+        request: all that the verdict depends on.
+        kind: what a candidate passes with.
+        name: of that, in the entry.
+        judge: computes the verdict; what it raises passes through, and nothing is recorded.
+
+    Raises:
+        CacheMissError: the store is in replay and has no such verdict.
+        StoreError: the entry is damaged.
+    """
+
+    def compute() -> Json:
+        verdict = judge()
+        return {"rejection" if isinstance(verdict, Rejection) else name: to_json(verdict)}
+
+    return read_verdict(kind, name, store.recall(request, compute), place=f"entry {store.key(request)[:12]}")
+
+
+def read_verdict(
+    kind: type[T], name: str, answer: Json, *, place: str, error: type[TacevoError] = StoreError
+) -> T | Rejection:
+    """Read a verdict from its JSON form; raises `error` where it is malformed."""
+    found = answer if isinstance(answer, dict) else {}
+    if "rejection" in found:
+        return convert(Rejection, found["rejection"], place=f"{place}, rejection", error=error)
+    return convert(kind, found.get(name), place=f"{place}, {name}", error=error)
