@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from tacevo.costs import dollars
 from tacevo.errors import BudgetError
 from tacevo.llm.prices import worst_case
+from tacevo.llm.recording import Keep, KeepingLLM, unkept
 from tacevo.records import Completion, Price, Request, to_json
 from tacevo.search.effects import LLM
 from tacevo.storage.canonical import content_hash
@@ -80,14 +81,14 @@ class BudgetedLLM:
         price: of the model that is asked, for the worst case.
     """
 
-    def __init__(self, inner: LLM, account: Account, *, limit: float, price: Price) -> None:
+    def __init__(self, inner: KeepingLLM, account: Account, *, limit: float, price: Price) -> None:
         self._inner = inner
         self._account = account
         self._limit = limit
         self._price = price
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer requests, in as few rounds as the budget allows (see `tacevo.search.effects.LLM`).
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer requests, in as few rounds as the budget allows (see `tacevo.llm.recording.KeepingLLM`).
 
         Raises:
             BudgetError: the next request could exceed the limit; the answers to those before it were yielded.
@@ -97,7 +98,7 @@ class BudgetedLLM:
             fitting = self._fitting(requests[done:])
             if not fitting:
                 raise BudgetError(self._explain(requests[done], len(requests) - done))
-            for index, completion in self._inner.complete(fitting):
+            for index, completion in self._inner.complete(fitting, keep):
                 self._account.add(fitting[index], completion)
                 yield done + index, completion
             done += len(fitting)

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Set
 from dataclasses import dataclass, field, replace
 
-from tacevo.errors import ConfigError, LLMError, TransportError
+from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.retry import Fault, FaultError, FaultKind, setting_to_drop
 from tacevo.records import Completion, Delivery, Request, Setting
@@ -57,15 +57,18 @@ class Models:
             self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
         return name is not None
 
-    def lacking(self, model: str) -> str:
-        """Say that the server lacks a model, when it was retired if that is known, and which names there are."""
+    def lacking(self, model: str, said: str) -> ConfigError:
+        """Return the error about a model that the server lacks; it names the models that there are."""
         retired = None if self._prices is None else self._prices.retirement(model)
         offered = () if self._prices is None else self._prices.offered
-        more = ["..."] if len(self.served) > _MOST_NAMES else []
-        names = [("that it lists", [*self.served[:_MOST_NAMES], *more]), ("that llm.prices has", offered)]
-        others = " or ".join(f"{whose} ({', '.join(known)})" for whose, known in names if known)
+        names = [*self.served[:_MOST_NAMES], *(["..."] if len(self.served) > _MOST_NAMES else [])] or offered
+        whose = "the server" if self.served or not names else "llm.prices"
         since = f", which was retired on {retired}" if retired else ""
-        return f"the server has no model {model}{since}; set llm.model to one {others or 'that it has'}"
+        return ConfigError(
+            f"{model}{since} (the server says: {said})",
+            place="llm.model",
+            expected=f"a model that {whose} has" + (f" ({', '.join(names)})" if names else ""),
+        )
 
     def now(self) -> int:
         """Say how many requests were refused so far: a clock for `note_answer`."""
@@ -110,19 +113,16 @@ class Failures:
     name: str
     models: Models
     delivery: Delivery = Delivery.direct
-    #: Whether nothing further should begin: key or model is refused, or the server failed after all tries.
-    hopeless: bool = False
     _all: list[tuple[int, Request, Fault]] = field(default_factory=list)
 
     def add(self, position: int, request: Request, fault: Fault) -> None:
         """Note a failure, of which `models` knows."""
         self._all.append((position, request, fault))
-        self.hopeless = self.hopeless or fault.kind in {FaultKind.refused, FaultKind.unknown, FaultKind.passing}
 
     @property
-    def lack_a_model(self) -> bool:
-        """Whether the server has no such model as a request names."""
-        return any(fault.kind is FaultKind.unknown for _, _, fault in self._all)
+    def hopeless(self) -> bool:
+        """Whether nothing further should begin."""
+        return any(fault.hopeless for _, _, fault in self._all)
 
     def recorded(self) -> list[tuple[int, Completion]]:
         """Give completions in place of the requests that can never be answered, so that they stop no run.
@@ -137,37 +137,39 @@ class Failures:
             if self._is_about_the_request(request, fault)
         ]
 
-    def raise_rest(self, requests: int, *, interrupted: bool) -> None:
+    def raise_rest(self, requests: int) -> None:
         """Raise what remains of the failures.
 
         Args:
             requests: how many the round held, for the message.
-            interrupted: whether requests were left out because somebody stopped the run.
 
         Raises:
             ConfigError: the key, the model, a setting or the payment is refused; asking again cannot help.
             TransportError: requests failed after all tries.
-            LLMError: nothing failed, but the run was interrupted.
         """
         for _, request, fault in self._all:
             if fault.kind is FaultKind.unknown:
-                raise ConfigError(f"{self.name}: {self.models.lacking(request.model)}. It says: {fault.message}")
+                raise self.models.lacking(request.model, fault.message)
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
         final = [fault for fault in rest if fault.kind in {FaultKind.refused, FaultKind.doubtful}]
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         if final:
-            raise ConfigError(f"{self.name}: the server refuses the key or a setting: {final[0].message}")
+            raise ConfigError(
+                f"the server says: {final[0].message}",
+                place=self.name,
+                remedy="check the API key, the account and the settings of llm",
+            )
         if passing:
             raise TransportError(
-                f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}; "
-                "give the same command again: what came is recorded"
+                f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}",
+                place=self.name,
+                remedy="give the same command again: the answers that came are recorded",
             )
-        if interrupted:
-            raise LLMError(f"{self.name}: interrupted; give the same command again: what came is recorded")
         if rest:
             raise ConfigError(
-                f"{self.name}: the server answers no request with these settings, and nothing is recorded; set "
-                f"llm.max_tokens or llm.model to what it takes. It says: {rest[0].message}"
+                f"with these settings no request is answered, so nothing is recorded: {rest[0].message}",
+                place=self.name,
+                remedy="set llm.max_tokens or llm.model to what the server takes",
             )
 
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:

@@ -1,27 +1,36 @@
 """Asking a hosted model many things at once: concurrency, retries, refused settings; for any provider.
 
-What it promises: an answer is handed on the moment it arrives; neither a failure nor an interruption loses another
-answer that is in flight; no message and no answer holds the key, even where a server echoes it. What it does not: an
-answer that the server finished and could not deliver is asked for again.
+What it promises: an answer is stored the moment it arrives, in the loop that asked for it, and then yielded; neither a
+failure nor an interruption loses another answer that is in flight; no message and no answer holds the key, even where a
+server echoes it. What it does not: an answer that the server finished and could not deliver is asked for again.
 """
 
 import asyncio
+import logging
 import queue
 import random
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, Protocol
 
 import httpx2
 
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
+from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.records import Completion, Request
 from tacevo.redaction import without_secrets
 
+_LOG = logging.getLogger(__name__)
+
 #: Seconds between two looks at whether a waiting retry is still wanted.
-_LOOK = 0.1
+_LOOK = 0.2
+
+#: Answers written at once: a disk takes many synced files in little more time than one.
+_WRITERS = 16
 
 
 class Server(Protocol):
@@ -49,7 +58,7 @@ class Server(Protocol):
         ...
 
 
-#: Positions and what came of them, from the asking thread to whoever reads; a bug; or None at the end.
+#: Positions and what came of them, from the asking thread to the reader; an error; None at the end.
 _Arrivals = queue.SimpleQueue[tuple[int, Completion | Fault] | Exception | None]
 
 
@@ -62,7 +71,6 @@ class HostedLLM:
         name: what the user chose, for messages, e.g. `llm=anthropic`.
         patience: how failures are retried.
         models: what is known of the models before the first request.
-        stop: once set, no request and no retry begins; what is in flight still arrives.
     """
 
     def __init__(
@@ -73,50 +81,50 @@ class HostedLLM:
         name: str,
         patience: Patience | None = None,
         models: Models | None = None,
-        stop: threading.Event | None = None,
     ) -> None:
         self._connect = connect
         self._concurrency = concurrency
         self._name = name
         self._patience = patience or Patience()
-        self._stop = stop or threading.Event()
         self._models = models or Models()
         self._notices = Notices(name)
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request, in the order of arrival (see `tacevo.search.effects.LLM`).
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer every request, in the order of arrival (see `tacevo.llm.recording.KeepingLLM`).
 
         Raises:
             ConfigError: the server refuses the key, the model, a setting or the payment; asking again cannot help.
             TransportError: a request failed after all tries; what else was in flight was yielded before.
-            LLMError: the run was interrupted.
+            StoreError: an answer could not be kept.
         """
-        arrivals: _Arrivals = queue.SimpleQueue()
-        failures = Failures(name=self._name, models=self._models)
-        left = threading.Event()
         asking = _Asking(
-            server=self._connect(),
-            models=self._models,
-            patience=self._patience,
-            notices=self._notices,
-            over=lambda: left.is_set() or self._stop.is_set() or failures.hopeless,
+            server=self._connect(), models=self._models, patience=self._patience, notices=self._notices, keep=keep
         )
-        threading.Thread(target=asking.run, args=(requests, arrivals, self._concurrency), daemon=True).start()
-        arrived = 0
+        thread = threading.Thread(target=asking.run, args=(requests, self._concurrency), daemon=True)
+        thread.start()
+        failures = Failures(name=self._name, models=self._models)
+        broken: Exception | None = None
         try:
-            while (arrival := arrivals.get()) is not None:
+            while (arrival := asking.arrivals.get()) is not None:
                 if isinstance(arrival, Exception):
-                    raise arrival
-                arrived += 1
-                position, answer = arrival
-                if isinstance(answer, Fault):
-                    failures.add(position, requests[position], answer)
+                    broken = broken or arrival
+                elif isinstance(arrival[1], Fault):
+                    failures.add(arrival[0], requests[arrival[0]], arrival[1])
                 else:
-                    yield position, answer
-            yield from failures.recorded()
+                    yield arrival[0], arrival[1]
+        except KeyboardInterrupt:
+            _LOG.warning(
+                "waiting for the answers in flight, because they are paid for; press Ctrl-C again to leave now"
+            )
+            raise
         finally:
-            left.set()  # nobody reads any more, so nothing further may begin
-        failures.raise_rest(len(requests), interrupted=arrived < len(requests))
+            asking.over.set()
+            thread.join()
+        if broken is not None:
+            raise broken
+        for position, completion in failures.recorded():
+            yield position, keep(requests[position], completion)
+        failures.raise_rest(len(requests))
 
 
 class _Asking:
@@ -126,42 +134,41 @@ class _Asking:
         server: where to ask.
         models: what the run knows of its models.
         patience: how failures are retried.
-        notices: told of retries.
-        over: says that nothing further may begin.
+        notices: reports retries.
+        keep: stores an answer.
     """
 
-    def __init__(
-        self, *, server: Server, models: Models, patience: Patience, notices: Notices, over: Callable[[], bool]
-    ) -> None:
+    def __init__(self, *, server: Server, models: Models, patience: Patience, notices: Notices, keep: Keep) -> None:
         self._server = server
         self._models = models
         self._patience = patience
         self._notices = notices
-        self._over = over
+        self._keep = keep
         self._jitter = random.Random()
-        self._ended = asyncio.Event()
-        #: Whether the server lacks a model that was asked.
         self._lacks_a_model = False
+        self.arrivals: _Arrivals = queue.SimpleQueue()
+        #: Once set, no request and no retry begins; what is in flight still arrives and is kept.
+        self.over = threading.Event()
 
-    def run(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
-        """Ask until every request has its answer or its fault, or it is over; then say that this is the end."""
+    def run(self, requests: Sequence[Request], concurrency: int) -> None:
+        """Ask until every request has its answer or its fault, or it is over."""
         try:
-            asyncio.run(self._ask_all(requests, arrivals, concurrency))
-        except Exception as error:  # whatever it is, whoever waits must hear of it
-            arrivals.put(error)
+            asyncio.run(self._ask_all(requests, concurrency))
+        except Exception as error:  # the reader must see every error
+            self.arrivals.put(error)
         finally:
-            arrivals.put(None)
+            self.arrivals.put(None)
 
-    async def _ask_all(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
+    async def _ask_all(self, requests: Sequence[Request], concurrency: int) -> None:
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(_WRITERS))
         waiting = iter(enumerate(requests))
 
         async def work() -> None:
             for position, request in waiting:  # shared: each request goes to the first place that is free
-                if self._over():
+                if self.over.is_set():
                     return
-                arrivals.put((position, await self._answer(request)))
+                await self._answer(position, request)
 
-        watching = asyncio.create_task(self._watch())
         try:
             places = []
             for _ in range(min(concurrency, len(requests))):
@@ -173,10 +180,25 @@ class _Asking:
                 named = await self._server.models()
                 self._models.served = tuple(without_secrets(name, self._server.secrets) for name in named)
         finally:
-            watching.cancel()
             await self._server.close()
 
-    async def _answer(self, request: Request) -> Completion | Fault:
+    async def _answer(self, position: int, request: Request) -> None:
+        """Ask, and keep the answer before the reader sees it."""
+        answer = await self._ask(request)
+        if isinstance(answer, Fault):
+            self._models.note_refusal(request)
+            self._lacks_a_model = self._lacks_a_model or answer.kind is FaultKind.unknown
+            if answer.hopeless:
+                self.over.set()
+            self.arrivals.put((position, answer))
+            return
+        try:
+            self.arrivals.put((position, await asyncio.to_thread(self._keep, request, answer)))
+        except Exception as error:  # the others in flight are still kept
+            self.over.set()
+            self.arrivals.put(error)
+
+    async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""
         secrets, tried = self._server.secrets, 0
         wanted = {*self._server.sampling, *dict(request.settings)}
@@ -194,26 +216,18 @@ class _Asking:
             if self._models.learn(request, wanted - {*dropped}, fault):
                 continue
             wait = self._patience.wait(tried, fault, jitter=self._jitter.random())
-            if wait is not None:
-                self._notices.tell(fault, wait)
-            if wait is None or not await self._waited(wait):
-                self._models.note_refusal(request)
-                self._lacks_a_model = self._lacks_a_model or fault.kind is FaultKind.unknown
+            if wait is None:
+                return fault
+            self._notices.tell(fault, wait)
+            if not await self._waited(wait):
                 return fault
 
     async def _waited(self, seconds: float) -> bool:
-        """Wait, and say whether the wait came to its end; once it is over, no wait does."""
-        try:
-            await asyncio.wait_for(self._ended.wait(), seconds)
-        except TimeoutError:
-            return not self._over()
-        return False
-
-    async def _watch(self) -> None:
-        """Wake whoever waits once it is over."""
-        while not self._over():
-            await asyncio.sleep(_LOOK)
-        self._ended.set()
+        """Wait; return whether the run goes on."""
+        end = time.monotonic() + seconds
+        while not self.over.is_set() and (left := end - time.monotonic()) > 0:
+            await asyncio.sleep(min(left, _LOOK))
+        return not self.over.is_set()
 
 
 #: Seconds for the list of models: without it, a message is only less helpful.

@@ -76,6 +76,11 @@ class Fault:
     retry_after: float | None = None
 
     @property
+    def hopeless(self) -> bool:
+        """Whether nothing further should begin: key or model is refused, or the server failed after all tries."""
+        return self.kind in {FaultKind.refused, FaultKind.unknown, FaultKind.passing}
+
+    @property
     def stop_reason(self) -> str:
         """Say what a completion in place of an answer ends with."""
         return "refusal" if _mentions(self.message, _FILTERED) else "invalid_request"

@@ -1,6 +1,5 @@
 """From a configuration to whoever answers requests: provider, budget and store, one before the other."""
 
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,18 +10,16 @@ from tacevo.config.ablation import GROUP, read_arm, split_arm
 from tacevo.config.compose import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.errors import ConfigError
-from tacevo.llm.batch_records import BatchRecords, UnbatchedLLM
 from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.prices import PriceTable, parse_prices
-from tacevo.llm.recording import RecordingLLM, ever_answered, ever_refused
+from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
 from tacevo.records import Delivery, Mode, Price, Setting, to_json
 from tacevo.search.effects import LLM
 from tacevo.search.unsent import TEMPERATURE
-from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Seen, Store
 
 
@@ -40,15 +37,14 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     llm, root = config.llm, Path(config.store.root)
     if mode is Mode.replay or llm.mode is Mode.replay:
         return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
-    stop = threading.Event()
     prices = load_prices(llm.prices)
-    provider = _provider(llm, root, prices, stop)
+    provider = _provider(llm, root, prices)
     store = Store(root, "completions", llm.mode, seen=seen)
     if llm.budget_usd is None:
-        return RecordingLLM(provider, store, price=prices.price_of, stop=stop)
+        return RecordingLLM(provider, store, price=prices.price_of)
     account = Account(prices.price_of)
     budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
-    return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of, stop=stop), account)
+    return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of), account)
 
 
 def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
@@ -83,16 +79,16 @@ def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
 
 
-def _provider(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
+def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
                 raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
-            return _anthropic(llm, root, prices, stop)
+            return _anthropic(llm, root, prices)
         case Provider.openai:
-            return _openai(llm, root, stop)
+            return _openai(llm, root)
 
 
 def _models(root: Path, prices: PriceTable | None = None) -> Models:
@@ -101,35 +97,31 @@ def _models(root: Path, prices: PriceTable | None = None) -> Models:
     return Models(lambda request: ever_answered(store, request), prices=prices)
 
 
-def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
-    """Connect to Claude once, so that a missing key is told at once."""
+def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
+    """Connect to Claude once, so that a missing key is reported at once."""
     from tacevo.llm.anthropic import connect, connect_batches
     from tacevo.llm.batches import BatchLLM
 
-    store, folder = Store(root, "completions"), root / "batches"
-    with connect_batches(llm.base_url) as client:
-        server = content_hash(str(client.base_url))
+    models = _models(root, prices)
+    connect(llm.base_url, 1)
     if llm.delivery is Delivery.batch:
         return BatchLLM(
             lambda: connect_batches(llm.base_url),
-            store=store,
-            folder=folder,
+            store=Store(root, "completions"),
+            directory=root / "batches",
             name="llm=anthropic",
-            models=_models(root, prices),
-            stop=stop,
+            models=models,
         )
-    hosted = HostedLLM(
+    return HostedLLM(
         lambda: connect(llm.base_url, llm.concurrency),
         concurrency=llm.concurrency,
         name="llm=anthropic",
-        models=_models(root, prices),
-        stop=stop,
+        models=models,
     )
-    return UnbatchedLLM(hosted, store=store, records=BatchRecords(folder, server))
 
 
-def _openai(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
-    """Connect to an OpenAI-compatible server once, so that a missing key or extra is told at once."""
+def _openai(llm: LLMConfig, root: Path) -> KeepingLLM:
+    """Connect to an OpenAI-compatible server once, so that a missing key or extra is reported at once."""
     from tacevo.llm.openai import connect
 
     connect(llm.base_url, 1)
@@ -138,7 +130,6 @@ def _openai(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
         concurrency=llm.concurrency,
         name="llm=openai",
         models=_models(root),
-        stop=stop,
     )
 
 

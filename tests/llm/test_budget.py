@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tacevo.errors import BudgetError, TransportError
 from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
 from tacevo.llm.prices import worst_case
-from tacevo.llm.recording import RecordingLLM
+from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Message, Mode, Price, Request
 from tacevo.search.effects import LLM
 from tacevo.storage.store import Store
@@ -43,13 +43,13 @@ class FakeLLM:
         self._tokens = tokens
         self._fails_at = fails_at
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+    def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
         """Answer in reverse."""
         self.rounds.append(len(requests))
         for position in reversed(range(len(requests))):
             if requests[position].draw == self._fails_at:
                 raise TransportError("no network")
-            yield position, answer(self._tokens)
+            yield position, keep(requests[position], answer(self._tokens))
 
 
 def budgeted(inner: FakeLLM, limit: float, root: Path) -> LLM:
@@ -177,10 +177,10 @@ def test_limit_is_never_exceeded(limits: float, sizes: list[int], part: float) -
     asked = [request(number, size) for number, size in enumerate(sizes)]
 
     class Partly:
-        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
             """Answer with a part of the worst case."""
             for position, each in enumerate(requests):
-                yield position, answer(max(1, int(part * worst_case(PRICE, each))))
+                yield position, keep(each, answer(max(1, int(part * worst_case(PRICE, each)))))
 
     account = Account(lambda request, completion: PRICE)
     answered = 0

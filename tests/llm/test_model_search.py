@@ -6,7 +6,6 @@ The real SDK talks to a server in this process; the searches are real, and as sm
 import json
 import math
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -118,23 +117,6 @@ def test_key_is_written_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]
     texts = [path.read_bytes() for path in folder.rglob("*") if path.is_file()]
     captured = capsys.readouterr()
     assert not [text for text in [*texts, captured.out.encode(), captured.err.encode()] if KEY.encode() in text]
-
-
-def test_direct_delivery_does_not_pay_for_a_running_batch_again(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What an interrupted run submitted is left to it, until its record is deleted."""
-    with serving(Script(answer=network)) as server:
-        assert search(server, "search.generations=0", "llm.delivery=batch") == 0
-        (record,) = (folder / "cache" / "batches").glob("*.json")
-        shutil.rmtree(folder / "cache" / "completions")
-        assert search(server, "search.generations=0", "run.dir=again") == 2
-        errors = capsys.readouterr().err
-        assert "2 of the requests to ask stand in a batch that an earlier run submitted" in errors
-        assert f"llm.delivery=batch, or delete {record.relative_to(folder)}" in errors
-        assert server.bodies == []
-        record.unlink()
-        assert search(server, "search.generations=0", "run.dir=third") == 0
 
 
 def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,6 +20,7 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.reading import UnreadableError
 from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
 from tacevo.llm.grammar.variations import warm
+from tacevo.llm.recording import Keep, unkept
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
 from tacevo.storage.canonical import content_hash
@@ -50,10 +51,10 @@ class GrammarLLM:
             raise ConfigError(f"llm.slip_rate must lie in [0, 1]; got {slip_rate}")
         self._slip_rate = slip_rate
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer the requests in their order."""
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer the requests in their order (see `tacevo.llm.recording.KeepingLLM`)."""
         for position, request in enumerate(requests):
-            yield position, answer(request, slip_rate=self._slip_rate)
+            yield position, keep(request, answer(request, slip_rate=self._slip_rate))
 
 
 def answer(request: Request, *, slip_rate: float) -> Completion:
