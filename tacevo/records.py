@@ -138,6 +138,8 @@ class Rejection:
 class Message:
     """One turn of a conversation; `role` is `user` or `assistant`."""
 
+    __pydantic_config__ = STRICT
+
     role: str
     content: str
 
@@ -145,6 +147,8 @@ class Message:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
     """Everything that can change a completion, and nothing else."""
+
+    __pydantic_config__ = STRICT
 
     model: str
     system: str
@@ -162,6 +166,8 @@ class Request:
 class Price:
     """What a provider asked for a model's tokens when it was asked."""
 
+    __pydantic_config__ = STRICT
+
     #: US dollars for a million tokens.
     input_usd: float
     output_usd: float
@@ -171,13 +177,15 @@ class Price:
     factor: float = 1.0
 
     def cost(self, input_tokens: float, output_tokens: float) -> float:
-        """Give what so many tokens cost, in US dollars."""
+        """Return what so many tokens cost, in US dollars."""
         return self.factor * (self.input_usd * input_tokens + self.output_usd * output_tokens) / 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
-    """What a model answered."""
+    """What a model answered; recordings of earlier versions lack the last three fields."""
+
+    __pydantic_config__ = STRICT
 
     text: str
     #: The model's name as the provider returned it.
@@ -193,26 +201,13 @@ class Completion:
     #: None where the price table does not know the model.
     price: Price | None = None
 
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote, now or before answers had a delivery and a price."""
-        price = value.get("price")
-        return cls(
-            **{
-                **value,
-                "dropped": tuple(value.get("dropped", ())),
-                "delivery": Delivery(value.get("delivery", Delivery.direct)),
-                "price": None if price is None else Price(**price),
-            }
-        )
-
     @property
     def cost(self) -> float | None:
         """What the answer cost, in US dollars; None where its price is not known."""
         return None if self.price is None else self.price.cost(self.input_tokens, self.output_tokens)
 
     def content(self) -> Json:
-        """Give what the model said, for the ledger: neither how it was delivered nor what it cost."""
+        """Return what the model said, for the ledger: neither how it was delivered nor what it cost."""
         said = ("text", "model", "stop_reason", "input_tokens", "output_tokens")
         return {name: getattr(self, name) for name in said}
 

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.prices import PriceTable
+from tacevo.llm.recording import Choice, choice
 from tacevo.llm.retry import Fault, FaultError, FaultKind, setting_to_drop
-from tacevo.records import Completion, Delivery, Request, Setting
+from tacevo.records import Completion, Delivery, Request
 from tacevo.redaction import without_secrets
-
-#: What has to be right for a model to answer at all: its name, the token limit, the further settings.
-_Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
 
 #: How many models a message names of those that a server lists.
 _MOST_NAMES = 20
@@ -34,7 +32,7 @@ class Models:
         #: The models that the server lists, once it was asked for them.
         self.served: tuple[str, ...] = ()
         self._dropped: dict[str, tuple[str, ...]] = {}
-        self._answers: dict[_Choice, bool] = {}
+        self._answers: dict[Choice, bool] = {}
         #: How many refusals there were; the number of each; by model, how many before the latest answered try began.
         self._refusals = 0
         self._refused: dict[Request, int] = {}
@@ -81,7 +79,7 @@ class Models:
             request: what was answered.
             begun: what `now` said before the request was sent.
         """
-        self._answers[_choice(request)] = True
+        self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, 0), begun)
 
     def note_refusal(self, request: Request) -> None:
@@ -91,18 +89,14 @@ class Models:
 
     def answers(self, request: Request) -> bool:
         """Say whether such a request was ever answered, in this run or in one that recorded it."""
-        choice = _choice(request)
-        if choice not in self._answers:
-            self._answers[choice] = self._recorded is not None and self._recorded(request)
-        return self._answers[choice]
+        chosen = choice(request)
+        if chosen not in self._answers:
+            self._answers[chosen] = self._recorded is not None and self._recorded(request)
+        return self._answers[chosen]
 
     def answered_since(self, request: Request) -> bool:
         """Say whether a request's model answered another one that was sent after this one was refused."""
         return self._answered.get(request.model, 0) >= self._refused[request]
-
-
-def _choice(request: Request) -> _Choice:
-    return request.model, request.max_tokens, request.settings
 
 
 @dataclass(slots=True, kw_only=True)

@@ -1,12 +1,13 @@
 """Recording and replaying: an LLM in front of a store, and behind it the real one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from tacevo.errors import LLMError
-from tacevo.records import Completion, Json, Price, Request, to_json
+from tacevo.errors import LLMError, StoreError
+from tacevo.records import Completion, Json, Price, Request, Setting, to_json
 from tacevo.storage.store import Store
+from tacevo.typed import convert
 
 #: Stores the answer to a request, and returns it as it was stored; may be called by several threads at once.
 Keep = Callable[[Request, Completion], Completion]
@@ -14,8 +15,8 @@ Keep = Callable[[Request, Completion], Completion]
 #: The fields of a completion that a server writes.
 _TEXTS = ("text", "model", "stop_reason")
 
-#: What has to be right for a model to answer at all.
-_CHOICE = ("model", "max_tokens", "settings")
+#: A model, a token limit and further settings.
+Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
 
 
 class KeepingLLM(Protocol):
@@ -36,37 +37,44 @@ def unkept(request: Request, completion: Completion) -> Completion:
     return completion
 
 
+def choice(request: Request) -> Choice:
+    """Return what has to be right for a model to answer a request at all."""
+    return request.model, request.max_tokens, request.settings
+
+
 def ever_answered(store: Store, request: Request) -> bool:
-    """Say whether a store holds a text that was answered to the model, token limit and settings of a request.
+    """Return whether a store holds a text that was answered to the model, token limit and settings of a request.
 
     Raises:
         StoreError: an entry that was looked at is damaged.
     """
-    asked = to_json(request)
-    return any(
-        entry["answer"]["text"] and all(entry["request"].get(name) == asked[name] for name in _CHOICE)
-        for entry in store.entries()
-    )
+    return any(answer.text and choice(asked) == choice(request) for asked, answer in _recorded(store))
 
 
-def ever_refused(store: Store, choice: Mapping[str, Json], setting: str) -> bool:
+def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
     """Return whether a store holds an answer to requests of a choice that was got without a refused sampling setting.
 
     A model may refuse a temperature beside one setting, such as thinking, and take it without.
 
     Args:
         store: of completions.
-        choice: `model`, `max_tokens` and `settings`, as a request's JSON has them.
+        chosen: what the requests have in common.
         setting: name of the sampling setting.
 
     Raises:
         StoreError: an entry that was looked at is damaged.
     """
-    return any(
-        setting in entry["answer"].get("dropped", ())
-        and all(entry["request"].get(name) == choice[name] for name in _CHOICE)
-        for entry in store.entries()
-    )
+    return any(setting in answer.dropped and choice(asked) == chosen for asked, answer in _recorded(store))
+
+
+def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
+    for entry in store.entries():
+        request = convert(Request, entry["request"], place=f"completions {entry['key']}, request", error=StoreError)
+        yield request, _completion(entry["answer"])
+
+
+def _completion(answer: Json) -> Completion:
+    return convert(Completion, answer, place="an answer in the store of completions", error=StoreError)
 
 
 class RecordingLLM:
@@ -107,7 +115,7 @@ class RecordingLLM:
             if recorded is None:
                 missing.setdefault(request, []).append(position)
             else:
-                yield position, Completion.from_json(recorded)
+                yield position, _completion(recorded)
         if not missing:
             return
         if self._inner is None:

@@ -1,5 +1,6 @@
 """From a configuration to whoever answers requests: provider, budget and store, one before the other."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,12 +16,13 @@ from tacevo.llm.failures import Models
 from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM
-from tacevo.llm.prices import PriceTable, parse_prices
+from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
-from tacevo.records import Delivery, Mode, Price, Setting, to_json
+from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.search.effects import LLM
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.store import Seen, Store
+from tacevo.typed import parse
 
 
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
@@ -63,8 +65,8 @@ def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
-    asked = {"model": llm.model, "max_tokens": llm.max_tokens, "settings": to_json(provider_settings(llm))}
-    if settings and ever_refused(Store(Path(config.store.root), "completions"), asked, TEMPERATURE):
+    chosen = (llm.model, llm.max_tokens, provider_settings(llm))
+    if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
             f"{' '.join(settings)} is about temperatures, and {llm.model} refuses them, as its answers in "
             f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
@@ -150,7 +152,9 @@ def load_prices(name: str) -> PriceTable:
     Raises:
         ConfigError: the file is missing or malformed.
     """
+    place = f"llm.prices={name}"
     try:
-        return parse_prices(yaml.safe_load(read_named("llm.prices", name)), name)
+        table = json.dumps(yaml.safe_load(read_named("llm.prices", name)), default=str)  # YAML reads days as dates
     except yaml.YAMLError as error:
-        raise ConfigError(f"llm.prices names {name}, which is not YAML: {error}") from error
+        raise ConfigError(str(error), place=place, expected="YAML") from error
+    return parse(PriceTable, table, place=place, error=ConfigError)

@@ -23,10 +23,10 @@ from refusals import refused
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM
-from tacevo.llm.prices import PriceTable
+from tacevo.llm.prices import ListedPrice, PriceTable
 from tacevo.llm.recording import RecordingLLM, ever_answered
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
-from tacevo.records import Completion, Price, Request
+from tacevo.records import Completion, Request
 from tacevo.storage.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
@@ -306,15 +306,16 @@ def test_models_are_sent_the_settings_that_they_take(takes: str, provider: str) 
         assert plain.dropped == (() if "temperature" in sent or takes.startswith("one") else ("temperature",))
 
 
+LISTED = ListedPrice(input_usd=1.0, output_usd=5.0, dated="2026-11-21", source="a page")
+
 #: A table with a model that is retired, one that is not, and one that costs nothing.
 PRICES = PriceTable(
     models={
-        "model-x": Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21"),
-        "model-y": Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21"),
-        "ours": Price(input_usd=0.0, output_usd=0.0, dated="2026-11-21"),
+        "model-x": replace(LISTED, retired="2026-04-20"),
+        "model-y": LISTED,
+        "ours": replace(LISTED, input_usd=0.0, output_usd=0.0),
     },
     batch_factor=0.5,
-    retired={"model-x": "2026-04-20"},
 )
 
 
