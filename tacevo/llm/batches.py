@@ -216,7 +216,7 @@ class BatchLLM:
             wait = self._patience.wait(tried, fault, jitter=random.random())
             if wait is None:
                 break
-            self._notices.tell(fault, wait)
+            self._notices.report(fault, wait)
             time.sleep(wait)
         if fault.kind is not FaultKind.passing:
             raise ConfigError(fault.message, place=self._name, remedy="check the key, the model and llm.base_url")

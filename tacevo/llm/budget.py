@@ -2,12 +2,11 @@
 
 What it promises: no request is sent whose worst case, together with those in flight and with everything that the
 run's answers have cost, exceeds the limit; so the limit is never exceeded. What is in flight when the limit is near is
-waited for and recorded. An answer counts with its recorded price, whoever had it recorded, so a stopped run
-continues with the same account. What it does not: count what a provider bills for answers that never arrived.
+waited for and recorded. An answer counts with its recorded price, also one that another run recorded, so a stopped
+run continues with the same account. What it does not: count what a provider bills for answers that never arrived.
 """
 
 import math
-import threading
 from collections.abc import Callable, Iterator, Sequence
 
 from tacevo.costs import dollars
@@ -32,21 +31,17 @@ class Account:
     def __init__(self, price_of: PriceOf) -> None:
         self._price_of = price_of
         self._costs: dict[str, float] = {}
-        self._lock = threading.Lock()  # recorded answers are counted by one thread, new ones by another
 
     @property
     def spent(self) -> float:
         """The sum, in US dollars."""
-        with self._lock:
-            return math.fsum(self._costs.values())
+        return math.fsum(self._costs.values())
 
     def add(self, request: Request, completion: Completion) -> None:
         """Count an answer; the second time it is seen changes nothing."""
         price = completion.price or self._price_of(request, completion)
         if price is not None:
-            key = content_hash(to_json(request))
-            with self._lock:
-                self._costs[key] = price.cost(completion.input_tokens, completion.output_tokens)
+            self._costs[content_hash(to_json(request))] = price.cost(completion.input_tokens, completion.output_tokens)
 
 
 class AccountedLLM:
@@ -97,7 +92,7 @@ class BudgetedLLM:
         while done < len(requests):
             fitting = self._fitting(requests[done:])
             if not fitting:
-                raise BudgetError(self._explain(requests[done], len(requests) - done))
+                raise self._exhausted(requests[done], len(requests) - done)
             for index, completion in self._inner.complete(fitting, keep):
                 self._account.add(fitting[index], completion)
                 yield done + index, completion
@@ -114,10 +109,11 @@ class BudgetedLLM:
             fitting.append(request)
         return fitting
 
-    def _explain(self, request: Request, waiting: int) -> str:
+    def _exhausted(self, request: Request, waiting: int) -> BudgetError:
         spent, next_ = dollars(self._account.spent), dollars(worst_case(self._price, request))
-        return (
-            f"llm.budget_usd={self._limit:g} is reached: the run's answers cost {spent} USD, and the next of {waiting} "
-            f"open requests could cost {next_} USD; what was asked is recorded. Give the same command with a larger "
-            "llm.budget_usd to go on"
+        return BudgetError(
+            f"{spent} USD for the run's answers, and up to {next_} USD for the next of {waiting} open requests",
+            place="llm.budget_usd",
+            expected=f"costs up to {self._limit:g} USD",
+            remedy="give the same command with a larger llm.budget_usd to continue; the answers so far are recorded",
         )

@@ -20,7 +20,7 @@ class Models:
     """Remembers, for a run, which sampling settings a model refuses, and which models answer, and when.
 
     Args:
-        recorded: says whether an earlier run had an answer to a request with the same model, token limit and settings;
+        recorded: tells whether an earlier run had an answer to a request with the same model, token limit and settings;
             asked only where that matters. None where nothing is recorded.
         prices: whose models a user may choose instead of one that the server lacks; None where it is not about this
             provider.
@@ -39,11 +39,11 @@ class Models:
         self._answered: dict[str, int] = {}
 
     def dropped(self, request: Request) -> tuple[str, ...]:
-        """Name the sampling settings that are not to be sent to a request's model, sorted."""
+        """Return the sampling settings that are not sent to a request's model, sorted."""
         return self._dropped.get(request.model, ())
 
     def learn(self, request: Request, sent: Set[str], fault: Fault) -> bool:
-        """Learn from a refusal; say whether the request is worth another try without a setting.
+        """Learn from a refusal; return whether another try without a setting is worthwhile.
 
         Args:
             request: what was refused.
@@ -69,7 +69,7 @@ class Models:
         )
 
     def now(self) -> int:
-        """Say how many requests were refused so far: a clock for `note_answer`."""
+        """Return how many requests were refused so far: a clock for `note_answer`."""
         return self._refusals
 
     def note_answer(self, request: Request, begun: int) -> None:
@@ -77,7 +77,7 @@ class Models:
 
         Args:
             request: what was answered.
-            begun: what `now` said before the request was sent.
+            begun: what `now` returned before the request was sent.
         """
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, 0), begun)
@@ -88,14 +88,14 @@ class Models:
         self._refused[request] = self._refusals
 
     def answers(self, request: Request) -> bool:
-        """Say whether such a request was ever answered, in this run or in one that recorded it."""
+        """Return whether such a request was ever answered, in this run or in one that recorded it."""
         chosen = choice(request)
         if chosen not in self._answers:
             self._answers[chosen] = self._recorded is not None and self._recorded(request)
         return self._answers[chosen]
 
     def answered_since(self, request: Request) -> bool:
-        """Say whether a request's model answered another one that was sent after this one was refused."""
+        """Return whether a request's model answered another one that was sent after this one was refused."""
         return self._answered.get(request.model, 0) >= self._refused[request]
 
 
@@ -119,7 +119,7 @@ class Failures:
         return any(fault.hopeless for _, _, fault in self._all)
 
     def recorded(self) -> list[tuple[int, Completion]]:
-        """Give completions in place of the requests that can never be answered, so that they stop no run.
+        """Return completions in place of the requests that can never be answered, so that they stop no run.
 
         Where no such request was ever answered, the settings are at fault. A doubtful refusal is about its request
         where the model answered another one after it, or where no other request got the same words; else it may be
@@ -186,7 +186,7 @@ class Failures:
 
 
 def checked(completion: Completion) -> Completion:
-    """Refuse an answer whose fields are not what their types say: the SDKs hand on what came.
+    """Reject an answer whose fields do not have their types: the SDKs do not check what came.
 
     Raises:
         FaultError: a field is missing or of another type; the server may answer properly when it is asked again.
@@ -195,18 +195,21 @@ def checked(completion: Completion) -> Completion:
     texts = (completion.text, completion.model, completion.stop_reason)
     if all(isinstance(count, int) for count in counts) and all(isinstance(text, str) for text in texts):
         return completion
-    raise FaultError(Fault(kind=FaultKind.passing, message=f"the body is no answer: {counts}, {texts[1:]}"))
+    raise FaultError(Fault(kind=FaultKind.passing, message=f"the body is not an answer: {counts}, {texts[1:]}"))
 
 
 def check_key(key: str, variable: str) -> None:
-    """Refuse a key that cannot be sent as it stands: a client would alter it, or fail at every request.
+    """Reject a key that cannot be sent as it is: a client would alter it, or fail at every request.
 
     Raises:
-        ConfigError: it holds a blank, a line break, another control character or one that is not ASCII.
+        ConfigError: it holds a blank, a control character or one that is not ASCII.
     """
     if not key.isascii() or not key.isprintable() or " " in key:
         raise ConfigError(
-            f"{variable} holds a blank, a line break or another character that no key has; set it anew, without it"
+            "a blank, a line break or another character that keys do not have",
+            place=variable,
+            expected="an API key",
+            remedy="set it again without that character",
         )
 
 
@@ -224,7 +227,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Notices:
-    """Tells of failed tries that are repeated, once for each kind: a status, or the name of a fault of the connection.
+    """Reports failed tries that are repeated, once for each kind: a status, or the name of a fault of the connection.
 
     Args:
         name: what the user chose, e.g. `llm=anthropic`.
@@ -232,18 +235,18 @@ class Notices:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
-    def tell(self, fault: Fault, wait: float) -> None:
-        """Tell of a fault, unless one of its kind was told of before.
+    def report(self, fault: Fault, wait: float) -> None:
+        """Report a fault, unless one of its kind was reported before.
 
         Args:
             fault: its message holds no secrets.
             wait: seconds until the next try.
         """
         kind = fault.message.partition(":")[0]
-        if kind not in self._told:
-            self._told.add(kind)
+        if kind not in self._reported:
+            self._reported.add(kind)
             _LOG.warning(
-                "%s: %s; asking again in %.1f s (said once for each kind of fault)", self._name, fault.message, wait
+                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self._name, fault.message, wait
             )

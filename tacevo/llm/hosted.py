@@ -6,6 +6,7 @@ server echoes it. What it does not: an answer that the server finished and could
 """
 
 import asyncio
+import itertools
 import logging
 import queue
 import random
@@ -13,8 +14,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Protocol, TypeVar
 
 import httpx2
 
@@ -127,28 +128,19 @@ class HostedLLM:
         failures.raise_rest(len(requests))
 
 
+@dataclass(slots=True, kw_only=True)
 class _Asking:
-    """The side of one round that asks: an event loop in a thread of its own.
+    """The side of one round that asks: an event loop in a thread of its own."""
 
-    Args:
-        server: where to ask.
-        models: what the run knows of its models.
-        patience: how failures are retried.
-        notices: reports retries.
-        keep: stores an answer.
-    """
-
-    def __init__(self, *, server: Server, models: Models, patience: Patience, notices: Notices, keep: Keep) -> None:
-        self._server = server
-        self._models = models
-        self._patience = patience
-        self._notices = notices
-        self._keep = keep
-        self._jitter = random.Random()
-        self._lacks_a_model = False
-        self.arrivals: _Arrivals = queue.SimpleQueue()
-        #: Once set, no request and no retry begins; what is in flight still arrives and is kept.
-        self.over = threading.Event()
+    server: Server
+    models: Models
+    patience: Patience
+    notices: Notices
+    keep: Keep
+    arrivals: _Arrivals = field(default_factory=queue.SimpleQueue)
+    #: Once set, no request and no retry begins; what is in flight still arrives and is kept.
+    over: threading.Event = field(default_factory=threading.Event)
+    lacks_a_model: bool = False
 
     def run(self, requests: Sequence[Request], concurrency: int) -> None:
         """Ask until every request has its answer or its fault, or it is over."""
@@ -176,49 +168,49 @@ class _Asking:
                 # Thousands that begin in one go outlast the time in which the first must connect.
                 await asyncio.sleep(0)
             await asyncio.gather(*places)
-            if self._lacks_a_model:
-                named = await self._server.models()
-                self._models.served = tuple(without_secrets(name, self._server.secrets) for name in named)
+            if self.lacks_a_model:
+                named = await self.server.models()
+                self.models.served = tuple(without_secrets(name, self.server.secrets) for name in named)
         finally:
-            await self._server.close()
+            await self.server.close()
 
     async def _answer(self, position: int, request: Request) -> None:
         """Ask, and keep the answer before the reader sees it."""
         answer = await self._ask(request)
         if isinstance(answer, Fault):
-            self._models.note_refusal(request)
-            self._lacks_a_model = self._lacks_a_model or answer.kind is FaultKind.unknown
+            self.models.note_refusal(request)
+            self.lacks_a_model = self.lacks_a_model or answer.kind is FaultKind.unknown
             if answer.hopeless:
                 self.over.set()
             self.arrivals.put((position, answer))
             return
         try:
-            self.arrivals.put((position, await asyncio.to_thread(self._keep, request, answer)))
+            self.arrivals.put((position, await asyncio.to_thread(self.keep, request, answer)))
         except Exception as error:  # the others in flight are still kept
             self.over.set()
             self.arrivals.put(error)
 
     async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""
-        secrets, tried = self._server.secrets, 0
-        wanted = {*self._server.sampling, *dict(request.settings)}
+        secrets, tried = self.server.secrets, 0
+        wanted = {*self.server.sampling, *dict(request.settings)}
         while True:
-            dropped = tuple(name for name in self._models.dropped(request) if name in wanted)
+            dropped = tuple(name for name in self.models.dropped(request) if name in wanted)
             tried += 1
-            begun = self._models.now()
+            begun = self.models.now()
             try:
-                completion = await self._server.ask(request, dropped)
+                completion = await self.server.ask(request, dropped)
             except FaultError as error:
                 fault = replace(error.fault, message=without_secrets(error.fault.message, secrets))
             else:
-                self._models.note_answer(request, begun)
+                self.models.note_answer(request, begun)
                 return scrubbed(replace(completion, dropped=dropped), secrets)
-            if self._models.learn(request, wanted - {*dropped}, fault):
+            if self.models.learn(request, wanted - {*dropped}, fault):
                 continue
-            wait = self._patience.wait(tried, fault, jitter=self._jitter.random())
+            wait = self.patience.wait(tried, fault, jitter=random.random())
             if wait is None:
                 return fault
-            self._notices.tell(fault, wait)
+            self.notices.report(fault, wait)
             if not await self._waited(wait):
                 return fault
 
@@ -231,22 +223,44 @@ class _Asking:
 
 
 #: Seconds for the list of models: without it, a message is only less helpful.
-LISTING = 15.0
+_LISTING = 15.0
+
+_Client = TypeVar("_Client")
 
 
-async def listed_models(client: Any, failures: tuple[type[Exception], ...]) -> tuple[str, ...]:
-    """Return the names of the models that a server lists; none where it gives no list.
+class SDKServer(Generic[_Client]):
+    """What the servers of all SDKs have in common (see `Server`).
 
     Args:
-        client: of the SDK of a provider; all have the same call.
+        clients: asked in turn.
+        secrets: what may appear in no message and no answer.
         failures: what the SDK raises, or lets through, where there is no usable answer.
     """
-    unusable: tuple[type[Exception], ...] = (*failures, AttributeError, TypeError)  # as of servers without that path
-    try:
-        page = await client.models.list(timeout=LISTING)
-        return tuple(str(model.id) for model in page.data)
-    except unusable:
-        return ()
+
+    def __init__(
+        self, clients: Sequence[_Client], secrets: tuple[str, ...], failures: tuple[type[Exception], ...]
+    ) -> None:
+        self._clients: Sequence[Any] = clients
+        self.turns = itertools.cycle(clients)
+        self.secrets = secrets
+        self._unusable: tuple[type[Exception], ...] = (
+            *failures,
+            AttributeError,
+            TypeError,
+        )  # as of servers without a list
+
+    async def models(self) -> tuple[str, ...]:
+        """Return the names of the models that the server lists; none where it gives no list."""
+        try:
+            page = await self._clients[0].models.list(timeout=_LISTING)
+            return tuple(str(model.id) for model in page.data)
+        except self._unusable:
+            return ()
+
+    async def close(self) -> None:
+        """Close the connections."""
+        for client in self._clients:
+            await client.close()
 
 
 #: Requests of one client at once, about.
@@ -254,10 +268,10 @@ SHARE = 100
 
 
 def shares(concurrency: int, timeout: httpx2.Timeout) -> Iterator[dict[str, Any]]:
-    """Give the arguments of as many HTTP clients as so many requests at once need.
+    """Return the arguments of as many HTTP clients as so many requests at once need.
 
     Args:
-        concurrency: requests at once; whoever asks keeps to it, so that no client has to hold any back.
+        concurrency: requests at once; no more are sent, so that no client has to hold any back.
         timeout: of every request.
     """
     context = httpx2.create_ssl_context()  # one for all: it holds every certificate authority

@@ -20,7 +20,7 @@ Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
 
 
 class KeepingLLM(Protocol):
-    """Whoever answers what is not recorded."""
+    """Answers what is not recorded."""
 
     def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
         """Answer different requests (see `tacevo.search.effects.LLM`).
@@ -119,7 +119,7 @@ class RecordingLLM:
         if not missing:
             return
         if self._inner is None:
-            raise LLMError(f"{len(missing)} requests are not recorded, and there is no model to ask")
+            raise LLMError(f"{len(missing)} requests without a recorded answer, and no model to ask")
         asked = list(missing)
         for index, completion in self._inner.complete(asked, self._keep):
             for position in missing[asked[index]]:

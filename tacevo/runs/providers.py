@@ -1,4 +1,4 @@
-"""From a configuration to whoever answers requests: provider, budget and store, one before the other."""
+"""From a configuration to the LLM of a run: provider, budget and store, one before the other."""
 
 import json
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     Args:
         config: the run's configuration.
         mode: `replay`, or else the completions follow `llm.mode`.
-        seen: told of every store entry that is read.
+        seen: called with every store entry that is read.
 
     Raises:
         ConfigError: a key, an extra, a model or a price is missing.
@@ -50,7 +50,7 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
 
 
 def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
-    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers say.
+    """Reject a comparison of temperatures for a model that refuses them, as far as the recorded answers say.
 
     An answer counts if it was given to the same model, token limit and settings.
 
@@ -68,8 +68,10 @@ def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     chosen = (llm.model, llm.max_tokens, provider_settings(llm))
     if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
-            f"{' '.join(settings)} is about temperatures, and {llm.model} refuses them, as its answers in "
-            f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
+            f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
+            place=" ".join(settings),
+            expected="a model that takes a temperature",
+            remedy="leave the setting out, or choose another llm.model",
         )
 
 
@@ -85,7 +87,7 @@ def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
-                raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
+                raise ConfigError(repr(llm.model), place="llm.model", expected=f"{GRAMMAR} for llm=grammar")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
             return _anthropic(llm, root, prices)
@@ -140,8 +142,10 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
     price = prices.price(llm.model, llm.delivery)
     if price is None:
         raise ConfigError(
-            f"llm.budget_usd needs the price of {llm.model}, which {llm.prices} lacks; add the model there, name a "
-            "table of your own by llm.prices=FILE, or set llm.budget_usd=null"
+            f"{llm.model} without a price in {llm.prices}",
+            place="llm.budget_usd",
+            expected="a model of known price",
+            remedy="add the model to that table, name your own by llm.prices=FILE, or set llm.budget_usd=null",
         )
     return price
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refused
 
 from tacevo.errors import BudgetError, TransportError
 from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
@@ -87,8 +88,8 @@ def test_exhausted_budget_keeps_what_was_asked_and_says_how_to_go_on(tmp_path: P
     """Two fit at their worst; both are answered and kept, and the message names the key, the cost and the way on."""
     llm = budgeted(FakeLLM(tokens=int(WORST)), 2.5 * WORST, tmp_path)
     answered: list[int] = []
-    expected = r"^llm.budget_usd=572.5 is reached: the run's answers cost 458.00 USD, and the next of 4 open requests"
-    with pytest.raises(BudgetError, match=rf"{expected} could cost 229.00 USD; .* with a larger llm.budget_usd"):
+    got = "458.00 USD for the run's answers, and up to 229.00 USD for the next of 4 open requests"
+    with refused(BudgetError, place="llm.budget_usd", expected="572.5 USD", got=got, remedy="a larger llm.budget_usd"):
         answered.extend(position for position, _ in llm.complete(REQUESTS))
     assert sorted(answered) == [0, 1]
     assert len(list(tmp_path.rglob("*.json"))) == 2
@@ -96,7 +97,7 @@ def test_exhausted_budget_keeps_what_was_asked_and_says_how_to_go_on(tmp_path: P
 
 def test_larger_budget_asks_only_for_the_rest(tmp_path: Path) -> None:
     """A later run counts what is recorded, and pays for nothing twice."""
-    with pytest.raises(BudgetError, match="is reached"):
+    with pytest.raises(BudgetError):
         ask(budgeted(FakeLLM(tokens=int(WORST)), 2 * WORST, tmp_path), REQUESTS)
     later = FakeLLM(tokens=int(WORST))
     assert ask(budgeted(later, 6 * WORST, tmp_path), REQUESTS) == set(range(6))
@@ -107,7 +108,7 @@ def test_recorded_answers_count(tmp_path: Path) -> None:
     """The same budget again stops at the same place, and asks nobody."""
     for _ in range(2):
         inner = FakeLLM(tokens=int(WORST))
-        with pytest.raises(BudgetError, match=r"the run's answers cost 458\.00 USD"):
+        with refused(BudgetError, got="458.00 USD for the run's answers"):
             ask(budgeted(inner, 2.5 * WORST, tmp_path), REQUESTS)
     assert inner.rounds == []
 
@@ -122,7 +123,7 @@ def test_generations_share_one_budget(tmp_path: Path) -> None:
     """The account is the run's, not the round's."""
     llm = budgeted(FakeLLM(tokens=int(WORST)), 3 * WORST, tmp_path)
     assert ask(llm, REQUESTS[:2]) == {0, 1}
-    with pytest.raises(BudgetError, match="is reached"):
+    with pytest.raises(BudgetError):
         ask(llm, REQUESTS[2:])
     assert len(list(tmp_path.rglob("*.json"))) == 3
 

@@ -399,7 +399,7 @@ def test_key_that_cannot_be_sent_as_it_stands_is_refused(
     """What a client makes of it could not be blacked out; the message says which variable, and not what is in it."""
     variable = f"{provider.upper()}_API_KEY"
     monkeypatch.setenv(variable, spoilt)
-    with pytest.raises(ConfigError, match=f"{variable} holds a blank, a line break") as caught:
+    with pytest.raises(ConfigError, match=f"{variable}: expected an API key; got a blank, a line break") as caught:
         texts(hosted("http://127.0.0.1:1", provider), "a")
     assert KEY not in str(caught.value)
 

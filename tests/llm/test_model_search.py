@@ -130,8 +130,8 @@ def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: 
         for budget, answers in ((64, 1), (71, 2)):
             assert search(server, *limited, f"llm.budget_usd={budget}") == 2
             errors = capsys.readouterr().err
-            assert f"error: llm.budget_usd={budget} is reached" in errors
-            assert "with a larger llm.budget_usd to go on" in errors
+            assert f"error: llm.budget_usd: expected costs up to {budget} USD; got " in errors
+            assert "with a larger llm.budget_usd to continue" in errors
             assert sum(server.billed.values()) == answers
         assert search(server, *limited, "llm.budget_usd=1000") == 0
         assert sum(server.billed.values()) == len(server.billed) == distinct
@@ -163,7 +163,10 @@ def test_model_of_unknown_price_has_no_budget(folder: Path, capsys: pytest.Captu
     """A limit that nobody could keep is refused before anything is made, with what to do."""
     assert main(["search", *TINY, "llm.model=claude-unheard-of", "llm.budget_usd=5"]) == 2
     errors = capsys.readouterr().err
-    assert "llm.budget_usd needs the price of claude-unheard-of, which prices.yaml lacks; add the model there" in errors
+    assert (
+        "llm.budget_usd: expected a model of known price; got claude-unheard-of without a price in prices.yaml"
+        in errors
+    )
     assert list(folder.iterdir()) == []
 
 
@@ -208,7 +211,7 @@ def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys
         ):
             assert search(server, *arm) == 2
             said = capsys.readouterr().err
-            assert "is about temperatures, and claude-haiku-4-5-20251001 refuses them" in said
+            assert "got claude-haiku-4-5-20251001, which refuses temperatures" in said
         assert not (folder / "sweeps").exists()
         assert search(server, "temperature=fixed", "search.generations=0") == 0
     capsys.readouterr()

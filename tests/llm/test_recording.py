@@ -130,7 +130,7 @@ def test_refusal_is_recorded_like_an_answer(tmp_path: Path) -> None:
 
 def test_nobody_to_ask_is_an_error(tmp_path: Path) -> None:
     """Without a model a missing answer is an error in every mode."""
-    with pytest.raises(LLMError, match="1 requests are not recorded, and there is no model to ask"):
+    with pytest.raises(LLMError, match="no model to ask"):
         texts(RecordingLLM(None, completions(tmp_path)), REQUESTS[:1])
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tacevo.errors import ConfigError
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
@@ -41,14 +40,9 @@ class GrammarLLM:
 
     Args:
         slip_rate: probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
-
-    Raises:
-        ConfigError: `slip_rate` is outside [0, 1].
     """
 
     def __init__(self, *, slip_rate: float) -> None:
-        if not 0 <= slip_rate <= 1:
-            raise ConfigError(f"llm.slip_rate must lie in [0, 1]; got {slip_rate}")
         self._slip_rate = slip_rate
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
