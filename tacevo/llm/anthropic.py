@@ -12,7 +12,7 @@ from anthropic.types import Message
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
 from tacevo.llm.hosted import SDKServer, shares
-from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
+from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -142,11 +142,3 @@ def completion_of(message: Message, delivery: Delivery) -> Completion:
     except (AttributeError, TypeError) as error:  # the SDK checks no body
         raise FaultError(fault_of_connection(error)) from error
     return checked(completion)
-
-
-def fault_of(error: Exception) -> Fault:
-    """Read what the SDK raised."""
-    if isinstance(error, anthropic.APIStatusError):
-        path = error.request.url.path
-        return fault_of_status(error.status_code, error.response.headers, error.body, path=path)
-    return fault_of_connection(error)

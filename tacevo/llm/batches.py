@@ -7,12 +7,11 @@ billed. Two runs at the same time do not share a batch.
 """
 
 import itertools
-import json
 import random
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,13 +21,13 @@ from anthropic.types.messages import MessageBatchIndividualResponse
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.anthropic import FAILURES, body_of, completion_of, fault_of, secrets_of
+from tacevo.llm.anthropic import FAILURES, body_of, completion_of, secrets_of
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
 from tacevo.llm.recording import Keep, unkept
-from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of_status
+from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_status
 from tacevo.records import STRICT, Completion, Delivery, Json, Request, to_json
 from tacevo.redaction import without_secrets
-from tacevo.storage.canonical import content_hash
+from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import Store
 from tacevo.text import counted
@@ -66,38 +65,28 @@ class BatchRecord:
     dropped: dict[str, tuple[str, ...]]
 
 
+@dataclass(slots=True)
 class BatchLLM:
-    """Answers requests through Message Batches.
+    """Answers requests through Message Batches."""
 
-    Args:
-        connect: connects to the server; called for every `complete`.
-        store: of completions; tells which answers of a batch are kept.
-        directory: where submitted batches are written down.
-        name: what the user chose, for messages.
-        patience: how failed calls are retried.
-        poll: seconds between two looks at a batch.
-        models: what is known of the models before the first request.
-    """
+    #: Connects to the server; called for every `complete`.
+    connect: Callable[[], anthropic.Anthropic]
+    _: KW_ONLY
+    #: Of completions; tells which answers of a batch are kept.
+    store: Store
+    #: Where submitted batches are written down.
+    directory: Path
+    #: What the user chose, for messages.
+    name: str
+    patience: Patience = field(default_factory=Patience)
+    #: Seconds between two looks at a batch.
+    poll: float = 30.0
+    #: What is known of the models before the first request.
+    models: Models = field(default_factory=Models)
+    notices: Notices = field(init=False)
 
-    def __init__(
-        self,
-        connect: Callable[[], anthropic.Anthropic],
-        *,
-        store: Store,
-        directory: Path,
-        name: str,
-        patience: Patience | None = None,
-        poll: float = 30.0,
-        models: Models | None = None,
-    ) -> None:
-        self._connect = connect
-        self._store = store
-        self._directory = directory
-        self._name = name
-        self._patience = patience or Patience()
-        self._poll = poll
-        self._models = models or Models()
-        self._notices = Notices(name)
+    def __post_init__(self) -> None:
+        self.notices = Notices(self.name)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer different requests, batch by batch (see `tacevo.llm.recording.KeepingLLM`).
@@ -107,49 +96,52 @@ class BatchLLM:
             TransportError: the server could not be reached, or had no answer after several submissions.
             StoreError: a record of a batch is damaged, or an answer could not be kept.
         """
-        failures = Failures(name=self._name, models=self._models, delivery=Delivery.batch)
-        wanted = {self._store.key(to_json(request)): (position, request) for position, request in enumerate(requests)}
+        failures = Failures(name=self.name, models=self.models, delivery=Delivery.batch)
+        wanted = {self.store.key(to_json(request)): (position, request) for position, request in enumerate(requests)}
         submissions: Counter[str] = Counter()
-        with self._connect() as client:
+        with self.connect() as client:
             while wanted and not failures.hopeless:
-                begun = self._models.now()  # refusals of this round, if any, came before what is submitted now
-                for path, record in self._submitted(client, {key: request for key, (_, request) in wanted.items()}):
+                begun = time.monotonic()
+                for path, record in self._submitted(client, wanted):
                     outcomes = self._outcomes(client, path, record)
-                    for key in wanted.keys() & outcomes.keys():
-                        (position, request), outcome = wanted[key], outcomes[key]
+                    for key, outcome in outcomes.items():
+                        if key not in wanted:
+                            continue
+                        position, request = wanted[key]
                         if isinstance(outcome, Completion):
-                            self._models.note_answer(request, begun)
+                            self.models.note_answer(request, begun)
                             del wanted[key]
                             yield position, keep(request, outcome)
-                        elif not self._models.learn(request, _settings(request) - {*record.dropped[key]}, outcome):
+                        elif not self.models.learn(request, _settings(request) - {*record.dropped[key]}, outcome):
                             submissions[key] += 1
                             if outcome.kind is not FaultKind.passing or submissions[key] == SUBMISSIONS:
                                 del wanted[key]
-                                self._models.note_refusal(request)
                                 failures.add(position, request, outcome)
                     self._settle(path, record, outcomes)
         for position, completion in failures.recorded():
             yield position, keep(requests[position], completion)
         failures.raise_rest(len(requests))
 
-    def _submitted(self, client: anthropic.Anthropic, wanted: Mapping[str, Request]) -> list[tuple[Path, BatchRecord]]:
+    def _submitted(
+        self, client: anthropic.Anthropic, wanted: Mapping[str, tuple[int, Request]]
+    ) -> list[tuple[Path, BatchRecord]]:
         """Find the batches that hold wanted requests, and submit the rest."""
-        directory = (
-            self._directory / content_hash(str(client.base_url))[:16]
-        )  # ids of one server mean nothing to others
+        directory = self.directory / content_hash(str(client.base_url))[:16]  # an id means nothing to other servers
         found = [(path, _read(path)) for path in sorted(directory.glob("*.json"))]
         found = [(path, record) for path, record in found if record.dropped.keys() & wanted.keys()]
         left = [key for key in wanted if all(key not in record.dropped for _, record in found)]
         for start in range(0, len(left), MOST_REQUESTS):
-            keys = left[start : start + MOST_REQUESTS]
+            asked = {key: wanted[key][1] for key in left[start : start + MOST_REQUESTS]}
             dropped = {
-                key: tuple(name for name in self._models.dropped(wanted[key]) if name in _settings(wanted[key]))
-                for key in keys
+                key: tuple(name for name in self.models.dropped(request) if name in _settings(request))
+                for key, request in asked.items()
             }
-            bodies: Json = [{"custom_id": key, "params": body_of(wanted[key], dropped[key])} for key in keys]
+            bodies: Json = [
+                {"custom_id": key, "params": body_of(request, dropped[key])} for key, request in asked.items()
+            ]
             record = BatchRecord(id=self._submit(client, bodies), dropped=dropped)
             found.append((directory / f"{record.id}.json", record))
-            _write(*found[-1])
+            write_durably(found[-1][0], readable(to_json(record)))
         return found
 
     def _submit(self, client: anthropic.Anthropic, bodies: list[BatchRequest]) -> str:
@@ -157,15 +149,13 @@ class BatchLLM:
             try:
                 return client.messages.batches.create(requests=bodies).id
             except anthropic.APIConnectionError as error:
-                fault = fault_of(error)
-                raise FaultError(
-                    replace(fault, message=f"{fault.message} If the server has this batch, it is billed twice")
-                ) from None
+                message = f"{type(error).__name__}: {error} If the server has this batch, it is billed twice"
+                raise FaultError(Fault(kind=FaultKind.passing, message=message)) from None
 
         return self._call(client, create)
 
     def _outcomes(self, client: anthropic.Anthropic, path: Path, record: BatchRecord) -> dict[str, Completion | Fault]:
-        """Wait for a batch, and read what became of its requests; keys whose answers are stored may be missing.
+        """Wait for a batch, and read what became of the requests in its record.
 
         Raises:
             ConfigError: the server has no such batch, or no longer has its results.
@@ -173,20 +163,21 @@ class BatchLLM:
         batches, secrets = client.messages.batches, secrets_of(client)
 
         def results() -> dict[str, Completion | Fault]:
-            found = {each.custom_id: _outcome(each, record, secrets) for each in batches.results(record.id)}
-            if lacking := record.dropped.keys() - found.keys():
-                words = f"the results of batch {record.id} lack {counted(len(lacking), 'answer')}"
+            read = (each for each in batches.results(record.id) if each.custom_id in record.dropped)
+            found = {each.custom_id: _outcome(each, record, secrets) for each in read}
+            if lacking := len(record.dropped) - len(found):
+                words = f"the results of batch {record.id} lack {counted(lacking, 'answer')}"
                 raise FaultError(Fault(kind=FaultKind.passing, message=words))
             return found
 
         try:
             while (seen := self._call(client, lambda: batches.retrieve(record.id))).processing_status != "ended":
-                time.sleep(self._poll)
+                time.sleep(self.poll)
             if seen.archived_at is not None:
-                raise ConfigError("the server has deleted its results", place=self._name)
+                raise ConfigError("the server has deleted its results", place=self.name)
             return self._call(client, results)
         except ConfigError as error:
-            error.place = f"{self._name}, batch {record.id}"
+            error.place = f"{self.name}, batch {record.id}"
             error.remedy = (
                 "use the key and the workspace that submitted it, or, if its answers are lost, delete "
                 f"{path} to submit and pay for its requests again"
@@ -198,10 +189,10 @@ class BatchLLM:
         left = {
             key: dropped
             for key, dropped in record.dropped.items()
-            if isinstance(outcomes[key], Completion) and not self._store.holds(key)
+            if isinstance(outcomes[key], Completion) and not self.store.holds(key)
         }
         if left:
-            _write(path, replace(record, dropped=left))
+            write_durably(path, readable(to_json(replace(record, dropped=left))))
         else:
             path.unlink()
 
@@ -213,16 +204,16 @@ class BatchLLM:
             except (*FAILURES, httpx2.TransportError, FaultError) as error:
                 fault = error.fault if isinstance(error, FaultError) else fault_of(error)
             fault = replace(fault, message=without_secrets(fault.message, secrets_of(client)))
-            wait = self._patience.wait(tried, fault, jitter=random.random())
+            wait = self.patience.wait(tried, fault, jitter=random.random())
             if wait is None:
                 break
-            self._notices.report(fault, wait)
+            self.notices.report(fault, wait)
             time.sleep(wait)
         if fault.kind is not FaultKind.passing:
-            raise ConfigError(fault.message, place=self._name, remedy="check the key, the model and llm.base_url")
+            raise ConfigError(fault.message, place=self.name, remedy="check the key, the model and llm.base_url")
         raise TransportError(
             f"a call about a batch failed after all tries, the last with {fault.message}",
-            place=self._name,
+            place=self.name,
             remedy="give the same command again: it reads the batches that were submitted",
         )
 
@@ -242,7 +233,7 @@ def _outcome(
     outcome = result.result
     if outcome.type == "succeeded":
         completion = completion_of(outcome.message, Delivery.batch)
-        return scrubbed(replace(completion, dropped=record.dropped.get(result.custom_id, ())), secrets)
+        return scrubbed(replace(completion, dropped=record.dropped[result.custom_id]), secrets)
     if outcome.type == "errored":
         error = outcome.error.error
         fault = fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump())
@@ -254,7 +245,3 @@ def _outcome(
 def _read(path: Path) -> BatchRecord:
     remedy = "delete it to submit, and pay for, the requests of its batch again"
     return parse(BatchRecord, path.read_bytes(), place=str(path), error=StoreError, remedy=remedy)
-
-
-def _write(path: Path, record: BatchRecord) -> None:
-    write_durably(path, json.dumps(to_json(record), indent=1) + "\n")

@@ -8,79 +8,55 @@ run continues with the same account. What it does not: count what a provider bil
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 
 from tacevo.costs import dollars
 from tacevo.errors import BudgetError
 from tacevo.llm.prices import worst_case
 from tacevo.llm.recording import Keep, KeepingLLM, unkept
 from tacevo.records import Completion, Price, Request, to_json
-from tacevo.search.effects import LLM
 from tacevo.storage.canonical import content_hash
 
 #: Prices an answer.
 PriceOf = Callable[[Request, Completion], Price | None]
 
 
+@dataclass(slots=True)
 class Account:
-    """What the answers of one run cost, each request counted once; of a request only its hash is kept.
+    """What the answers of one run cost, each request counted once; of a request only its hash is kept."""
 
-    Args:
-        price_of: prices an answer that was recorded without one.
-    """
-
-    def __init__(self, price_of: PriceOf) -> None:
-        self._price_of = price_of
-        self._costs: dict[str, float] = {}
+    #: Prices an answer that was recorded without one.
+    price_of: PriceOf
+    costs: dict[str, float] = field(default_factory=dict)
 
     @property
     def spent(self) -> float:
         """The sum, in US dollars."""
-        return math.fsum(self._costs.values())
+        return math.fsum(self.costs.values())
 
     def add(self, request: Request, completion: Completion) -> None:
         """Count an answer; the second time it is seen changes nothing."""
-        price = completion.price or self._price_of(request, completion)
+        price = completion.price or self.price_of(request, completion)
         if price is not None:
-            self._costs[content_hash(to_json(request))] = price.cost(completion.input_tokens, completion.output_tokens)
+            self.costs[content_hash(to_json(request))] = price.cost(completion.input_tokens, completion.output_tokens)
 
 
-class AccountedLLM:
-    """Counts every answer that passes, recorded or new.
-
-    Args:
-        inner: the recording LLM.
-        account: where to count.
-    """
-
-    def __init__(self, inner: LLM, account: Account) -> None:
-        self._inner = inner
-        self._account = account
-
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Pass answers on (see `tacevo.search.effects.LLM`)."""
-        for position, completion in self._inner.complete(requests):
-            self._account.add(requests[position], completion)
-            yield position, completion
-
-
+@dataclass(slots=True)
 class BudgetedLLM:
     """Lets requests through to a provider as long as the account allows.
 
     All that fit go at once. Answers cost less than their worst case, so what is left over then fits more, and so on
     until not even one fits.
-
-    Args:
-        inner: the provider.
-        account: what the run's answers have cost; new answers are added as they arrive.
-        limit: in US dollars.
-        price: of the model that is asked, for the worst case.
     """
 
-    def __init__(self, inner: KeepingLLM, account: Account, *, limit: float, price: Price) -> None:
-        self._inner = inner
-        self._account = account
-        self._limit = limit
-        self._price = price
+    inner: KeepingLLM
+    #: What the run's answers have cost; `RecordingLLM` adds each answer before it takes the next.
+    account: Account
+    _: KW_ONLY
+    #: In US dollars.
+    limit: float
+    #: Of the model that is asked, for the worst case.
+    price: Price
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer requests, in as few rounds as the budget allows (see `tacevo.llm.recording.KeepingLLM`).
@@ -93,27 +69,26 @@ class BudgetedLLM:
             fitting = self._fitting(requests[done:])
             if not fitting:
                 raise self._exhausted(requests[done], len(requests) - done)
-            for index, completion in self._inner.complete(fitting, keep):
-                self._account.add(fitting[index], completion)
+            for index, completion in self.inner.complete(fitting, keep):
                 yield done + index, completion
             done += len(fitting)
 
     def _fitting(self, requests: Sequence[Request]) -> list[Request]:
         """Take requests from the front as long as their worst cases fit what is left."""
-        left = self._limit - self._account.spent
+        left = self.limit - self.account.spent
         fitting = []
         for request in requests:
-            left -= worst_case(self._price, request)
+            left -= worst_case(self.price, request)
             if left < 0:
                 break
             fitting.append(request)
         return fitting
 
     def _exhausted(self, request: Request, waiting: int) -> BudgetError:
-        spent, next_ = dollars(self._account.spent), dollars(worst_case(self._price, request))
+        spent, next_ = dollars(self.account.spent), dollars(worst_case(self.price, request))
         return BudgetError(
             f"{spent} USD for the run's answers, and up to {next_} USD for the next of {waiting} open requests",
             place="llm.budget_usd",
-            expected=f"costs up to {self._limit:g} USD",
+            expected=f"costs up to {self.limit:g} USD",
             remedy="give the same command with a larger llm.budget_usd to continue; the answers so far are recorded",
         )

@@ -12,6 +12,8 @@ from tacevo.llm.retry import Fault, FaultError, FaultKind, setting_to_drop
 from tacevo.records import Completion, Delivery, Request
 from tacevo.redaction import without_secrets
 
+_LOG = logging.getLogger(__name__)
+
 #: How many models a message names of those that a server lists.
 _MOST_NAMES = 20
 
@@ -33,10 +35,8 @@ class Models:
         self.served: tuple[str, ...] = ()
         self._dropped: dict[str, tuple[str, ...]] = {}
         self._answers: dict[Choice, bool] = {}
-        #: How many refusals there were; the number of each; by model, how many before the latest answered try began.
-        self._refusals = 0
-        self._refused: dict[Request, int] = {}
-        self._answered: dict[str, int] = {}
+        #: When the latest request that a model answered was sent.
+        self._answered: dict[str, float] = {}
 
     def dropped(self, request: Request) -> tuple[str, ...]:
         """Return the sampling settings that are not sent to a request's model, sorted."""
@@ -68,24 +68,15 @@ class Models:
             expected=f"a model that {whose} has" + (f" ({', '.join(names)})" if names else ""),
         )
 
-    def now(self) -> int:
-        """Return how many requests were refused so far: a clock for `note_answer`."""
-        return self._refusals
-
-    def note_answer(self, request: Request, begun: int) -> None:
+    def note_answer(self, request: Request, begun: float) -> None:
         """Note that a model answers.
 
         Args:
             request: what was answered.
-            begun: what `now` returned before the request was sent.
+            begun: when the request was sent, by `time.monotonic`.
         """
         self._answers[choice(request)] = True
-        self._answered[request.model] = max(self._answered.get(request.model, 0), begun)
-
-    def note_refusal(self, request: Request) -> None:
-        """Note that a request got no answer, and when."""
-        self._refusals += 1
-        self._refused[request] = self._refusals
+        self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
 
     def answers(self, request: Request) -> bool:
         """Return whether such a request was ever answered, in this run or in one that recorded it."""
@@ -94,9 +85,9 @@ class Models:
             self._answers[chosen] = self._recorded is not None and self._recorded(request)
         return self._answers[chosen]
 
-    def answered_since(self, request: Request) -> bool:
+    def answered_since(self, request: Request, refused: float) -> bool:
         """Return whether a request's model answered another one that was sent after this one was refused."""
-        return self._answered.get(request.model, 0) >= self._refused[request]
+        return self._answered.get(request.model, refused) > refused
 
 
 @dataclass(slots=True, kw_only=True)
@@ -110,7 +101,7 @@ class Failures:
     _all: list[tuple[int, Request, Fault]] = field(default_factory=list)
 
     def add(self, position: int, request: Request, fault: Fault) -> None:
-        """Note a failure, of which `models` knows."""
+        """Note a failure."""
         self._all.append((position, request, fault))
 
     @property
@@ -169,7 +160,7 @@ class Failures:
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:
         if fault.kind not in {FaultKind.request, FaultKind.doubtful} or not self.models.answers(request):
             return False
-        if fault.kind is FaultKind.request or self.models.answered_since(request):
+        if fault.kind is FaultKind.request or self.models.answered_since(request, fault.at):
             return True
         return Counter(other.message for _, _, other in self._all)[fault.message] == 1
 
@@ -223,19 +214,13 @@ def scrubbed(completion: Completion, secrets: tuple[str, ...]) -> Completion:
     )
 
 
-_LOG = logging.getLogger(__name__)
-
-
+@dataclass(slots=True)
 class Notices:
-    """Reports failed tries that are repeated, once for each kind: a status, or the name of a fault of the connection.
+    """Reports failed tries that are repeated, once for each kind: a status, or the name of an exception."""
 
-    Args:
-        name: what the user chose, e.g. `llm=anthropic`.
-    """
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._reported: set[str] = set()
+    #: What the user chose, e.g. `llm=anthropic`.
+    name: str
+    reported: set[str] = field(default_factory=set)
 
     def report(self, fault: Fault, wait: float) -> None:
         """Report a fault, unless one of its kind was reported before.
@@ -245,8 +230,8 @@ class Notices:
             wait: seconds until the next try.
         """
         kind = fault.message.partition(":")[0]
-        if kind not in self._reported:
-            self._reported.add(kind)
+        if kind not in self.reported:
+            self.reported.add(kind)
             _LOG.warning(
-                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self._name, fault.message, wait
+                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self.name, fault.message, wait
             )

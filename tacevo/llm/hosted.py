@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import httpx2
@@ -63,32 +63,24 @@ class Server(Protocol):
 _Arrivals = queue.SimpleQueue[tuple[int, Completion | Fault] | Exception | None]
 
 
+@dataclass(slots=True)
 class HostedLLM:
-    """Answers requests by a server, up to `concurrency` at once.
+    """Answers requests by a server, up to `concurrency` at once."""
 
-    Args:
-        connect: connects to the server; called for every round of requests.
-        concurrency: requests in flight at once.
-        name: what the user chose, for messages, e.g. `llm=anthropic`.
-        patience: how failures are retried.
-        models: what is known of the models before the first request.
-    """
+    #: Connects to the server; called for every round of requests.
+    connect: Callable[[], Server]
+    _: KW_ONLY
+    #: Requests in flight at once.
+    concurrency: int
+    #: What the user chose, for messages, e.g. `llm=anthropic`.
+    name: str
+    patience: Patience = field(default_factory=Patience)
+    #: What is known of the models before the first request.
+    models: Models = field(default_factory=Models)
+    notices: Notices = field(init=False)
 
-    def __init__(
-        self,
-        connect: Callable[[], Server],
-        *,
-        concurrency: int,
-        name: str,
-        patience: Patience | None = None,
-        models: Models | None = None,
-    ) -> None:
-        self._connect = connect
-        self._concurrency = concurrency
-        self._name = name
-        self._patience = patience or Patience()
-        self._models = models or Models()
-        self._notices = Notices(name)
+    def __post_init__(self) -> None:
+        self.notices = Notices(self.name)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer every request, in the order of arrival (see `tacevo.llm.recording.KeepingLLM`).
@@ -99,11 +91,11 @@ class HostedLLM:
             StoreError: an answer could not be kept.
         """
         asking = _Asking(
-            server=self._connect(), models=self._models, patience=self._patience, notices=self._notices, keep=keep
+            server=self.connect(), models=self.models, patience=self.patience, notices=self.notices, keep=keep
         )
-        thread = threading.Thread(target=asking.run, args=(requests, self._concurrency), daemon=True)
+        thread = threading.Thread(target=asking.run, args=(requests, self.concurrency), daemon=True)
         thread.start()
-        failures = Failures(name=self._name, models=self._models)
+        failures = Failures(name=self.name, models=self.models)
         broken: Exception | None = None
         try:
             while (arrival := asking.arrivals.get()) is not None:
@@ -178,7 +170,6 @@ class _Asking:
         """Ask, and keep the answer before the reader sees it."""
         answer = await self._ask(request)
         if isinstance(answer, Fault):
-            self.models.note_refusal(request)
             self.lacks_a_model = self.lacks_a_model or answer.kind is FaultKind.unknown
             if answer.hopeless:
                 self.over.set()
@@ -197,7 +188,7 @@ class _Asking:
         while True:
             dropped = tuple(name for name in self.models.dropped(request) if name in wanted)
             tried += 1
-            begun = self.models.now()
+            begun = time.monotonic()
             try:
                 completion = await self.server.ask(request, dropped)
             except FaultError as error:

@@ -14,7 +14,7 @@ import httpx2
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
 from tacevo.llm.hosted import SDKServer, shares
-from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
+from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Json, Request
 
 try:
@@ -64,7 +64,7 @@ class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
                 model=body.pop("model"), messages=body.pop("messages"), extra_body=body
             )
         except _FAILURES as error:
-            raise FaultError(_fault_of(error)) from error
+            raise FaultError(fault_of(error)) from error
         return completion_of(chat)
 
 
@@ -140,10 +140,3 @@ def completion_of(chat: ChatCompletion) -> Completion:
     except (AttributeError, TypeError, IndexError) as error:  # the SDK checks no body
         raise FaultError(fault_of_connection(error)) from error
     return checked(completion)
-
-
-def _fault_of(error: Exception) -> Fault:
-    if isinstance(error, openai.APIStatusError):
-        path = error.request.url.path
-        return fault_of_status(error.status_code, error.response.headers, error.body, path=path)
-    return fault_of_connection(error)

@@ -15,7 +15,7 @@ _Day = Annotated[str, StringConstraints(pattern=r"^\d{4}-\d\d-\d\d$")]
 _TOKENS_PER_TURN = 64
 
 #: Characters of English or code to a token, as a rule of thumb for estimates.
-_CHARACTERS_PER_TOKEN = 4
+CHARACTERS_PER_TOKEN = 4
 
 #: The date at the end of a dated model name.
 _DATE = re.compile(r"[-@](20\d{6}|20\d\d-\d\d-\d\d)$")
@@ -80,7 +80,7 @@ def most_input_tokens(request: Request) -> int:
 
 def likely_tokens(text: str) -> int:
     """Estimate the tokens of a text, rounded up."""
-    return -(-len(text) // _CHARACTERS_PER_TOKEN)
+    return -(-len(text) // CHARACTERS_PER_TOKEN)
 
 
 def worst_case(price: Price, request: Request) -> float:

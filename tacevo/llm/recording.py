@@ -1,7 +1,7 @@
 """Recording and replaying: an LLM in front of a store, and behind it the real one."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Protocol
 
 from tacevo.errors import LLMError, StoreError
@@ -77,29 +77,24 @@ def _completion(answer: Json) -> Completion:
     return convert(Completion, answer, place="an answer in the store of completions", error=StoreError)
 
 
+@dataclass(slots=True)
 class RecordingLLM:
     """Answers from the store where the store's mode allows it; asks the provider for the rest, and records.
 
     The provider stores each answer the moment it arrives, before it is yielded, so that nothing that was paid for is
     lost. A replay never reaches the provider. Equal requests are one question: it is asked once, and all get the
     answer, as they would from the store.
-
-    Args:
-        inner: who answers what is not recorded; None in a replay.
-        store: the completions, keyed by the whole request.
-        price: what an answer's tokens cost today, stored with it; None without a price table.
     """
 
-    def __init__(
-        self,
-        inner: KeepingLLM | None,
-        store: Store,
-        *,
-        price: Callable[[Request, Completion], Price | None] | None = None,
-    ) -> None:
-        self._inner = inner
-        self._store = store
-        self._price = price
+    #: Answers what is not recorded; None in a replay.
+    inner: KeepingLLM | None
+    #: The completions, keyed by the whole request.
+    store: Store
+    _: KW_ONLY
+    #: What an answer's tokens cost today, stored with it; None without a price table.
+    price: Callable[[Request, Completion], Price | None] | None = None
+    #: Called with every answer, recorded or new, before it is yielded.
+    count: Callable[[Request, Completion], object] = unkept
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer every request; recorded answers come first (see `tacevo.search.effects.LLM`).
@@ -111,24 +106,27 @@ class RecordingLLM:
         """
         missing: dict[Request, list[int]] = {}
         for position, request in enumerate(requests):
-            recorded = self._store.find(to_json(request))
+            recorded = self.store.find(to_json(request))
             if recorded is None:
                 missing.setdefault(request, []).append(position)
             else:
-                yield position, _completion(recorded)
+                completion = _completion(recorded)
+                self.count(request, completion)
+                yield position, completion
         if not missing:
             return
-        if self._inner is None:
+        if self.inner is None:
             raise LLMError(f"{len(missing)} requests without a recorded answer, and no model to ask")
         asked = list(missing)
-        for index, completion in self._inner.complete(asked, self._keep):
+        for index, completion in self.inner.complete(asked, self._keep):
+            self.count(asked[index], completion)
             for position in missing[asked[index]]:
                 yield position, completion
 
     def _keep(self, request: Request, completion: Completion) -> Completion:
         """Put the price on, replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, and store."""
-        price = None if self._price is None else self._price(request, completion)
+        price = None if self.price is None else self.price(request, completion)
         sound = {name: getattr(completion, name).encode(errors="replace").decode() for name in _TEXTS}
         kept = replace(completion, **sound, price=price)
-        self._store.write(to_json(request), to_json(kept))
+        self.store.write(to_json(request), to_json(kept))
         return kept

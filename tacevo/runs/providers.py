@@ -1,7 +1,8 @@
 """From a configuration to the LLM of a run: provider, budget and store, one before the other."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import yaml
@@ -11,11 +12,11 @@ from tacevo.config.ablation import GROUP, read_arm, split_arm
 from tacevo.config.compose import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.errors import ConfigError
-from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
+from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
-from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
 from tacevo.records import Delivery, Mode, Price, Setting
@@ -46,7 +47,7 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
         return RecordingLLM(provider, store, price=prices.price_of)
     account = Account(prices.price_of)
     budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
-    return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of), account)
+    return RecordingLLM(budgeted, store, price=prices.price_of, count=account.add)
 
 
 def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
@@ -84,56 +85,36 @@ def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
 
 
 def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
+    store = Store(root, "completions")
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
                 raise ConfigError(repr(llm.model), place="llm.model", expected=f"{GRAMMAR} for llm=grammar")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
-            return _anthropic(llm, root, prices)
+            from tacevo.llm import anthropic, batches
+
+            models = Models(partial(ever_answered, store), prices=prices)
+            if llm.delivery is Delivery.direct:
+                return _hosted(llm, anthropic.connect, models)
+            connect = partial(anthropic.connect_batches, llm.base_url)
+            connect().close()  # a missing key is reported at once
+            return batches.BatchLLM(
+                connect, store=store, directory=root / "batches", name="llm=anthropic", models=models
+            )
         case Provider.openai:
-            return _openai(llm, root)
+            from tacevo.llm import openai
+
+            return _hosted(llm, openai.connect, Models(partial(ever_answered, store)))
 
 
-def _models(root: Path, prices: PriceTable | None = None) -> Models:
-    """Know of the models what the recorded answers and a price table say."""
-    store = Store(root, "completions")
-    return Models(lambda request: ever_answered(store, request), prices=prices)
-
-
-def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
-    """Connect to Claude once, so that a missing key is reported at once."""
-    from tacevo.llm.anthropic import connect, connect_batches
-    from tacevo.llm.batches import BatchLLM
-
-    models = _models(root, prices)
-    connect(llm.base_url, 1)
-    if llm.delivery is Delivery.batch:
-        return BatchLLM(
-            lambda: connect_batches(llm.base_url),
-            store=Store(root, "completions"),
-            directory=root / "batches",
-            name="llm=anthropic",
-            models=models,
-        )
+def _hosted(llm: LLMConfig, connect: Callable[[str | None, int], Server], models: Models) -> HostedLLM:
+    connect(llm.base_url, 1)  # a missing key is reported at once
     return HostedLLM(
-        lambda: connect(llm.base_url, llm.concurrency),
+        partial(connect, llm.base_url, llm.concurrency),
         concurrency=llm.concurrency,
-        name="llm=anthropic",
+        name=f"llm={llm.provider}",
         models=models,
-    )
-
-
-def _openai(llm: LLMConfig, root: Path) -> KeepingLLM:
-    """Connect to an OpenAI-compatible server once, so that a missing key or extra is reported at once."""
-    from tacevo.llm.openai import connect
-
-    connect(llm.base_url, 1)
-    return HostedLLM(
-        lambda: connect(llm.base_url, llm.concurrency),
-        concurrency=llm.concurrency,
-        name="llm=openai",
-        models=_models(root),
     )
 
 

@@ -1,4 +1,4 @@
-"""Promise: a request reaches Claude whole, and its answer is read whole; a missing key is told at once."""
+"""Promise: a request reaches Claude whole, and its answer is read whole; a missing key is reported at once."""
 
 from pathlib import Path
 

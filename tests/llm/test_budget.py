@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from tacevo.errors import BudgetError, TransportError
-from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
+from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.prices import worst_case
 from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Message, Mode, Price, Request
@@ -58,11 +58,11 @@ def budgeted(inner: FakeLLM, limit: float, root: Path) -> LLM:
     account = Account(lambda request, completion: PRICE)
     asking = BudgetedLLM(inner, account, limit=limit, price=PRICE)
     store = Store(root, "completions", Mode.record)
-    return AccountedLLM(RecordingLLM(asking, store, price=lambda request, completion: PRICE), account)
+    return RecordingLLM(asking, store, price=lambda request, completion: PRICE, count=account.add)
 
 
 def ask(llm: LLM, requests: Sequence[Request]) -> set[int]:
-    """Ask, and give the positions of the answers."""
+    """Ask, and return the positions of the answers."""
     return {position for position, _ in llm.complete(requests)}
 
 
@@ -186,7 +186,8 @@ def test_limit_is_never_exceeded(limits: float, sizes: list[int], part: float) -
     account = Account(lambda request, completion: PRICE)
     answered = 0
     try:
-        for _ in BudgetedLLM(Partly(), account, limit=limits, price=PRICE).complete(asked):
+        for position, completion in BudgetedLLM(Partly(), account, limit=limits, price=PRICE).complete(asked):
+            account.add(asked[position], completion)
             answered += 1
     except BudgetError:
         assert account.spent + worst_case(PRICE, asked[answered]) > limits

@@ -59,14 +59,14 @@ def network(body: Body) -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give an empty working directory, and a key in the environment."""
+    """Return an empty working directory, and a key in the environment."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     return tmp_path
 
 
 def search(server: LLMServer, *overrides: str) -> int:
-    """Search with a server; give the exit status."""
+    """Search with a server; return the exit status."""
     return main(["search", *TINY, f"llm.base_url={server.url}", *overrides])
 
 
@@ -247,7 +247,7 @@ class Moody(Script):
     moods: ClassVar[dict[str, str]] = {}
 
     def fault(self, body: Body, tried: int) -> str:
-        """Give each request a mood of its own."""
+        """Return each request a mood of its own."""
         faults = ("refusal", "max_tokens", "empty", "invalid")
         return self.moods.setdefault(key_of(body), faults[len(self.moods) % len(faults)])
 

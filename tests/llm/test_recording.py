@@ -39,7 +39,7 @@ def answer(text: str, stop_reason: str = "end_turn") -> Completion:
 
 
 def texts(llm: RecordingLLM, requests: Sequence[Request]) -> list[str]:
-    """Ask, and give the answers in the order of the requests."""
+    """Ask, and return the answers in the order of the requests."""
     answers = dict(llm.complete(requests))
     assert sorted(answers) == list(range(len(requests)))
     return [answers[position].text for position in range(len(requests))]

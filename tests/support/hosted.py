@@ -38,7 +38,7 @@ def hosted(
         concurrency=concurrency,
         name=f"llm={provider}",
         patience=patience,
-        models=models,
+        models=models or Models(),
     )
 
 
