@@ -145,8 +145,8 @@ def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path
 
 
 def fault_of(error: Exception) -> Fault:
-    """Read what an SDK raised; all have the same fields."""
-    if not hasattr(error, "status_code"):
+    """Read what an SDK raised; the errors of all SDKs have the same fields."""
+    if getattr(error, "status_code", 0) < 400:
         return fault_of_connection(error)
     refusal: Any = error
     path = refusal.request.url.path

@@ -33,9 +33,9 @@ def request(text: str, draw: int = 0) -> Request:
     return Request(model="m", system="", messages=messages, temperature=0.5, max_tokens=9, draw=draw)
 
 
-def answer(text: str, stop_reason: str = "end_turn") -> Completion:
+def answer(text: str) -> Completion:
     """Make a completion."""
-    return Completion(text=text, model="m-1", stop_reason=stop_reason, input_tokens=2, output_tokens=3)
+    return Completion(text=text, model="m-1", stop_reason="end_turn", input_tokens=2, output_tokens=3)
 
 
 def texts(llm: RecordingLLM, requests: Sequence[Request]) -> list[str]:
@@ -118,14 +118,6 @@ def test_equal_requests_are_asked_once(mode: Mode, tmp_path: Path) -> None:
     assert first[0] == first[2] != first[3]
     assert sorted(inner.asked) == ["a", "a", "b"]
     assert texts(RecordingLLM(None, completions(tmp_path, Mode.replay)), requests) == first
-
-
-def test_refusal_is_recorded_like_an_answer(tmp_path: Path) -> None:
-    """A refused or cut-off completion is an answer, so that a replay reproduces the failure."""
-    store = completions(tmp_path)
-    store.write(to_json(REQUESTS[0]), to_json(answer("", stop_reason="refusal")))
-    ((_, completion),) = RecordingLLM(None, store).complete(REQUESTS[:1])
-    assert completion.stop_reason == "refusal"
 
 
 def test_nobody_to_ask_is_an_error(tmp_path: Path) -> None:
