@@ -29,7 +29,7 @@ class Spending:
         """Take a spending out of a mapping that may hold more; what is missing is 0.
 
         Raises:
-            TypeError, ValueError: a figure is no number.
+            TypeError, ValueError: a figure is not a number.
         """
         return cls(
             answers=int(value.get("answers", 0)),

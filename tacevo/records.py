@@ -135,6 +135,8 @@ class Rejection:
 class Message:
     """One turn of a conversation; `role` is `user` or `assistant`."""
 
+    __pydantic_config__ = STRICT
+
     role: str
     content: str
 
@@ -142,6 +144,8 @@ class Message:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
     """Everything that can change a completion, and nothing else."""
+
+    __pydantic_config__ = STRICT
 
     model: str
     system: str
@@ -176,7 +180,7 @@ class Price:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
-    """What a model answered."""
+    """What a model answered; recordings of earlier versions lack the last three fields."""
 
     __pydantic_config__ = STRICT
 
@@ -193,19 +197,6 @@ class Completion:
     delivery: Delivery = Delivery.direct
     #: None where the price table does not know the model.
     price: Price | None = None
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote, now or before answers had a delivery and a price."""
-        price = value.get("price")
-        return cls(
-            **{
-                **value,
-                "dropped": tuple(value.get("dropped", ())),
-                "delivery": Delivery(value.get("delivery", Delivery.direct)),
-                "price": None if price is None else Price(**price),
-            }
-        )
 
     @property
     def cost(self) -> float | None:

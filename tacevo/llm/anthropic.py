@@ -1,7 +1,6 @@
 """Claude through the official SDK and the Messages API; the key comes from the environment only."""
 
 import contextlib
-import itertools
 import json
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,8 +11,8 @@ from anthropic.types import Message
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import listed_models, shares
-from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
+from tacevo.llm.hosted import SDKServer, shares
+from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -22,49 +21,35 @@ TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 #: What the SDK raises, or lets through, where there is no usable answer.
 FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
 
-#: How to get past a missing key.
-_REMEDY = "set ANTHROPIC_API_KEY, or replay with llm.mode=replay"
 
-
-class AnthropicServer:
+class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
     """The Messages API (see `tacevo.llm.hosted.Server`)."""
 
     sampling: tuple[str, ...] = ("temperature",)
 
     def __init__(self, clients: Sequence[anthropic.AsyncAnthropic]) -> None:
-        self._clients = clients
-        self._turns = itertools.cycle(clients)
-        self.secrets: tuple[str, ...] = secrets_of(clients[0])
+        super().__init__(clients, secrets_of(clients[0]), FAILURES)
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
         body = body_of(request, dropped)
         named = {name: body.pop(name) for name in ("model", "system", "messages", "max_tokens")}
         try:
-            message = await next(self._turns).messages.create(**named, extra_body=body)
+            message = await next(self.turns).messages.create(**named, extra_body=body)
         except FAILURES as error:
             raise FaultError(fault_of(error)) from error
         return completion_of(message, Delivery.direct)
 
-    async def models(self) -> tuple[str, ...]:
-        """Return the names of the models that the server lists (see `tacevo.llm.hosted.Server`)."""
-        return await listed_models(self._clients[0], FAILURES)
-
-    async def close(self) -> None:
-        """Close the connections."""
-        for client in self._clients:
-            await client.close()
-
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
-    """Prepare to ask Claude, and see at once whether there is anything to log in with.
+    """Prepare to ask Claude; a missing key is an error at once.
 
     Args:
         base_url: another server than Anthropic's own.
         concurrency: requests at once.
 
     Raises:
-        ConfigError: the environment holds no key, or the address is none.
+        ConfigError: the environment holds no key, or the address is not a URL.
     """
     with _explaining():
         # The SDK's own retries are off: `tacevo.llm.retry` says why.
@@ -77,7 +62,7 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
             )
             for share in shares(concurrency, TIMEOUT)
         ]
-        _insist_on_key(clients[0])
+        _check_key(clients[0])
         return AnthropicServer(clients)
 
 
@@ -85,11 +70,11 @@ def connect_batches(base_url: str | None) -> anthropic.Anthropic:
     """Prepare to submit batches to Claude; otherwise like `connect`.
 
     Raises:
-        ConfigError: the environment holds no key, or the address is none.
+        ConfigError: the environment holds no key, or the address is not a URL.
     """
     with _explaining():
         client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT)
-        _insist_on_key(client)
+        _check_key(client)
         return client
 
 
@@ -98,27 +83,34 @@ def _explaining() -> Iterator[None]:
     try:
         yield
     except (anthropic.AnthropicError, httpx2.InvalidURL) as error:
-        raise ConfigError(f"llm=anthropic: {error}; {_REMEDY}") from error
+        raise ConfigError(
+            str(error), place="llm=anthropic", remedy="check llm.base_url and ANTHROPIC_API_KEY"
+        ) from error
 
 
-def _insist_on_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
-    """Refuse a client without a usable key; the SDK itself would only notice when it asks.
+def _check_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
+    """Reject a client without a usable key; the SDK itself would only notice when it asks.
 
-    The SDK's other logins are not taken: their tokens change while it asks, so none could be blacked out for certain.
+    The SDK's other logins are not used: their tokens change while it asks, so they could not be blacked out.
     """
     if not secrets_of(client):
-        raise ConfigError(f"llm=anthropic needs an API key; {_REMEDY}")
+        raise ConfigError(
+            "nothing",
+            place="ANTHROPIC_API_KEY",
+            expected="an API key",
+            remedy="set it, or replay with llm.mode=replay",
+        )
     for key, variable in ((client.api_key, "ANTHROPIC_API_KEY"), (client.auth_token, "ANTHROPIC_AUTH_TOKEN")):
         check_key(key or "", variable)
 
 
 def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[str, ...]:
-    """Give what a client logs in with."""
+    """Return what a client logs in with."""
     return tuple(key for key in (client.api_key, client.auth_token) if key)
 
 
 def body_of(request: Request, dropped: tuple[str, ...]) -> dict[str, Json]:
-    """Write a request as the Messages API wants it; the draw number stays here, for it is no setting of a model."""
+    """Write a request as the Messages API wants it; the draw number stays here: it is not a setting of a model."""
     settings: dict[str, Any] = {"temperature": request.temperature, **dict(request.settings)}
     thinking = settings.pop("thinking_tokens", None)
     if thinking is not None:
@@ -136,7 +128,7 @@ def completion_of(message: Message, delivery: Delivery) -> Completion:
     """Read an answer; the model is recorded as returned, because a name may stand for a dated one.
 
     Raises:
-        FaultError: the body is JSON, but no message.
+        FaultError: the body is JSON, but not a message.
     """
     try:
         completion = Completion(
@@ -150,11 +142,3 @@ def completion_of(message: Message, delivery: Delivery) -> Completion:
     except (AttributeError, TypeError) as error:  # the SDK checks no body
         raise FaultError(fault_of_connection(error)) from error
     return checked(completion)
-
-
-def fault_of(error: Exception) -> Fault:
-    """Read what the SDK raised."""
-    if isinstance(error, anthropic.APIStatusError):
-        path = error.request.url.path
-        return fault_of_status(error.status_code, error.response.headers, error.body, path=path)
-    return fault_of_connection(error)

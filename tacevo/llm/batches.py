@@ -1,37 +1,39 @@
 """Requests in Message Batches: slower than one by one, at half the price.
 
-What it promises: a batch is remembered on disk before it is submitted, so a run that is killed at any moment finds it
-again and neither submits it nor pays for it twice; an interruption leaves it running. A killed submission is found
-again by its size and by its place in the server's list, and recognised for certain by the names in its results, for
-which it must have ended. What it does not: two runs at the same time do not share a batch; and after a submission that
-was cut off, a batch that the server does not list is submitted again, with a warning: one that appears only after the
-time that `Pace.settling` gives it, one that was deleted, or one of another key or workspace.
+What it promises: the id of a batch is written down as soon as the server returns it, and stays until every answer of
+the batch is stored. So the next command reads what a killed or interrupted one has submitted. What it does not: a
+submission whose answer is lost (a broken connection, a kill) is made again; if the server has both batches, both are
+billed. Two runs at the same time do not share a batch.
 """
 
-import logging
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+import itertools
+import random
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import anthropic
+import httpx2
 from anthropic.types.messages import MessageBatchIndividualResponse
+from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
-from tacevo.errors import ConfigError
-from tacevo.llm.anthropic import body_of, completion_of
-from tacevo.llm.batch_records import BatchRecord, BatchRecords
-from tacevo.llm.batch_server import BatchServer, GoneBatchError, LostSubmissionError, Pace
-from tacevo.llm.failures import Failures, Models, scrubbed
-from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of_connection, fault_of_status
-from tacevo.records import Completion, Delivery, Request, to_json
+from tacevo.errors import ConfigError, StoreError, TransportError
+from tacevo.llm.anthropic import FAILURES, body_of, completion_of, secrets_of
+from tacevo.llm.failures import Failures, Models, Notices, scrubbed
+from tacevo.llm.recording import Keep, unkept
+from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_status
+from tacevo.records import STRICT, Completion, Delivery, Json, Request, to_json
 from tacevo.redaction import without_secrets
-from tacevo.storage.canonical import content_hash
+from tacevo.storage.canonical import content_hash, readable
+from tacevo.storage.files import write_durably
 from tacevo.storage.store import Store
 from tacevo.text import counted
+from tacevo.typed import parse
 
-_LOG = logging.getLogger(__name__)
-
-#: How often a request is submitted anew, where the server failed on it or ran out of time.
+#: How often a request is submitted that expires, or on which the server fails.
 SUBMISSIONS = 3
 
 #: Requests of one batch; the server takes more, but no more than 256 MB.
@@ -49,249 +51,197 @@ _STATUSES = {
     "overloaded_error": 529,
 }
 
-
-@dataclass(slots=True, kw_only=True)
-class _Round:
-    """What one call of `complete` still waits for."""
-
-    #: Requests by their keys, with their positions.
-    open: dict[str, tuple[int, Request]]
-    failures: Failures
-    #: How often a request was submitted without an answer, by key.
-    failed: dict[str, int] = field(default_factory=dict)
-
-    def fail(self, key: str, fault: Fault, *, final: bool) -> None:
-        """Note that a request got no answer; one that is not final is submitted again, a few times."""
-        self.failed[key] = self.failed.get(key, 0) + 1
-        if final or self.failed[key] >= SUBMISSIONS:
-            position, request = self.open.pop(key)
-            self.failures.models.note_refusal(request)
-            self.failures.add(position, request, fault)
-
-    def awaited(self, record: BatchRecord) -> set[str]:
-        """Give the keys of a record that are waited for."""
-        return self.open.keys() & record.keys
+_T = TypeVar("_T")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchRecord:
+    """A submitted batch, as a file."""
+
+    __pydantic_config__ = STRICT
+
+    id: str
+    #: The sampling settings that a request was sent without, by the keys of the requests whose answers are not stored.
+    dropped: dict[str, tuple[str, ...]]
+
+
+@dataclass(slots=True)
 class BatchLLM:
-    """Answers requests through Message Batches.
+    """Answers requests through Message Batches."""
 
-    Args:
-        connect: connects to the server; called for every `complete`.
-        store: where the answers are kept by whoever reads them; tells which records may be forgotten.
-        folder: where submitted batches are remembered.
-        name: what the user chose, for messages.
-        patience: how failed calls are retried.
-        pace: how often a batch is looked at.
-        models: what is known of the models before the first request.
-        stop: once set, waiting ends; batches go on at the server.
-    """
+    #: Connects to the server; called for every `complete`.
+    connect: Callable[[], anthropic.Anthropic]
+    _: KW_ONLY
+    #: Of completions; tells which answers of a batch are kept.
+    store: Store
+    #: Where submitted batches are written down.
+    directory: Path
+    #: What the user chose, for messages.
+    name: str
+    patience: Patience = field(default_factory=Patience)
+    #: Seconds between two looks at a batch.
+    poll: float = 30.0
+    #: What is known of the models before the first request.
+    models: Models = field(default_factory=Models)
+    notices: Notices = field(init=False)
 
-    def __init__(
-        self,
-        connect: Callable[[], anthropic.Anthropic],
-        *,
-        store: Store,
-        folder: Path,
-        name: str,
-        patience: Patience | None = None,
-        pace: Pace | None = None,
-        models: Models | None = None,
-        stop: threading.Event | None = None,
-    ) -> None:
-        self._connect = connect
-        self._store = store
-        self._folder = folder
-        self._name = name
-        self._patience = patience or Patience()
-        self._pace = pace or Pace()
-        self._stop = stop or threading.Event()
-        self._models = models or Models()
+    def __post_init__(self) -> None:
+        self.notices = Notices(self.name)
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer different requests, batch by batch (see `tacevo.search.effects.LLM`).
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer different requests, batch by batch (see `tacevo.llm.recording.KeepingLLM`).
 
         Raises:
-            ConfigError: the server refuses the key, the model, a setting or the payment.
+            ConfigError: the server refuses the key, the model, a setting or the payment, or lacks a recorded batch.
             TransportError: the server could not be reached, or had no answer after several submissions.
-            LLMError: the run was interrupted.
-            StoreError: a record of a batch is damaged.
+            StoreError: a record of a batch is damaged, or an answer could not be kept.
         """
-        failures = Failures(name=self._name, models=self._models, delivery=Delivery.batch)
-        keyed = {self._store.key(to_json(request)): (position, request) for position, request in enumerate(requests)}
-        round_ = _Round(open=keyed, failures=failures)
-        with self._connect() as client:
-            server = BatchServer(client, name=self._name, patience=self._patience, pace=self._pace, stop=self._stop)
-            records = BatchRecords(self._folder, content_hash(str(client.base_url)))
-            self._forget_stored(records)
-            while round_.open and not failures.hopeless:
-                yield from self._ask_once(round_, server, records)
-            if failures.lack_a_model:
-                self._models.served = server.models()
-        yield from failures.recorded()
-        failures.raise_rest(len(requests), interrupted=False)
+        failures = Failures(name=self.name, models=self.models, delivery=Delivery.batch)
+        wanted = {self.store.key(to_json(request)): (position, request) for position, request in enumerate(requests)}
+        submissions: Counter[str] = Counter()
+        with self.connect() as client:
+            while wanted and not failures.hopeless:
+                begun = time.monotonic()
+                for path, record in self._submitted(client, wanted):
+                    outcomes = self._outcomes(client, path, record)
+                    for key, outcome in outcomes.items():
+                        if key not in wanted:
+                            continue
+                        position, request = wanted[key]
+                        if isinstance(outcome, Completion):
+                            self.models.note_answer(request, begun)
+                            del wanted[key]
+                            yield position, keep(request, outcome)
+                        elif not self.models.learn(request, _settings(request) - {*record.dropped[key]}, outcome):
+                            submissions[key] += 1
+                            if outcome.kind is not FaultKind.passing or submissions[key] == SUBMISSIONS:
+                                del wanted[key]
+                                failures.add(position, request, outcome)
+                    self._settle(path, record, outcomes)
+        for position, completion in failures.recorded():
+            yield position, keep(requests[position], completion)
+        failures.raise_rest(len(requests))
 
-    def _forget_stored(self, records: BatchRecords) -> None:
-        """Forget what an earlier call or run has brought home."""
-        for record in records.all():
-            records.settle(record, {key for key in record.keys if self._store.holds(key)})
+    def _submitted(
+        self, client: anthropic.Anthropic, wanted: Mapping[str, tuple[int, Request]]
+    ) -> list[tuple[Path, BatchRecord]]:
+        """Find the batches that hold wanted requests, and submit the rest."""
+        directory = self.directory / content_hash(str(client.base_url))[:16]  # an id means nothing to other servers
+        found = [(path, _read(path)) for path in sorted(directory.glob("*.json"))]
+        found = [(path, record) for path, record in found if record.dropped.keys() & wanted.keys()]
+        left = [key for key in wanted if all(key not in record.dropped for _, record in found)]
+        for start in range(0, len(left), MOST_REQUESTS):
+            asked = {key: wanted[key][1] for key in left[start : start + MOST_REQUESTS]}
+            dropped = {
+                key: tuple(name for name in self.models.dropped(request) if name in _settings(request))
+                for key, request in asked.items()
+            }
+            bodies: Json = [
+                {"custom_id": key, "params": body_of(request, dropped[key])} for key, request in asked.items()
+            ]
+            record = BatchRecord(id=self._submit(client, bodies), dropped=dropped)
+            found.append((directory / f"{record.id}.json", record))
+            write_durably(found[-1][0], readable(to_json(record)))
+        return found
 
-    def _ask_once(self, round_: _Round, server: BatchServer, records: BatchRecords) -> Iterator[tuple[int, Completion]]:
-        """Take the answers of the batches that stand, and of new ones for the requests that are in none."""
-        begun = self._models.now()  # refusals of this round, if any, came before whatever is submitted now
-        standing = [self._found(record, server, records) for record in records.all() if round_.awaited(record)]
-        asked = {key for record in standing if record is not None for key in record.keys}
-        for keys in _portions(round_.open, asked):
-            standing.append(self._submit(keys, round_, server, records))
-        for record in standing:
-            if record is not None:
-                yield from self._take(record, round_, server, records, begun)
-
-    def _submit(
-        self, keys: Sequence[str], round_: _Round, server: BatchServer, records: BatchRecords
-    ) -> BatchRecord | None:
-        """Remember a batch, submit it, and remember its id; None where it did not get there."""
-        dropped = self._models.dropped(round_.open[keys[0]][1])
-        record = BatchRecord(
-            server=records.server, keys=tuple(keys), requests=len(keys), dropped=dropped, known=server.latest()
-        )
-        records.write(record)
-        try:
-            batch = server.submit({key: body_of(round_.open[key][1], dropped) for key in keys})
-        except LostSubmissionError as lost:
-            found = self._found(record, server, records)
-            if found is None:
-                for key in keys:
-                    round_.fail(key, fault_of_connection(lost), final=False)
-            return found
-        except ConfigError:
-            records.remove(record)  # refused as a whole, so there is nothing to find again
-            raise
-        return records.identify(record, batch)
-
-    def _found(self, record: BatchRecord, server: BatchServer, records: BatchRecords) -> BatchRecord | None:
-        """Find the batch of a record that has no id, because its submission was cut off; forget it if there is none.
-
-        A candidate that goes while it is waited for may have been the one. Where no other is, the record takes its id,
-        so that this command and every later one refuses, and nothing is submitted, until a person deletes the record.
-        """
-        if record.id is not None:
-            return record
-        others = {other.id for other in records.all()}
-        gone = None
-        for batch in server.younger_than(record.known, record.requests):
-            if batch in others:
-                continue
+    def _submit(self, client: anthropic.Anthropic, bodies: list[BatchRequest]) -> str:
+        def create() -> str:
             try:
-                server.wait_for(batch)
-                names = {result.custom_id for result in server.results(batch)}
-            except GoneBatchError:
-                gone = batch
-                continue
-            if names >= {*record.keys}:
-                return records.identify(record, batch)
-        if gone is not None:
-            return records.identify(record, gone)
-        _LOG.warning(
-            "%s: no batch found for %s whose submission was cut off, so what is wanted of them "
-            "is submitted again; a batch of another key or workspace would not be seen, and be paid for twice",
-            self._name,
-            counted(len(record.keys), "request"),
-        )
-        records.remove(record)
-        return None
+                return client.messages.batches.create(requests=bodies).id
+            except anthropic.APIConnectionError as error:
+                message = f"{type(error).__name__}: {error} If the server has this batch, it is billed twice"
+                raise FaultError(Fault(kind=FaultKind.passing, message=message)) from None
 
-    def _take(
-        self, record: BatchRecord, round_: _Round, server: BatchServer, records: BatchRecords, begun: int
-    ) -> Iterator[tuple[int, Completion]]:
-        """Wait for a batch, and take the answers that are wanted; what came to nothing leaves the record.
+        return self._call(client, create)
 
-        Results that lack an answer, or hold it unreadable, are read anew: the answer is paid for.
+    def _outcomes(self, client: anthropic.Anthropic, path: Path, record: BatchRecord) -> dict[str, Completion | Fault]:
+        """Wait for a batch, and read what became of the requests in its record.
 
         Raises:
-            ConfigError: the server has no such batch, or not for this key.
+            ConfigError: the server has no such batch, or no longer has its results.
         """
+        batches, secrets = client.messages.batches, secrets_of(client)
+
+        def results() -> dict[str, Completion | Fault]:
+            read = (each for each in batches.results(record.id) if each.custom_id in record.dropped)
+            found = {each.custom_id: _outcome(each, record, secrets) for each in read}
+            if lacking := len(record.dropped) - len(found):
+                words = f"the results of batch {record.id} lack {counted(lacking, 'answer')}"
+                raise FaultError(Fault(kind=FaultKind.passing, message=words))
+            return found
+
         try:
-            yield from self._read_all(record, round_, server, records, begun)
-        except GoneBatchError as error:
-            raise ConfigError(
-                f"{self._name}: batch {record.id} holds {counted(len(record.keys), 'request')}, perhaps paid for, but "
-                f"{error}: give the key, or the workspace, that submitted it; or, if its answers are lost, delete "
-                f"{records.path(record)} to submit, and to pay for, them anew"
-            ) from error
+            while (seen := self._call(client, lambda: batches.retrieve(record.id))).processing_status != "ended":
+                time.sleep(self.poll)
+            if seen.archived_at is not None:
+                raise ConfigError("the server has deleted its results", place=self.name)
+            return self._call(client, results)
+        except ConfigError as error:
+            error.place = f"{self.name}, batch {record.id}"
+            error.remedy = (
+                "use the key and the workspace that submitted it, or, if its answers are lost, delete "
+                f"{path} to submit and pay for its requests again"
+            )
+            raise
 
-    def _read_all(
-        self, record: BatchRecord, round_: _Round, server: BatchServer, records: BatchRecords, begun: int
-    ) -> Iterator[tuple[int, Completion]]:
-        batch = str(record.id)
-        server.wait_for(batch)
-        nothing: set[str] = set()
-        tried = 0
-        while lacking := round_.awaited(record) - nothing:
-            if tried:
-                said = f"the results of batch {batch} lack {counted(len(lacking), 'answer')}, or hold them unreadable"
-                server.wait_or_raise(tried, Fault(kind=FaultKind.passing, message=said))
-            tried += 1
-            for result in server.results(batch):
-                key = result.custom_id
-                if key not in round_.open or key in nothing:
-                    continue
-                position, request = round_.open[key]
-                try:
-                    completion = self._read(result, request, record.dropped)
-                except FaultError as error:
-                    if result.result.type != "succeeded":
-                        nothing.add(key)
-                        self._note_nothing(result, error.fault, record, round_, server)
-                else:
-                    self._models.note_answer(request, begun)
-                    del round_.open[key]
-                    yield position, scrubbed(completion, server.secrets)
-        records.settle(record, nothing)
+    def _settle(self, path: Path, record: BatchRecord, outcomes: Mapping[str, Completion | Fault]) -> None:
+        """Take off a record what is stored or has no answer; remove it with its last request."""
+        left = {
+            key: dropped
+            for key, dropped in record.dropped.items()
+            if isinstance(outcomes[key], Completion) and not self.store.holds(key)
+        }
+        if left:
+            write_durably(path, readable(to_json(replace(record, dropped=left))))
+        else:
+            path.unlink()
 
-    def _note_nothing(
-        self,
-        result: MessageBatchIndividualResponse,
-        fault: Fault,
-        record: BatchRecord,
-        round_: _Round,
-        server: BatchServer,
-    ) -> None:
-        """Note that a request of a batch has no answer; it is submitted again where that may help."""
-        _, request = round_.open[result.custom_id]
-        told = replace(fault, message=without_secrets(fault.message, server.secrets))
-        if not self._models.learn(request, _wanted(request) - {*record.dropped}, told):
-            final = told.kind is not FaultKind.passing or result.result.type == "canceled"
-            round_.fail(result.custom_id, told, final=final)
-
-    def _read(self, result: MessageBatchIndividualResponse, request: Request, dropped: tuple[str, ...]) -> Completion:
-        """Read what became of one request.
-
-        Raises:
-            FaultError: it has no answer.
-        """
-        outcome = result.result
-        if outcome.type == "succeeded":
-            completion = completion_of(outcome.message, Delivery.batch)
-            return replace(completion, dropped=tuple(name for name in dropped if name in _wanted(request)))
-        if outcome.type == "errored":
-            error = outcome.error.error
-            raise FaultError(fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump()))
-        raise FaultError(Fault(kind=FaultKind.passing, message=f"a batch's request that was {outcome.type}"))
+    def _call(self, client: anthropic.Anthropic, function: Callable[[], _T]) -> _T:
+        """Make a call, again and again while its failure may pass."""
+        for tried in itertools.count(1):
+            try:
+                return function()
+            except (*FAILURES, httpx2.TransportError, FaultError) as error:
+                fault = error.fault if isinstance(error, FaultError) else fault_of(error)
+            fault = replace(fault, message=without_secrets(fault.message, secrets_of(client)))
+            wait = self.patience.wait(tried, fault, jitter=random.random())
+            if wait is None:
+                break
+            self.notices.report(fault, wait)
+            time.sleep(wait)
+        if fault.kind is not FaultKind.passing:
+            raise ConfigError(fault.message, place=self.name, remedy="check the key, the model and llm.base_url")
+        raise TransportError(
+            f"a call about a batch failed after all tries, the last with {fault.message}",
+            place=self.name,
+            remedy="give the same command again: it reads the batches that were submitted",
+        )
 
 
-def _wanted(request: Request) -> set[str]:
+def _settings(request: Request) -> set[str]:
     return {"temperature", *dict(request.settings)}
 
 
-def _portions(wanted: Mapping[str, tuple[int, Request]], asked: Set[str]) -> list[list[str]]:
-    """Divide the keys that are in no batch into batches: by model, and not too large."""
-    by_model: dict[str, list[str]] = {}
-    for key, (_, request) in wanted.items():
-        if key not in asked:
-            by_model.setdefault(request.model, []).append(key)
-    return [
-        keys[start : start + MOST_REQUESTS]
-        for keys in by_model.values()
-        for start in range(0, len(keys), MOST_REQUESTS)
-    ]
+def _outcome(
+    result: MessageBatchIndividualResponse, record: BatchRecord, secrets: tuple[str, ...]
+) -> Completion | Fault:
+    """Read what became of one request.
+
+    Raises:
+        FaultError: there is an answer, but it cannot be read.
+    """
+    outcome = result.result
+    if outcome.type == "succeeded":
+        completion = completion_of(outcome.message, Delivery.batch)
+        return scrubbed(replace(completion, dropped=record.dropped[result.custom_id]), secrets)
+    if outcome.type == "errored":
+        error = outcome.error.error
+        fault = fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump())
+        return replace(fault, message=without_secrets(fault.message, secrets))
+    kind = FaultKind.refused if outcome.type == "canceled" else FaultKind.passing  # the user wanted it to end
+    return Fault(kind=kind, message=f"a request of batch {record.id} was {outcome.type}")
+
+
+def _read(path: Path) -> BatchRecord:
+    remedy = "delete it to submit, and pay for, the requests of its batch again"
+    return parse(BatchRecord, path.read_bytes(), place=str(path), error=StoreError, remedy=remedy)

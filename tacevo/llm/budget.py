@@ -2,92 +2,64 @@
 
 What it promises: no request is sent whose worst case, together with those in flight and with everything that the
 run's answers have cost, exceeds the limit; so the limit is never exceeded. What is in flight when the limit is near is
-waited for and recorded. An answer counts with its recorded price, whoever had it recorded, so a stopped run
-continues with the same account. What it does not: count what a provider bills for answers that never arrived.
+waited for and recorded. An answer counts with its recorded price, also one that another run recorded, so a stopped
+run continues with the same account. What it does not: count what a provider bills for answers that never arrived.
 """
 
 import math
-import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 
 from tacevo.costs import dollars
 from tacevo.errors import BudgetError
 from tacevo.llm.prices import worst_case
+from tacevo.llm.recording import Keep, KeepingLLM, unkept
 from tacevo.records import Completion, Price, Request, to_json
-from tacevo.search.effects import LLM
 from tacevo.storage.canonical import content_hash
 
 #: Prices an answer.
 PriceOf = Callable[[Request, Completion], Price | None]
 
 
+@dataclass(slots=True)
 class Account:
-    """What the answers of one run cost, each request counted once; of a request only its hash is kept.
+    """What the answers of one run cost, each request counted once; of a request only its hash is kept."""
 
-    Args:
-        price_of: prices an answer that was recorded without one.
-    """
-
-    def __init__(self, price_of: PriceOf) -> None:
-        self._price_of = price_of
-        self._costs: dict[str, float] = {}
-        self._lock = threading.Lock()  # recorded answers are counted by one thread, new ones by another
+    #: Prices an answer that was recorded without one.
+    price_of: PriceOf
+    costs: dict[str, float] = field(default_factory=dict)
 
     @property
     def spent(self) -> float:
         """The sum, in US dollars."""
-        with self._lock:
-            return math.fsum(self._costs.values())
+        return math.fsum(self.costs.values())
 
     def add(self, request: Request, completion: Completion) -> None:
         """Count an answer; the second time it is seen changes nothing."""
-        price = completion.price or self._price_of(request, completion)
+        price = completion.price or self.price_of(request, completion)
         if price is not None:
-            key = content_hash(to_json(request))
-            with self._lock:
-                self._costs[key] = price.cost(completion.input_tokens, completion.output_tokens)
+            self.costs[content_hash(to_json(request))] = price.cost(completion.input_tokens, completion.output_tokens)
 
 
-class AccountedLLM:
-    """Counts every answer that passes, recorded or new.
-
-    Args:
-        inner: the recording LLM.
-        account: where to count.
-    """
-
-    def __init__(self, inner: LLM, account: Account) -> None:
-        self._inner = inner
-        self._account = account
-
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Pass answers on (see `tacevo.search.effects.LLM`)."""
-        for position, completion in self._inner.complete(requests):
-            self._account.add(requests[position], completion)
-            yield position, completion
-
-
+@dataclass(slots=True)
 class BudgetedLLM:
     """Lets requests through to a provider as long as the account allows.
 
     All that fit go at once. Answers cost less than their worst case, so what is left over then fits more, and so on
     until not even one fits.
-
-    Args:
-        inner: the provider.
-        account: what the run's answers have cost; new answers are added as they arrive.
-        limit: in US dollars.
-        price: of the model that is asked, for the worst case.
     """
 
-    def __init__(self, inner: LLM, account: Account, *, limit: float, price: Price) -> None:
-        self._inner = inner
-        self._account = account
-        self._limit = limit
-        self._price = price
+    inner: KeepingLLM
+    #: What the run's answers have cost; `RecordingLLM` adds each answer before it takes the next.
+    account: Account
+    _: KW_ONLY
+    #: In US dollars.
+    limit: float
+    #: Of the model that is asked, for the worst case.
+    price: Price
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer requests, in as few rounds as the budget allows (see `tacevo.search.effects.LLM`).
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer requests, in as few rounds as the budget allows (see `tacevo.llm.recording.KeepingLLM`).
 
         Raises:
             BudgetError: the next request could exceed the limit; the answers to those before it were yielded.
@@ -96,27 +68,27 @@ class BudgetedLLM:
         while done < len(requests):
             fitting = self._fitting(requests[done:])
             if not fitting:
-                raise BudgetError(self._explain(requests[done], len(requests) - done))
-            for index, completion in self._inner.complete(fitting):
-                self._account.add(fitting[index], completion)
+                raise self._exhausted(requests[done], len(requests) - done)
+            for index, completion in self.inner.complete(fitting, keep):
                 yield done + index, completion
             done += len(fitting)
 
     def _fitting(self, requests: Sequence[Request]) -> list[Request]:
         """Take requests from the front as long as their worst cases fit what is left."""
-        left = self._limit - self._account.spent
+        left = self.limit - self.account.spent
         fitting = []
         for request in requests:
-            left -= worst_case(self._price, request)
+            left -= worst_case(self.price, request)
             if left < 0:
                 break
             fitting.append(request)
         return fitting
 
-    def _explain(self, request: Request, waiting: int) -> str:
-        spent, next_ = dollars(self._account.spent), dollars(worst_case(self._price, request))
-        return (
-            f"llm.budget_usd={self._limit:g} is reached: the run's answers cost {spent} USD, and the next of {waiting} "
-            f"open requests could cost {next_} USD; what was asked is recorded. Give the same command with a larger "
-            "llm.budget_usd to go on"
+    def _exhausted(self, request: Request, waiting: int) -> BudgetError:
+        spent, next_ = dollars(self.account.spent), dollars(worst_case(self.price, request))
+        return BudgetError(
+            f"{spent} USD for the run's answers, and up to {next_} USD for the next of {waiting} open requests",
+            place="llm.budget_usd",
+            expected=f"costs up to {self.limit:g} USD",
+            remedy="give the same command with a larger llm.budget_usd to continue; the answers so far are recorded",
         )

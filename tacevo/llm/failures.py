@@ -5,14 +5,14 @@ from collections import Counter
 from collections.abc import Callable, Set
 from dataclasses import dataclass, field, replace
 
-from tacevo.errors import ConfigError, LLMError, TransportError
+from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.prices import PriceTable
+from tacevo.llm.recording import Choice, choice
 from tacevo.llm.retry import Fault, FaultError, FaultKind, setting_to_drop
-from tacevo.records import Completion, Delivery, Request, Setting
+from tacevo.records import Completion, Delivery, Request
 from tacevo.redaction import without_secrets
 
-#: What has to be right for a model to answer at all: its name, the token limit, the further settings.
-_Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
+_LOG = logging.getLogger(__name__)
 
 #: How many models a message names of those that a server lists.
 _MOST_NAMES = 20
@@ -22,7 +22,7 @@ class Models:
     """Remembers, for a run, which sampling settings a model refuses, and which models answer, and when.
 
     Args:
-        recorded: says whether an earlier run had an answer to a request with the same model, token limit and settings;
+        recorded: tells whether an earlier run had an answer to a request with the same model, token limit and settings;
             asked only where that matters. None where nothing is recorded.
         prices: whose models a user may choose instead of one that the server lacks; None where it is not about this
             provider.
@@ -34,18 +34,16 @@ class Models:
         #: The models that the server lists, once it was asked for them.
         self.served: tuple[str, ...] = ()
         self._dropped: dict[str, tuple[str, ...]] = {}
-        self._answers: dict[_Choice, bool] = {}
-        #: How many refusals there were; the number of each; by model, how many before the latest answered try began.
-        self._refusals = 0
-        self._refused: dict[Request, int] = {}
-        self._answered: dict[str, int] = {}
+        self._answers: dict[Choice, bool] = {}
+        #: When the latest request that a model answered was sent.
+        self._answered: dict[str, float] = {}
 
     def dropped(self, request: Request) -> tuple[str, ...]:
-        """Name the sampling settings that are not to be sent to a request's model, sorted."""
+        """Return the sampling settings that are not sent to a request's model, sorted."""
         return self._dropped.get(request.model, ())
 
     def learn(self, request: Request, sent: Set[str], fault: Fault) -> bool:
-        """Learn from a refusal; say whether the request is worth another try without a setting.
+        """Learn from a refusal; return whether another try without a setting is worthwhile.
 
         Args:
             request: what was refused.
@@ -57,49 +55,39 @@ class Models:
             self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
         return name is not None
 
-    def lacking(self, model: str) -> str:
-        """Say that the server lacks a model, when it was retired if that is known, and which names there are."""
+    def lacking(self, model: str, said: str) -> ConfigError:
+        """Return the error about a model that the server lacks; it names the models that there are."""
         retired = None if self._prices is None else self._prices.retirement(model)
         offered = () if self._prices is None else self._prices.offered
-        more = ["..."] if len(self.served) > _MOST_NAMES else []
-        names = [("that it lists", [*self.served[:_MOST_NAMES], *more]), ("that llm.prices has", offered)]
-        others = " or ".join(f"{whose} ({', '.join(known)})" for whose, known in names if known)
+        names = [*self.served[:_MOST_NAMES], *(["..."] if len(self.served) > _MOST_NAMES else [])] or offered
+        whose = "the server" if self.served or not names else "llm.prices"
         since = f", which was retired on {retired}" if retired else ""
-        return f"the server has no model {model}{since}; set llm.model to one {others or 'that it has'}"
+        return ConfigError(
+            f"{model}{since} (the server says: {said})",
+            place="llm.model",
+            expected=f"a model that {whose} has" + (f" ({', '.join(names)})" if names else ""),
+        )
 
-    def now(self) -> int:
-        """Say how many requests were refused so far: a clock for `note_answer`."""
-        return self._refusals
-
-    def note_answer(self, request: Request, begun: int) -> None:
+    def note_answer(self, request: Request, begun: float) -> None:
         """Note that a model answers.
 
         Args:
             request: what was answered.
-            begun: what `now` said before the request was sent.
+            begun: when the request was sent, by `time.monotonic`.
         """
-        self._answers[_choice(request)] = True
-        self._answered[request.model] = max(self._answered.get(request.model, 0), begun)
-
-    def note_refusal(self, request: Request) -> None:
-        """Note that a request got no answer, and when."""
-        self._refusals += 1
-        self._refused[request] = self._refusals
+        self._answers[choice(request)] = True
+        self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
 
     def answers(self, request: Request) -> bool:
-        """Say whether such a request was ever answered, in this run or in one that recorded it."""
-        choice = _choice(request)
-        if choice not in self._answers:
-            self._answers[choice] = self._recorded is not None and self._recorded(request)
-        return self._answers[choice]
+        """Return whether such a request was ever answered, in this run or in one that recorded it."""
+        chosen = choice(request)
+        if chosen not in self._answers:
+            self._answers[chosen] = self._recorded is not None and self._recorded(request)
+        return self._answers[chosen]
 
-    def answered_since(self, request: Request) -> bool:
-        """Say whether a request's model answered another one that was sent after this one was refused."""
-        return self._answered.get(request.model, 0) >= self._refused[request]
-
-
-def _choice(request: Request) -> _Choice:
-    return request.model, request.max_tokens, request.settings
+    def answered_since(self, request: Request, refused: float) -> bool:
+        """Return whether a request's model answered another one that was sent after this one was refused."""
+        return self._answered.get(request.model, refused) > refused
 
 
 @dataclass(slots=True, kw_only=True)
@@ -110,22 +98,19 @@ class Failures:
     name: str
     models: Models
     delivery: Delivery = Delivery.direct
-    #: Whether nothing further should begin: key or model is refused, or the server failed after all tries.
-    hopeless: bool = False
     _all: list[tuple[int, Request, Fault]] = field(default_factory=list)
 
     def add(self, position: int, request: Request, fault: Fault) -> None:
-        """Note a failure, of which `models` knows."""
+        """Note a failure."""
         self._all.append((position, request, fault))
-        self.hopeless = self.hopeless or fault.kind in {FaultKind.refused, FaultKind.unknown, FaultKind.passing}
 
     @property
-    def lack_a_model(self) -> bool:
-        """Whether the server has no such model as a request names."""
-        return any(fault.kind is FaultKind.unknown for _, _, fault in self._all)
+    def hopeless(self) -> bool:
+        """Whether nothing further should begin."""
+        return any(fault.hopeless for _, _, fault in self._all)
 
     def recorded(self) -> list[tuple[int, Completion]]:
-        """Give completions in place of the requests that can never be answered, so that they stop no run.
+        """Return completions in place of the requests that can never be answered, so that they stop no run.
 
         Where no such request was ever answered, the settings are at fault. A doubtful refusal is about its request
         where the model answered another one after it, or where no other request got the same words; else it may be
@@ -137,43 +122,45 @@ class Failures:
             if self._is_about_the_request(request, fault)
         ]
 
-    def raise_rest(self, requests: int, *, interrupted: bool) -> None:
+    def raise_rest(self, requests: int) -> None:
         """Raise what remains of the failures.
 
         Args:
             requests: how many the round held, for the message.
-            interrupted: whether requests were left out because somebody stopped the run.
 
         Raises:
             ConfigError: the key, the model, a setting or the payment is refused; asking again cannot help.
             TransportError: requests failed after all tries.
-            LLMError: nothing failed, but the run was interrupted.
         """
         for _, request, fault in self._all:
             if fault.kind is FaultKind.unknown:
-                raise ConfigError(f"{self.name}: {self.models.lacking(request.model)}. It says: {fault.message}")
+                raise self.models.lacking(request.model, fault.message)
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
         final = [fault for fault in rest if fault.kind in {FaultKind.refused, FaultKind.doubtful}]
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         if final:
-            raise ConfigError(f"{self.name}: the server refuses the key or a setting: {final[0].message}")
+            raise ConfigError(
+                f"the server says: {final[0].message}",
+                place=self.name,
+                remedy="check the API key, the account and the settings of llm",
+            )
         if passing:
             raise TransportError(
-                f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}; "
-                "give the same command again: what came is recorded"
+                f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}",
+                place=self.name,
+                remedy="give the same command again: the answers that came are recorded",
             )
-        if interrupted:
-            raise LLMError(f"{self.name}: interrupted; give the same command again: what came is recorded")
         if rest:
             raise ConfigError(
-                f"{self.name}: the server answers no request with these settings, and nothing is recorded; set "
-                f"llm.max_tokens or llm.model to what it takes. It says: {rest[0].message}"
+                f"with these settings no request is answered, so nothing is recorded: {rest[0].message}",
+                place=self.name,
+                remedy="set llm.max_tokens or llm.model to what the server takes",
             )
 
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:
         if fault.kind not in {FaultKind.request, FaultKind.doubtful} or not self.models.answers(request):
             return False
-        if fault.kind is FaultKind.request or self.models.answered_since(request):
+        if fault.kind is FaultKind.request or self.models.answered_since(request, fault.at):
             return True
         return Counter(other.message for _, _, other in self._all)[fault.message] == 1
 
@@ -190,7 +177,7 @@ class Failures:
 
 
 def checked(completion: Completion) -> Completion:
-    """Refuse an answer whose fields are not what their types say: the SDKs hand on what came.
+    """Reject an answer whose fields do not have their types: the SDKs do not check what came.
 
     Raises:
         FaultError: a field is missing or of another type; the server may answer properly when it is asked again.
@@ -199,18 +186,21 @@ def checked(completion: Completion) -> Completion:
     texts = (completion.text, completion.model, completion.stop_reason)
     if all(isinstance(count, int) for count in counts) and all(isinstance(text, str) for text in texts):
         return completion
-    raise FaultError(Fault(kind=FaultKind.passing, message=f"the body is no answer: {counts}, {texts[1:]}"))
+    raise FaultError(Fault(kind=FaultKind.passing, message=f"the body is not an answer: {counts}, {texts[1:]}"))
 
 
 def check_key(key: str, variable: str) -> None:
-    """Refuse a key that cannot be sent as it stands: a client would alter it, or fail at every request.
+    """Reject a key that cannot be sent as it is: a client would alter it, or fail at every request.
 
     Raises:
-        ConfigError: it holds a blank, a line break, another control character or one that is not ASCII.
+        ConfigError: it holds a blank, a control character or one that is not ASCII.
     """
     if not key.isascii() or not key.isprintable() or " " in key:
         raise ConfigError(
-            f"{variable} holds a blank, a line break or another character that no key has; set it anew, without it"
+            "a blank, a line break or another character that keys do not have",
+            place=variable,
+            expected="an API key",
+            remedy="set it again without that character",
         )
 
 
@@ -224,30 +214,24 @@ def scrubbed(completion: Completion, secrets: tuple[str, ...]) -> Completion:
     )
 
 
-_LOG = logging.getLogger(__name__)
-
-
+@dataclass(slots=True)
 class Notices:
-    """Tells of failed tries that are repeated, once for each kind: a status, or the name of a fault of the connection.
+    """Reports failed tries that are repeated, once for each kind: a status, or the name of an exception."""
 
-    Args:
-        name: what the user chose, e.g. `llm=anthropic`.
-    """
+    #: What the user chose, e.g. `llm=anthropic`.
+    name: str
+    reported: set[str] = field(default_factory=set)
 
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._told: set[str] = set()
-
-    def tell(self, fault: Fault, wait: float) -> None:
-        """Tell of a fault, unless one of its kind was told of before.
+    def report(self, fault: Fault, wait: float) -> None:
+        """Report a fault, unless one of its kind was reported before.
 
         Args:
             fault: its message holds no secrets.
             wait: seconds until the next try.
         """
         kind = fault.message.partition(":")[0]
-        if kind not in self._told:
-            self._told.add(kind)
+        if kind not in self.reported:
+            self.reported.add(kind)
             _LOG.warning(
-                "%s: %s; asking again in %.1f s (said once for each kind of fault)", self._name, fault.message, wait
+                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self.name, fault.message, wait
             )

@@ -1,27 +1,37 @@
 """Asking a hosted model many things at once: concurrency, retries, refused settings; for any provider.
 
-What it promises: an answer is handed on the moment it arrives; neither a failure nor an interruption loses another
-answer that is in flight; no message and no answer holds the key, even where a server echoes it. What it does not: an
-answer that the server finished and could not deliver is asked for again.
+What it promises: an answer is stored the moment it arrives, in the loop that asked for it, and then yielded; neither a
+failure nor an interruption loses another answer that is in flight; no message and no answer holds the key, even where a
+server echoes it. What it does not: an answer that the server finished and could not deliver is asked for again.
 """
 
 import asyncio
+import itertools
+import logging
 import queue
 import random
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from typing import Any, Protocol
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Any, Generic, Protocol, TypeVar
 
 import httpx2
 
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
+from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.records import Completion, Request
 from tacevo.redaction import without_secrets
 
+_LOG = logging.getLogger(__name__)
+
 #: Seconds between two looks at whether a waiting retry is still wanted.
-_LOOK = 0.1
+_LOOK = 0.2
+
+#: Answers written at once: a disk takes many synced files in little more time than one.
+_WRITERS = 16
 
 
 class Server(Protocol):
@@ -49,119 +59,100 @@ class Server(Protocol):
         ...
 
 
-#: Positions and what came of them, from the asking thread to whoever reads; a bug; or None at the end.
+#: Positions and what came of them, from the asking thread to the reader; an error; None at the end.
 _Arrivals = queue.SimpleQueue[tuple[int, Completion | Fault] | Exception | None]
 
 
+@dataclass(slots=True)
 class HostedLLM:
-    """Answers requests by a server, up to `concurrency` at once.
+    """Answers requests by a server, up to `concurrency` at once."""
 
-    Args:
-        connect: connects to the server; called for every round of requests.
-        concurrency: requests in flight at once.
-        name: what the user chose, for messages, e.g. `llm=anthropic`.
-        patience: how failures are retried.
-        models: what is known of the models before the first request.
-        stop: once set, no request and no retry begins; what is in flight still arrives.
-    """
+    #: Connects to the server; called for every round of requests.
+    connect: Callable[[], Server]
+    _: KW_ONLY
+    #: Requests in flight at once.
+    concurrency: int
+    #: What the user chose, for messages, e.g. `llm=anthropic`.
+    name: str
+    patience: Patience = field(default_factory=Patience)
+    #: What is known of the models before the first request.
+    models: Models = field(default_factory=Models)
+    notices: Notices = field(init=False)
 
-    def __init__(
-        self,
-        connect: Callable[[], Server],
-        *,
-        concurrency: int,
-        name: str,
-        patience: Patience | None = None,
-        models: Models | None = None,
-        stop: threading.Event | None = None,
-    ) -> None:
-        self._connect = connect
-        self._concurrency = concurrency
-        self._name = name
-        self._patience = patience or Patience()
-        self._stop = stop or threading.Event()
-        self._models = models or Models()
-        self._notices = Notices(name)
+    def __post_init__(self) -> None:
+        self.notices = Notices(self.name)
 
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request, in the order of arrival (see `tacevo.search.effects.LLM`).
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer every request, in the order of arrival (see `tacevo.llm.recording.KeepingLLM`).
 
         Raises:
             ConfigError: the server refuses the key, the model, a setting or the payment; asking again cannot help.
             TransportError: a request failed after all tries; what else was in flight was yielded before.
-            LLMError: the run was interrupted.
+            StoreError: an answer could not be kept.
         """
-        arrivals: _Arrivals = queue.SimpleQueue()
-        failures = Failures(name=self._name, models=self._models)
-        left = threading.Event()
         asking = _Asking(
-            server=self._connect(),
-            models=self._models,
-            patience=self._patience,
-            notices=self._notices,
-            over=lambda: left.is_set() or self._stop.is_set() or failures.hopeless,
+            server=self.connect(), models=self.models, patience=self.patience, notices=self.notices, keep=keep
         )
-        threading.Thread(target=asking.run, args=(requests, arrivals, self._concurrency), daemon=True).start()
-        arrived = 0
+        thread = threading.Thread(target=asking.run, args=(requests, self.concurrency), daemon=True)
+        thread.start()
+        failures = Failures(name=self.name, models=self.models)
+        broken: Exception | None = None
         try:
-            while (arrival := arrivals.get()) is not None:
+            while (arrival := asking.arrivals.get()) is not None:
                 if isinstance(arrival, Exception):
-                    raise arrival
-                arrived += 1
-                position, answer = arrival
-                if isinstance(answer, Fault):
-                    failures.add(position, requests[position], answer)
+                    broken = broken or arrival
+                elif isinstance(arrival[1], Fault):
+                    failures.add(arrival[0], requests[arrival[0]], arrival[1])
                 else:
-                    yield position, answer
-            yield from failures.recorded()
+                    yield arrival[0], arrival[1]
+        except KeyboardInterrupt:
+            _LOG.warning(
+                "waiting for the answers in flight, because they are paid for; press Ctrl-C again to leave now"
+            )
+            raise
         finally:
-            left.set()  # nobody reads any more, so nothing further may begin
-        failures.raise_rest(len(requests), interrupted=arrived < len(requests))
+            asking.over.set()
+            thread.join()
+        if broken is not None:
+            raise broken
+        for position, completion in failures.recorded():
+            yield position, keep(requests[position], completion)
+        failures.raise_rest(len(requests))
 
 
+@dataclass(slots=True, kw_only=True)
 class _Asking:
-    """The side of one round that asks: an event loop in a thread of its own.
+    """The side of one round that asks: an event loop in a thread of its own."""
 
-    Args:
-        server: where to ask.
-        models: what the run knows of its models.
-        patience: how failures are retried.
-        notices: told of retries.
-        over: says that nothing further may begin.
-    """
+    server: Server
+    models: Models
+    patience: Patience
+    notices: Notices
+    keep: Keep
+    arrivals: _Arrivals = field(default_factory=queue.SimpleQueue)
+    #: Once set, no request and no retry begins; what is in flight still arrives and is kept.
+    over: threading.Event = field(default_factory=threading.Event)
+    lacks_a_model: bool = False
 
-    def __init__(
-        self, *, server: Server, models: Models, patience: Patience, notices: Notices, over: Callable[[], bool]
-    ) -> None:
-        self._server = server
-        self._models = models
-        self._patience = patience
-        self._notices = notices
-        self._over = over
-        self._jitter = random.Random()
-        self._ended = asyncio.Event()
-        #: Whether the server lacks a model that was asked.
-        self._lacks_a_model = False
-
-    def run(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
-        """Ask until every request has its answer or its fault, or it is over; then say that this is the end."""
+    def run(self, requests: Sequence[Request], concurrency: int) -> None:
+        """Ask until every request has its answer or its fault, or it is over."""
         try:
-            asyncio.run(self._ask_all(requests, arrivals, concurrency))
-        except Exception as error:  # whatever it is, whoever waits must hear of it
-            arrivals.put(error)
+            asyncio.run(self._ask_all(requests, concurrency))
+        except Exception as error:  # the reader must see every error
+            self.arrivals.put(error)
         finally:
-            arrivals.put(None)
+            self.arrivals.put(None)
 
-    async def _ask_all(self, requests: Sequence[Request], arrivals: _Arrivals, concurrency: int) -> None:
+    async def _ask_all(self, requests: Sequence[Request], concurrency: int) -> None:
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(_WRITERS))
         waiting = iter(enumerate(requests))
 
         async def work() -> None:
             for position, request in waiting:  # shared: each request goes to the first place that is free
-                if self._over():
+                if self.over.is_set():
                     return
-                arrivals.put((position, await self._answer(request)))
+                await self._answer(position, request)
 
-        watching = asyncio.create_task(self._watch())
         try:
             places = []
             for _ in range(min(concurrency, len(requests))):
@@ -169,70 +160,98 @@ class _Asking:
                 # Thousands that begin in one go outlast the time in which the first must connect.
                 await asyncio.sleep(0)
             await asyncio.gather(*places)
-            if self._lacks_a_model:
-                named = await self._server.models()
-                self._models.served = tuple(without_secrets(name, self._server.secrets) for name in named)
+            if self.lacks_a_model:
+                named = await self.server.models()
+                self.models.served = tuple(without_secrets(name, self.server.secrets) for name in named)
         finally:
-            watching.cancel()
-            await self._server.close()
+            await self.server.close()
 
-    async def _answer(self, request: Request) -> Completion | Fault:
+    async def _answer(self, position: int, request: Request) -> None:
+        """Ask, and keep the answer before the reader sees it."""
+        answer = await self._ask(request)
+        if isinstance(answer, Fault):
+            self.lacks_a_model = self.lacks_a_model or answer.kind is FaultKind.unknown
+            if answer.hopeless:
+                self.over.set()
+            self.arrivals.put((position, answer))
+            return
+        try:
+            self.arrivals.put((position, await asyncio.to_thread(self.keep, request, answer)))
+        except Exception as error:  # the others in flight are still kept
+            self.over.set()
+            self.arrivals.put(error)
+
+    async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""
-        secrets, tried = self._server.secrets, 0
-        wanted = {*self._server.sampling, *dict(request.settings)}
+        secrets, tried = self.server.secrets, 0
+        wanted = {*self.server.sampling, *dict(request.settings)}
         while True:
-            dropped = tuple(name for name in self._models.dropped(request) if name in wanted)
+            dropped = tuple(name for name in self.models.dropped(request) if name in wanted)
             tried += 1
-            begun = self._models.now()
+            begun = time.monotonic()
             try:
-                completion = await self._server.ask(request, dropped)
+                completion = await self.server.ask(request, dropped)
             except FaultError as error:
                 fault = replace(error.fault, message=without_secrets(error.fault.message, secrets))
             else:
-                self._models.note_answer(request, begun)
+                self.models.note_answer(request, begun)
                 return scrubbed(replace(completion, dropped=dropped), secrets)
-            if self._models.learn(request, wanted - {*dropped}, fault):
+            if self.models.learn(request, wanted - {*dropped}, fault):
                 continue
-            wait = self._patience.wait(tried, fault, jitter=self._jitter.random())
-            if wait is not None:
-                self._notices.tell(fault, wait)
-            if wait is None or not await self._waited(wait):
-                self._models.note_refusal(request)
-                self._lacks_a_model = self._lacks_a_model or fault.kind is FaultKind.unknown
+            wait = self.patience.wait(tried, fault, jitter=random.random())
+            if wait is None:
+                return fault
+            self.notices.report(fault, wait)
+            if not await self._waited(wait):
                 return fault
 
     async def _waited(self, seconds: float) -> bool:
-        """Wait, and say whether the wait came to its end; once it is over, no wait does."""
-        try:
-            await asyncio.wait_for(self._ended.wait(), seconds)
-        except TimeoutError:
-            return not self._over()
-        return False
-
-    async def _watch(self) -> None:
-        """Wake whoever waits once it is over."""
-        while not self._over():
-            await asyncio.sleep(_LOOK)
-        self._ended.set()
+        """Wait; return whether the run goes on."""
+        end = time.monotonic() + seconds
+        while not self.over.is_set() and (left := end - time.monotonic()) > 0:
+            await asyncio.sleep(min(left, _LOOK))
+        return not self.over.is_set()
 
 
 #: Seconds for the list of models: without it, a message is only less helpful.
-LISTING = 15.0
+_LISTING = 15.0
+
+_Client = TypeVar("_Client")
 
 
-async def listed_models(client: Any, failures: tuple[type[Exception], ...]) -> tuple[str, ...]:
-    """Return the names of the models that a server lists; none where it gives no list.
+class SDKServer(Generic[_Client]):
+    """What the servers of all SDKs have in common (see `Server`).
 
     Args:
-        client: of the SDK of a provider; all have the same call.
+        clients: asked in turn.
+        secrets: what may appear in no message and no answer.
         failures: what the SDK raises, or lets through, where there is no usable answer.
     """
-    unusable: tuple[type[Exception], ...] = (*failures, AttributeError, TypeError)  # as of servers without that path
-    try:
-        page = await client.models.list(timeout=LISTING)
-        return tuple(str(model.id) for model in page.data)
-    except unusable:
-        return ()
+
+    def __init__(
+        self, clients: Sequence[_Client], secrets: tuple[str, ...], failures: tuple[type[Exception], ...]
+    ) -> None:
+        self._clients: Sequence[Any] = clients
+        self.turns = itertools.cycle(clients)
+        self.secrets = secrets
+        self._unusable: tuple[type[Exception], ...] = (
+            *failures,
+            AttributeError,
+            TypeError,
+        )  # as of servers without a list
+
+    async def models(self) -> tuple[str, ...]:
+        """Return the names of the models that the server lists; none where it gives no list."""
+        try:
+            page = await self._clients[0].models.list(timeout=_LISTING)
+            return tuple(str(model.id) for model in page.data)
+        except self._unusable:
+            return ()
+
+    async def close(self) -> None:
+        """Close the connections."""
+        for client in self._clients:
+            await client.close()
 
 
 #: Requests of one client at once, about.
@@ -240,10 +259,10 @@ SHARE = 100
 
 
 def shares(concurrency: int, timeout: httpx2.Timeout) -> Iterator[dict[str, Any]]:
-    """Give the arguments of as many HTTP clients as so many requests at once need.
+    """Return the arguments of as many HTTP clients as so many requests at once need.
 
     Args:
-        concurrency: requests at once; whoever asks keeps to it, so that no client has to hold any back.
+        concurrency: requests at once; no more are sent, so that no client has to hold any back.
         timeout: of every request.
     """
     context = httpx2.create_ssl_context()  # one for all: it holds every certificate authority

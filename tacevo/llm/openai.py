@@ -4,7 +4,6 @@ The draw number is sent as `seed`: a server that honours it answers equal draws 
 key comes from OPENAI_API_KEY; a server of one's own may want none.
 """
 
-import itertools
 import json
 import os
 from collections.abc import Sequence
@@ -14,15 +13,20 @@ import httpx2
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import listed_models, shares
-from tacevo.llm.retry import Fault, FaultError, fault_of_connection, fault_of_status
+from tacevo.llm.hosted import SDKServer, shares
+from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Json, Request
 
 try:
     import openai
     from openai.types.chat import ChatCompletion
 except ModuleNotFoundError as missing:
-    raise ConfigError("llm=openai needs the openai SDK; install it with: pip install 'tacevo[openai]'") from missing
+    raise ConfigError(
+        "nothing",
+        place="llm=openai",
+        expected="the openai SDK",
+        remedy="install it with: pip install 'tacevo[openai]'",
+    ) from missing
 
 #: Seconds for an answer, and for a connection to stand; a server of one's own may think for long.
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)
@@ -37,7 +41,7 @@ _STOP_REASONS = {"stop": "end_turn", "length": "max_tokens", "content_filter": "
 _NO_KEY = "no-key"
 
 
-class OpenAIServer:
+class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
     """The chat-completions API (see `tacevo.llm.hosted.Server`).
 
     Args:
@@ -48,34 +52,24 @@ class OpenAIServer:
     sampling: tuple[str, ...] = ("temperature", "seed")
 
     def __init__(self, clients: Sequence[openai.AsyncOpenAI], *, limit_name: str) -> None:
-        self._clients = clients
-        self._turns = itertools.cycle(clients)
+        key = clients[0].api_key
+        super().__init__(clients, () if key == _NO_KEY else (key,), _FAILURES)
         self._limit_name = limit_name
-        self.secrets: tuple[str, ...] = () if clients[0].api_key == _NO_KEY else (clients[0].api_key,)
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
         body = body_of(request, dropped, limit_name=self._limit_name)
         try:
-            chat = await next(self._turns).chat.completions.create(
+            chat = await next(self.turns).chat.completions.create(
                 model=body.pop("model"), messages=body.pop("messages"), extra_body=body
             )
         except _FAILURES as error:
-            raise FaultError(_fault_of(error)) from error
+            raise FaultError(fault_of(error)) from error
         return completion_of(chat)
-
-    async def models(self) -> tuple[str, ...]:
-        """Return the names of the models that the server lists (see `tacevo.llm.hosted.Server`)."""
-        return await listed_models(self._clients[0], _FAILURES)
-
-    async def close(self) -> None:
-        """Close the connections."""
-        for client in self._clients:
-            await client.close()
 
 
 def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
-    """Prepare to ask a server, and see at once whether it lacks a key.
+    """Prepare to ask a server; a missing key is an error at once.
 
     Args:
         base_url: the server, e.g. `http://localhost:8000/v1`; None for OpenAI's own.
@@ -88,8 +82,10 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
     key = os.environ.get("OPENAI_API_KEY") or (None if own else _NO_KEY)
     if key is None:
         raise ConfigError(
-            "llm=openai needs an API key for OpenAI's own server; set OPENAI_API_KEY, name a server of yours by "
-            "llm.base_url, or replay with llm.mode=replay"
+            "nothing",
+            place="OPENAI_API_KEY",
+            expected="an API key for OpenAI's own server",
+            remedy="set it, name a server of yours by llm.base_url, or replay with llm.mode=replay",
         )
     check_key(key, "OPENAI_API_KEY")
     try:
@@ -105,7 +101,7 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
             for share in shares(concurrency, TIMEOUT)
         ]
     except (openai.OpenAIError, httpx2.InvalidURL) as error:
-        raise ConfigError(f"llm=openai: {error}; see llm.base_url") from error
+        raise ConfigError(str(error), place="llm=openai", remedy="check llm.base_url") from error
     # OpenAI's newer models know only the one name, other servers may know only the other.
     return OpenAIServer(clients, limit_name="max_completion_tokens" if own else "max_tokens")
 
@@ -126,10 +122,10 @@ def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> d
 
 
 def completion_of(chat: ChatCompletion) -> Completion:
-    """Read an answer; a server that counts no tokens counts as having used none.
+    """Read an answer; a server that counts no tokens has used none.
 
     Raises:
-        FaultError: the body is JSON, but no completion.
+        FaultError: the body is JSON, but not a completion.
     """
     try:
         choice, usage = chat.choices[0], chat.usage
@@ -144,10 +140,3 @@ def completion_of(chat: ChatCompletion) -> Completion:
     except (AttributeError, TypeError, IndexError) as error:  # the SDK checks no body
         raise FaultError(fault_of_connection(error)) from error
     return checked(completion)
-
-
-def _fault_of(error: Exception) -> Fault:
-    if isinstance(error, openai.APIStatusError):
-        path = error.request.url.path
-        return fault_of_status(error.status_code, error.response.headers, error.body, path=path)
-    return fault_of_connection(error)

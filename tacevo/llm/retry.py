@@ -2,8 +2,8 @@
 
     passing    rate limit, overload, time-out, server error, lost connection, unreadable body: asked again
     request    this request can never be answered (too long, filtered): recorded as an answer without text
-    doubtful   refused, for this request or for every one: `tacevo.llm.failures` says which
-    unknown    the server has no such model: the run stops, and the names that it has are told
+    doubtful   refused, for this request or for every one: `tacevo.llm.failures` decides
+    unknown    the server has no such model: the run stops, and names the models that it has
     refused    key, permission, address or payment: no retry and no other request can help, so the run stops
 
 The providers' SDKs retry too, but not alike: neither asks again after a malformed body, and one gives up where the
@@ -15,9 +15,10 @@ import math
 import re
 import time
 from collections.abc import Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from enum import StrEnum
+from typing import Any
 
 from tacevo.records import Json
 
@@ -74,10 +75,17 @@ class Fault:
     message: str
     #: Seconds that the server asks to wait; None where it does not say.
     retry_after: float | None = None
+    #: When it happened, by `time.monotonic`.
+    at: float = field(default_factory=time.monotonic, compare=False)
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether nothing further should begin: key or model is refused, or the server failed after all tries."""
+        return self.kind in {FaultKind.refused, FaultKind.unknown, FaultKind.passing}
 
     @property
     def stop_reason(self) -> str:
-        """Say what a completion in place of an answer ends with."""
+        """The stop reason of a completion in place of an answer."""
         return "refusal" if _mentions(self.message, _FILTERED) else "invalid_request"
 
 
@@ -101,7 +109,7 @@ class Patience:
     longest_asked: float = 3600.0
 
     def wait(self, tried: int, fault: Fault, *, jitter: float) -> float | None:
-        """Say how long to wait before the next try; None to give up.
+        """Return how long to wait before the next try, in seconds; None to give up.
 
         The server's word counts where it gives one; else the wait doubles from try to try.
 
@@ -136,8 +144,17 @@ def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path
     return Fault(kind=kind, message=said, retry_after=_retry_after(headers))
 
 
+def fault_of(error: Exception) -> Fault:
+    """Read what an SDK raised; the errors of all SDKs have the same fields."""
+    if getattr(error, "status_code", 0) < 400:
+        return fault_of_connection(error)
+    refusal: Any = error
+    path = refusal.request.url.path
+    return fault_of_status(refusal.status_code, refusal.response.headers, refusal.body, path=path)
+
+
 def fault_of_connection(error: Exception) -> Fault:
-    """Name a fault that came without a usable answer: nobody listens, a reset, a time-out, a malformed body."""
+    """Name a fault that came without a usable answer: a refused connection, a reset, a time-out, a malformed body."""
     return Fault(kind=FaultKind.passing, message=f"{type(error).__name__}: {error}")
 
 

@@ -17,7 +17,7 @@ from tacevo.records import Completion, Delivery, Message, Mode, Request, to_json
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import Settings, Task, crossover_text, plan_initial
-from tacevo.storage.listing import scan
+from tacevo.storage.listing import check_completion, scan
 from tacevo.storage.store import Store
 from tacevo.text import table
 
@@ -124,7 +124,7 @@ def _answers(root: Path, model: str) -> Iterator[Completion]:
         if found.entry is None:
             raise StoreError(found.problem)
         if found.entry["request"]["model"] == model:
-            yield Completion.from_json(found.entry["answer"])
+            yield check_completion(found.path, found.entry)
 
 
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:

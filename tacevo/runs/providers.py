@@ -1,7 +1,8 @@
-"""From a configuration to whoever answers requests: provider, budget and store, one before the other."""
+"""From a configuration to the LLM of a run: provider, budget and store, one before the other."""
 
-import threading
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import yaml
@@ -11,19 +12,18 @@ from tacevo.config.ablation import GROUP, read_arm, split_arm
 from tacevo.config.compose import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.errors import ConfigError
-from tacevo.llm.batch_records import BatchRecords, UnbatchedLLM
-from tacevo.llm.budget import Account, AccountedLLM, BudgetedLLM
+from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
-from tacevo.llm.hosted import HostedLLM
-from tacevo.llm.prices import PriceTable, parse_prices
-from tacevo.llm.recording import RecordingLLM, ever_answered, ever_refused
-from tacevo.records import Delivery, Mode, Price, Setting, to_json
+from tacevo.llm.hosted import HostedLLM, Server
+from tacevo.llm.prices import PriceTable
+from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
+from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.search.effects import LLM
 from tacevo.search.unsent import TEMPERATURE
-from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Seen, Store
+from tacevo.typed import parse
 
 
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
@@ -32,7 +32,7 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     Args:
         config: the run's configuration.
         mode: `replay`, or else the completions follow `llm.mode`.
-        seen: told of every store entry that is read.
+        seen: called with every store entry that is read.
 
     Raises:
         ConfigError: a key, an extra, a model or a price is missing.
@@ -40,19 +40,18 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     llm, root = config.llm, Path(config.store.root)
     if mode is Mode.replay or llm.mode is Mode.replay:
         return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
-    stop = threading.Event()
     prices = load_prices(llm.prices)
-    provider = _provider(llm, root, prices, stop)
+    provider = _provider(llm, root, prices)
     store = Store(root, "completions", llm.mode, seen=seen)
     if llm.budget_usd is None:
-        return RecordingLLM(provider, store, price=prices.price_of, stop=stop)
+        return RecordingLLM(provider, store, price=prices.price_of)
     account = Account(prices.price_of)
     budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
-    return AccountedLLM(RecordingLLM(budgeted, store, price=prices.price_of, stop=stop), account)
+    return RecordingLLM(budgeted, store, price=prices.price_of, count=account.add)
 
 
 def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
-    """Refuse to compare temperatures of a model that refuses them, as far as the recorded answers say.
+    """Reject a comparison of temperatures for a model that refuses them, as far as the recorded answers say.
 
     An answer counts if it was given to the same model, token limit and settings.
 
@@ -67,11 +66,13 @@ def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
-    asked = {"model": llm.model, "max_tokens": llm.max_tokens, "settings": to_json(provider_settings(llm))}
-    if settings and ever_refused(Store(Path(config.store.root), "completions"), asked, TEMPERATURE):
+    chosen = (llm.model, llm.max_tokens, provider_settings(llm))
+    if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
-            f"{' '.join(settings)} is about temperatures, and {llm.model} refuses them, as its answers in "
-            f"{config.store.root} say: what differed would be chance; leave it out, or choose another llm.model"
+            f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
+            place=" ".join(settings),
+            expected="a model that takes a temperature",
+            remedy="leave the setting out, or choose another llm.model",
         )
 
 
@@ -83,62 +84,37 @@ def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
 
 
-def _provider(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
+def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
+    store = Store(root, "completions")
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
-                raise ConfigError(f"llm.model must be {GRAMMAR} for llm=grammar; got {llm.model!r}")
+                raise ConfigError(repr(llm.model), place="llm.model", expected=f"{GRAMMAR} for llm=grammar")
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
-            return _anthropic(llm, root, prices, stop)
+            from tacevo.llm import anthropic, batches
+
+            models = Models(partial(ever_answered, store), prices=prices)
+            if llm.delivery is Delivery.direct:
+                return _hosted(llm, anthropic.connect, models)
+            connect = partial(anthropic.connect_batches, llm.base_url)
+            connect().close()  # a missing key is reported at once
+            return batches.BatchLLM(
+                connect, store=store, directory=root / "batches", name="llm=anthropic", models=models
+            )
         case Provider.openai:
-            return _openai(llm, root, stop)
+            from tacevo.llm import openai
+
+            return _hosted(llm, openai.connect, Models(partial(ever_answered, store)))
 
 
-def _models(root: Path, prices: PriceTable | None = None) -> Models:
-    """Know of the models what the recorded answers and a price table say."""
-    store = Store(root, "completions")
-    return Models(lambda request: ever_answered(store, request), prices=prices)
-
-
-def _anthropic(llm: LLMConfig, root: Path, prices: PriceTable, stop: threading.Event) -> LLM:
-    """Connect to Claude once, so that a missing key is told at once."""
-    from tacevo.llm.anthropic import connect, connect_batches
-    from tacevo.llm.batches import BatchLLM
-
-    store, folder = Store(root, "completions"), root / "batches"
-    with connect_batches(llm.base_url) as client:
-        server = content_hash(str(client.base_url))
-    if llm.delivery is Delivery.batch:
-        return BatchLLM(
-            lambda: connect_batches(llm.base_url),
-            store=store,
-            folder=folder,
-            name="llm=anthropic",
-            models=_models(root, prices),
-            stop=stop,
-        )
-    hosted = HostedLLM(
-        lambda: connect(llm.base_url, llm.concurrency),
-        concurrency=llm.concurrency,
-        name="llm=anthropic",
-        models=_models(root, prices),
-        stop=stop,
-    )
-    return UnbatchedLLM(hosted, store=store, records=BatchRecords(folder, server))
-
-
-def _openai(llm: LLMConfig, root: Path, stop: threading.Event) -> LLM:
-    """Connect to an OpenAI-compatible server once, so that a missing key or extra is told at once."""
-    from tacevo.llm.openai import connect
-
-    connect(llm.base_url, 1)
+def _hosted(llm: LLMConfig, connect: Callable[[str | None, int], Server], models: Models) -> HostedLLM:
+    connect(llm.base_url, 1)  # a missing key is reported at once
     return HostedLLM(
-        lambda: connect(llm.base_url, llm.concurrency),
+        partial(connect, llm.base_url, llm.concurrency),
         concurrency=llm.concurrency,
-        name="llm=openai",
-        models=_models(root),
-        stop=stop,
+        name=f"llm={llm.provider}",
+        models=models,
     )
 
 
@@ -147,8 +123,10 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
     price = prices.price(llm.model, llm.delivery)
     if price is None:
         raise ConfigError(
-            f"llm.budget_usd needs the price of {llm.model}, which {llm.prices} lacks; add the model there, name a "
-            "table of your own by llm.prices=FILE, or set llm.budget_usd=null"
+            f"{llm.model} without a price in {llm.prices}",
+            place="llm.budget_usd",
+            expected="a model of known price",
+            remedy="add the model to that table, name your own by llm.prices=FILE, or set llm.budget_usd=null",
         )
     return price
 
@@ -159,7 +137,9 @@ def load_prices(name: str) -> PriceTable:
     Raises:
         ConfigError: the file is missing or malformed.
     """
+    place = f"llm.prices={name}"
     try:
-        return parse_prices(yaml.safe_load(read_named("llm.prices", name)), name)
+        table = json.dumps(yaml.safe_load(read_named("llm.prices", name)), default=str)  # YAML reads days as dates
     except yaml.YAMLError as error:
-        raise ConfigError(f"llm.prices names {name}, which is not YAML: {error}") from error
+        raise ConfigError(str(error), place=place, expected="YAML") from error
+    return parse(PriceTable, table, place=place, error=ConfigError)

@@ -10,11 +10,12 @@ from pathlib import Path
 
 from tacevo.costs import Spending, spending_on, total, usd
 from tacevo.errors import ConfigError, StoreError
-from tacevo.records import Completion, Json
+from tacevo.records import Completion, Json, Request
 from tacevo.storage.canonical import content_hash, shown, value_at
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import KINDS, Store, check_entry
 from tacevo.text import counted, table
+from tacevo.typed import convert
 
 #: Fewest digits that name an entry.
 _SHORTEST_KEY = 4
@@ -158,23 +159,18 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
     return Found(kind=kind, path=path, entry=entry, problem=problem, bytes=size)
 
 
-def check_completion(path: Path, entry: Mapping[str, Json]) -> None:
-    """Refuse an entry among the completions that this version cannot read, although its checksum is right.
+def check_completion(path: Path, entry: Mapping[str, Json]) -> Completion:
+    """Read an entry among the completions; its checksum is right, but this version may not know its fields.
 
     Args:
         path: where it stands, for messages.
-        entry: what `check_entry` gave.
+        entry: what `check_entry` returned.
 
     Raises:
-        StoreError: its answer is no completion, or its request names no model.
+        StoreError: its request is not a request, or its answer is not a completion.
     """
-    try:
-        Completion.from_json(entry["answer"])
-        sound = isinstance(entry["request"]["model"], str)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise StoreError(f"{path} holds no completion ({type(error).__name__}: {error}); delete it") from error
-    if not sound:
-        raise StoreError(f"{path} holds no completion: its request names no model; delete it")
+    convert(Request, entry["request"], place=f"{path}, request", error=StoreError, remedy="delete the file")
+    return convert(Completion, entry["answer"], place=f"{path}, answer", error=StoreError, remedy="delete the file")
 
 
 def _model(found: Found) -> str:
@@ -188,7 +184,7 @@ def _tallied(found: Found) -> Tally:
     """Count one file; only completions cost money."""
     spent = Spending()
     if found.kind == "completions" and found.entry is not None:
-        spent = spending_on([Completion.from_json(found.entry["answer"])])
+        spent = spending_on([check_completion(found.path, found.entry)])
     return Tally(entries=1, bytes=found.bytes, spent=spent)
 
 
@@ -238,7 +234,7 @@ def _answered(kind: str, answer: Json) -> list[str]:
     """Describe a completion's answer; those of other kinds speak for themselves in their files."""
     if kind != "completions":
         return []
-    completion = Completion.from_json(answer)
+    completion = convert(Completion, answer, place="answer", error=StoreError)
     dropped = f", sent without {', '.join(completion.dropped)}" if completion.dropped else ""
     return [
         f"  answered by {completion.model} ({completion.delivery}{dropped}), ended by {completion.stop_reason}, "

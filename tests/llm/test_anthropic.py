@@ -1,4 +1,4 @@
-"""Promise: a request reaches Claude whole, and its answer is read whole; a missing key is told at once."""
+"""Promise: a request reaches Claude whole, and its answer is read whole; a missing key is reported at once."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import anthropic
 import pytest
 from hosted import KEY, hosted, request
 from llm_server import serving
+from refusals import refused
 
 from tacevo.errors import ConfigError
 from tacevo.llm.anthropic import body_of, connect, connect_batches
@@ -67,7 +68,7 @@ def test_missing_key_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is asked or made."""
     monkeypatch.delenv("ANTHROPIC_API_KEY")
     for missing in (lambda: connect(None, 1), lambda: connect_batches(None)):
-        with pytest.raises(ConfigError, match="set ANTHROPIC_API_KEY, or replay"):
+        with refused(ConfigError, place="ANTHROPIC_API_KEY", remedy="set it, or replay"):
             missing()
 
 
@@ -80,5 +81,5 @@ def test_login_that_is_no_key_is_not_taken(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("ANTHROPIC_ORGANIZATION_ID", "org_1")
     with anthropic.Anthropic() as client:
         assert client.credentials is not None
-    with pytest.raises(ConfigError, match="needs an API key; set ANTHROPIC_API_KEY"):
+    with refused(ConfigError, place="ANTHROPIC_API_KEY", remedy="set it, or replay"):
         connect_batches(None)

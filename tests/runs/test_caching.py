@@ -161,7 +161,7 @@ def test_completion_that_is_none_is_found(asked: Json, said: Json, root: Path) -
     """A sound entry among the completions that is no completion is named, and stops no command."""
     Store(root, "completions").write(asked, said)
     (problem,) = verify(root)[0]
-    assert "holds no completion" in problem
+    assert problem.endswith("; delete the file")
     assert "(damaged)" in list_stores(root, kind=None, model=None)
 
 
@@ -199,7 +199,7 @@ def test_entry_that_is_no_completion_is_not_explained(root: Path, tmp_path: Path
     Store(root, "completions").write({"model": "m"}, {"text": "no completion"})
     file = tmp_path / "request.json"
     file.write_text(json.dumps({"model": "m"}))
-    with pytest.raises(StoreError, match="holds no completion"):
+    with pytest.raises(StoreError, match="expected a value; got nothing; delete the file"):
         explain(root, str(file))
 
 

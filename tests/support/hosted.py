@@ -1,11 +1,9 @@
 """Providers that talk to the test server, and requests to give them."""
 
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
 from tacevo.llm import anthropic, openai
-from tacevo.llm.batch_server import Pace
 from tacevo.llm.batches import BatchLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM, Server
@@ -32,7 +30,6 @@ def hosted(
     concurrency: int = 8,
     patience: Patience = PATIENCE,
     models: Models | None = None,
-    stop: threading.Event | None = None,
 ) -> HostedLLM:
     """Make the LLM that talks to a server; the key is to stand in the environment."""
     connect, path = PROVIDERS[provider]
@@ -41,21 +38,19 @@ def hosted(
         concurrency=concurrency,
         name=f"llm={provider}",
         patience=patience,
-        models=models,
-        stop=stop,
+        models=models or Models(),
     )
 
 
-def batched(url: str, root: Path, *, stop: threading.Event | None = None, tries: int = 5) -> BatchLLM:
+def batched(url: str, root: Path) -> BatchLLM:
     """Make the LLM that submits batches to a server; the key is to stand in the environment."""
     return BatchLLM(
         lambda: anthropic.connect_batches(url),
         store=Store(root, "completions"),
-        folder=root / "batches",
+        directory=root / "batches",
         name="llm=anthropic",
-        patience=Patience(tries=tries, first=0.001, longest=0.01),
-        pace=Pace(first=0.01, longest=0.02, settling=0.1),
-        stop=stop,
+        patience=Patience(tries=5, first=0.001, longest=0.01),
+        poll=0.01,
     )
 
 

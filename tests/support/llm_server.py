@@ -45,7 +45,6 @@ class Batch:
     polls: int = 0
     #: The results, once it has ended, one JSON a line.
     lines: list[str] = field(default_factory=list)
-    canceled: bool = False
     #: When its results were deleted.
     archived_at: str | None = None
 
@@ -103,8 +102,7 @@ class LLMServer:
 
     async def _answer(self, call: Call, writer: asyncio.StreamWriter) -> None:
         self.logins.add(call.login)
-        path, _, query = call.path.partition("?")
-        match call.method, path.strip("/").split("/"):
+        match call.method, call.path.partition("?")[0].strip("/").split("/"):
             case "POST", ["v1", "messages"] | ["v1", "chat", "completions"]:
                 self.open += 1
                 self.most = max(self.most, self.open)
@@ -113,7 +111,7 @@ class LLMServer:
                 finally:
                     self.open -= 1
             case _, ["v1", "messages", "batches", *rest] if len(rest) <= 2:
-                await self._answer_batches(call, [*rest, "", ""], query, writer)
+                await self._answer_batches(call, [*rest, "", ""], writer)
             case "GET", ["v1", "models"] if self.script.models:
                 await _send(writer, 200, _models(self.script.models))
             case "GET", ["counts"]:
@@ -160,7 +158,7 @@ class LLMServer:
             await _send(writer, 200, answer)
             self.billed[key] += 1
 
-    async def _answer_batches(self, call: Call, rest: list[str], query: str, writer: asyncio.StreamWriter) -> None:
+    async def _answer_batches(self, call: Call, rest: list[str], writer: asyncio.StreamWriter) -> None:
         """Speak the Message Batches API; `rest` is a batch's id and what is done with it, either may be empty."""
         if self._batch_faults > 0:
             self._batch_faults -= 1
@@ -174,16 +172,12 @@ class LLMServer:
             await self._stall("created")
             await _send(writer, 200, self._shown(batch))
             return
-        if not name:
-            await _send(writer, 200, self._page(dict(pair.split("=") for pair in query.split("&") if pair)))
-            return
         batch = next((batch for batch in self.batches if batch.id == name), Batch(id="", requests=[], login=""))
         if not batch.id:
             await _send(writer, 404, error("not_found_error", f"no batch {name}"))
         elif act == "results":
             await self._send_results(batch, writer)
         else:
-            batch.canceled = batch.canceled or act == "cancel"
             self._advance(batch)
             await self._stall("polled")
             await _send(writer, 200, self._shown(batch))
@@ -214,7 +208,6 @@ class LLMServer:
             key = key_of(request["params"])
             self.tried[key] += 1
             result = outcome_in_batch(self.script, request["params"], batch.login)
-            result = {"type": "canceled"} if batch.canceled else result
             self.billed[key] += result["type"] == "succeeded"
             batch.lines.append(json.dumps({"custom_id": request["custom_id"], "result": result}))
         random.Random(self.script.seed).shuffle(batch.lines)
@@ -225,7 +218,7 @@ class LLMServer:
         return {
             "id": batch.id,
             "type": "message_batch",
-            "processing_status": "ended" if batch.lines else "canceling" if batch.canceled else "in_progress",
+            "processing_status": "ended" if batch.lines else "in_progress",
             "request_counts": {
                 "processing": 0 if batch.lines else len(batch.requests),
                 **{kind: outcomes[kind] for kind in ("succeeded", "errored", "canceled", "expired")},
@@ -236,15 +229,6 @@ class LLMServer:
             "archived_at": batch.archived_at,
             **_TIMES,
         }
-
-    def _page(self, query: dict[str, str]) -> Body:
-        """List batches, the latest first."""
-        latest = self.batches[::-1]
-        after = [number for number, batch in enumerate(latest, 1) if batch.id == query.get("after_id")]
-        start, limit = (after or [0])[0], int(query.get("limit", 20))
-        page = [self._shown(batch) for batch in latest[start : start + limit]]
-        ids = {"first_id": page[0]["id"] if page else None, "last_id": page[-1]["id"] if page else None}
-        return {"data": page, "has_more": start + limit < len(latest), **ids}
 
     async def _stall(self, where: str) -> None:
         """Stop here for good, or cut the connection, the first time."""
@@ -356,21 +340,6 @@ def recorded_answers(folder: Path, task: str) -> Script:
     return Script(answer=lambda body: str(chosen(body)["response"]), kind=kind)
 
 
-def _rate(text: str) -> float:
-    """Read a part of the tries; if all failed, nobody would ever be answered."""
-    rate = float(text)
-    if not 0 <= rate < 1:
-        raise argparse.ArgumentTypeError(f"expected a number in [0, 1), got {text}")
-    return rate
-
-
-def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port < 2**16:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 65535, got {text}")
-    return port
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Serve until Ctrl-C; the address is the first line of the output."""
     parser = argparse.ArgumentParser(
@@ -381,8 +350,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--answers", type=Path, help="folder of recorded answers, <task>_<number>.json; else it echoes")
     parser.add_argument("--task", default="force", help="whose recorded answers to serve (default: force)")
-    parser.add_argument("--port", type=_port, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
-    parser.add_argument("--rate", type=_rate, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
+    parser.add_argument("--port", type=int, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
+    parser.add_argument("--rate", type=float, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
     parser.add_argument("--seed", type=int, default=0, help="from which the failures follow (default: 0)")
     parser.add_argument("--delay", type=float, default=0.0, help="seconds before every answer (default: 0)")
     parser.add_argument("--together", type=int, default=0, help="answer nothing before so many requests are open")

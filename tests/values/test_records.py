@@ -15,6 +15,7 @@ from tacevo.records import (
     Contract,
     DataFacts,
     Delivery,
+    Json,
     Kind,
     Limits,
     Loss,
@@ -60,16 +61,6 @@ TRAINING = Training(
 #: One record of every class that is read back from a store.
 READ_BACK = [
     Rejection(stage=Stage.probe, reason=Reason.out_of_time, detail="a minute was not enough"),
-    Completion(
-        text="class A: ...",
-        model="m-1",
-        stop_reason="end_turn",
-        input_tokens=3,
-        output_tokens=4,
-        dropped=("temperature", "top_k"),
-        delivery=Delivery.batch,
-        price=Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21", factor=0.5),
-    ),
     GRAPH,
     STEP,
     Profile(parameters=448, flops=9000, modules=2, graph=GRAPH, steps=(STEP,), output=(0,)),
@@ -178,17 +169,34 @@ def test_fitness_is_the_final_validation_loss() -> None:
     assert training.fitness == 0.375
 
 
+#: An answer as it is recorded now.
+NEW = Completion(
+    text="class A: ...",
+    model="m-1",
+    stop_reason="end_turn",
+    input_tokens=3,
+    output_tokens=4,
+    dropped=("temperature", "top_k"),
+    delivery=Delivery.batch,
+    price=Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21", factor=0.5),
+)
+
 #: An answer as it was recorded before answers had a delivery and a price.
 OLD = {"text": "class A: ...", "model": "m-1", "stop_reason": "end_turn", "input_tokens": 3, "output_tokens": 4}
 
 
-def test_answer_of_an_older_recording_is_read() -> None:
-    """It came one by one, with every setting sent, at a price that nobody wrote down."""
-    old = Completion.from_json(OLD)
+def test_answers_of_any_age_are_read() -> None:
+    """An older one came one by one, with every setting sent, at a price that is not known."""
+    assert read(to_json(NEW)) == NEW
+    old = read(OLD)
     assert (old.dropped, old.delivery, old.price, old.cost) == ((), Delivery.direct, None, None)
+
+
+def read(answer: Json) -> Completion:
+    """Read an answer as the stores do."""
+    return convert(Completion, answer, place="answer", error=StoreError)
 
 
 def test_ledger_sees_neither_delivery_nor_price() -> None:
     """What enters the ledger of an answer is what the ledgers of older runs hold, however it came and was paid."""
-    newer = next(record for record in READ_BACK if isinstance(record, Completion))
-    assert newer.content() == Completion.from_json(OLD).content() == OLD
+    assert NEW.content() == read(OLD).content() == OLD

@@ -109,7 +109,7 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signature:
-    """What a child takes over from its parent whatever else changes: names and defaults."""
+    """What a child always takes over from its parent: names and defaults."""
 
     class_name: str
     in_channels: int
@@ -161,5 +161,5 @@ def widths(network: Network) -> tuple[int, ...]:
 
 
 def shrinks_between(network: Network, source: int, target: int) -> bool:
-    """Tell whether the map loses height and width between the outputs of two blocks (0 is the image)."""
+    """Return whether the map loses height and width between the outputs of two blocks (0 is the image)."""
     return any(block.down is not Down.none for block in network.blocks[source:target])

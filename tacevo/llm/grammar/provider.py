@@ -8,11 +8,10 @@ does not read what was wrong.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tacevo.errors import ConfigError
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
@@ -20,6 +19,8 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.reading import UnreadableError
 from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
 from tacevo.llm.grammar.variations import warm
+from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens
+from tacevo.llm.recording import Keep, unkept
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
 from tacevo.storage.canonical import content_hash
@@ -27,33 +28,22 @@ from tacevo.storage.canonical import content_hash
 #: What every completion names as its model; it changes whenever equal requests may get other answers.
 MODEL = "grammar-1"
 
-#: Both counts are estimates: there is no tokeniser, and this is the usual ratio for English and code.
-_CHARACTERS_PER_TOKEN = 4
-
 _PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
 
 _INSTRUCTION = re.compile(r"^Instruction: (.*)\Z", re.DOTALL | re.MULTILINE)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GrammarLLM:
-    """Answers mutation and crossover requests with source text from the grammar.
+    """Answers mutation and crossover requests with source text from the grammar."""
 
-    Args:
-        slip_rate: probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
+    #: Probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
+    slip_rate: float
 
-    Raises:
-        ConfigError: `slip_rate` is outside [0, 1].
-    """
-
-    def __init__(self, *, slip_rate: float) -> None:
-        if not 0 <= slip_rate <= 1:
-            raise ConfigError(f"llm.slip_rate must lie in [0, 1]; got {slip_rate}")
-        self._slip_rate = slip_rate
-
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer the requests in their order."""
+    def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
+        """Answer the requests in their order (see `tacevo.llm.recording.KeepingLLM`)."""
         for position, request in enumerate(requests):
-            yield position, answer(request, slip_rate=self._slip_rate)
+            yield position, keep(request, answer(request, slip_rate=self.slip_rate))
 
 
 def answer(request: Request, *, slip_rate: float) -> Completion:
@@ -96,15 +86,11 @@ def _child(request: Request, rng: np.random.Generator) -> Network:
 def _completion(request: Request, said: Answer) -> Completion:
     """Count tokens, and cut what is longer than the request allows."""
     asked = request.system + "".join(message.content for message in request.messages)
-    longest = request.max_tokens * _CHARACTERS_PER_TOKEN
+    longest = request.max_tokens * CHARACTERS_PER_TOKEN
     return Completion(
         text=said.text[:longest],
         model=MODEL,
         stop_reason="max_tokens" if len(said.text) > longest else said.stop_reason,
-        input_tokens=_tokens(asked),
-        output_tokens=_tokens(said.text[:longest]),
+        input_tokens=likely_tokens(asked),
+        output_tokens=likely_tokens(said.text[:longest]),
     )
-
-
-def _tokens(text: str) -> int:
-    return -(-len(text) // _CHARACTERS_PER_TOKEN)

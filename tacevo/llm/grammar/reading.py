@@ -11,7 +11,7 @@ from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head,
 
 
 class UnreadableError(ValueError):
-    """The source is no network of the grammar; the message is a sentence that says what could not be read."""
+    """The source is not a network of the grammar; the message is part of the answer, so it must not change."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The faults of real models, one at a time, so that the gate works for its living."""
+"""The faults of real models, one at a time, to exercise the gate."""
 
 import re
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ _ODDS = (Slip.prose, Slip.prose, Slip.no_fence, *(slip for slip in Slip if slip 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What the provider says, and why it stopped: `end_turn` or `max_tokens`."""
+    """The text of an answer, and why it stopped: `end_turn` or `max_tokens`."""
 
     text: str
     stop_reason: str = "end_turn"

@@ -33,12 +33,12 @@ def operative(instruction: str) -> str:
 
 
 def mentions(text: str, pattern: str) -> bool:
-    """Tell whether a pattern occurs at the start of a word."""
+    """Return whether a pattern occurs at the start of a word."""
     return re.search(rf"\b(?:{pattern})", text) is not None
 
 
 def removes(text: str, pattern: str) -> bool:
-    """Tell whether the text asks to do without something, within one clause."""
+    """Return whether the text asks to do without something, within one clause."""
     return re.search(rf"{_REMOVAL}[^;.,]{{0,30}}\b(?:{pattern})", text) is not None
 
 
@@ -106,5 +106,5 @@ def activation(text: str) -> Activation | None:
 
 
 def gives_up(text: str, pattern: str) -> bool:
-    """Tell whether the text names something only as what is to be replaced."""
+    """Return whether the text names something only as what is to be replaced."""
     return re.search(rf"\b{_GIVEN_UP} (?:{pattern})", text) is not None
