@@ -28,6 +28,7 @@ from tacevo.config.archive import ArchiveConfig
 from tacevo.config.checks import is_positive, require
 from tacevo.config.data import DataConfig
 from tacevo.records import Delivery, Kind, Loss, Mode
+from tacevo.redaction import check_address
 
 
 def _is_address(value: str) -> bool:
@@ -294,8 +295,13 @@ class TrackingConfig:
     """The mirror of the ledger."""
 
     kind: Tracking
+    #: Empty for the one in MLFLOW_TRACKING_URI.
     uri: str
     experiment: str
+
+    def __post_init__(self) -> None:
+        """Reject a password, which the run directory would record."""
+        check_address(self.uri, "tracking.uri")
 
 
 @dataclass(kw_only=True)

@@ -19,7 +19,7 @@ from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
-from tacevo.redaction import without_password
+from tacevo.redaction import check_address
 from tacevo.runs.progress import SweepView
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
@@ -156,11 +156,7 @@ def _require_place(key: str, written: str, values: Sequence[str]) -> None:
     value = written.partition("=")[2].strip("'\"")
     if key == "run.dir":
         raise ConfigError(f"each job of a sweep has a folder of its own in that of the sweep (--into); got {written!r}")
-    if without_password(value) != value:
-        raise ConfigError(
-            f"sweep.json keeps what jobs share, and {key} may hold a password; give it to the environment, as in "
-            "MLFLOW_TRACKING_PASSWORD or PGPASSWORD"
-        )
+    check_address(value, key)
     if any(one.partition("=")[2].lstrip().startswith("{") for one in values):
         raise ConfigError(
             f"a sweep takes each setting by its own name; write {key}.NAME=VALUE in place of {key}={{...}}"
