@@ -17,7 +17,7 @@ from hydra.errors import HydraException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from tacevo.config.ablation import read_arm, require_change, split_arm
+from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.keys import expected, keys
 from tacevo.config.schema import RunConfig
@@ -139,7 +139,7 @@ def _with_arm(overrides: Sequence[str]) -> DictConfig:
     without = hydra_compose(_RUN.name, overrides=others)
     if not arm:
         return without
-    require_change(choice, arm, cast(dict[str, Json], OmegaConf.to_container(without, enum_to_str=True)))
+    check_change(choice, arm, cast(dict[str, Json], OmegaConf.to_container(without, enum_to_str=True)))
     return cast(DictConfig, OmegaConf.merge(without, arm))
 
 

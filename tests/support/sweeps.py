@@ -35,7 +35,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
 
 @dataclass
 class Launched:
-    """A launcher that finishes jobs by itself, but for those that it is told to fail."""
+    """A launcher that finishes jobs by itself, except for those that are to fail."""
 
     failing: tuple[str, ...] = ()
     #: Names of the jobs of each launch.
