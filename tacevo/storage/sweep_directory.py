@@ -138,11 +138,6 @@ class SweepDirectory:
         except RunError as error:
             return str(error)
 
-    def endings(self, job: Job) -> tuple[int, ...]:
-        """Return when a job last finished and last failed, in ns; 0 for never."""
-        files = (self.path / job.name / "summary.md", self._failure(job))
-        return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in files)
-
     def _failure(self, job: Job) -> Path:
         return self.path / "failed" / f"{job.name}.json"
 

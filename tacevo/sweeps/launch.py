@@ -113,14 +113,14 @@ def check_launcher(launcher: Launcher) -> None:
             )
 
 
-def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]) -> None:
+def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]) -> None:
     """Run jobs to their ends; the sweep's directory keeps how each ended.
 
     Args:
         directory: the sweep's, with its sweep.json.
         jobs: at least one.
         launcher: checked and fitted.
-        look: called about every second; if it raises, all jobs are stopped first.
+        show: called with each job that ends; if it raises, all others are stopped first.
 
     Raises:
         RunError: the cluster does not take the jobs.
@@ -128,12 +128,12 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, l
     """
     directory.launch.mkdir(parents=True, exist_ok=True)
     if launcher.cluster:
-        _launch_on_cluster(directory, jobs, launcher, look)
+        _launch_on_cluster(directory, jobs, launcher, show)
     else:
-        _launch_here(directory, jobs, launcher.options["n_jobs"], look)
+        _launch_here(directory, jobs, launcher.options["n_jobs"], show)
 
 
-def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, look: Callable[[], None]) -> None:
+def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, show: Callable[[Job], None]) -> None:
     """Run jobs as processes, so many at once."""
     waiting, running = list(jobs), dict[Job, subprocess.Popen[bytes]]()
     try:
@@ -144,13 +144,13 @@ def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, look
             time.sleep(_TICK)
             for job in [job for job, search in running.items() if search.poll() is not None]:
                 _keep_ending(directory, job, running.pop(job).returncode)
-            look()
+                show(job)
     finally:
         _stop(running.values())
 
 
 def _launch_on_cluster(
-    directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]
+    directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
 ) -> None:
     """Submit jobs, and wait until the cluster is done with them."""
     executor = _executor(launcher, directory.launch / "submitit")
@@ -158,18 +158,18 @@ def _launch_on_cluster(
         tasks = executor.map_array(partial(run_job, directory.path), [job.name for job in jobs])
     except Exception as error:  # submitit's, the scheduler's or the file system's
         raise RunError(_in_short(error), place=launcher.cluster, expected="the cluster to take the jobs") from error
+    running = dict(zip(jobs, tasks, strict=True))
     try:
-        while not all(task.done() for task in tasks):
+        while running:
             time.sleep(_TICK)
-            look()
-    except BaseException:
-        for task in tasks:
+            for job in [job for job, task in running.items() if task.done()]:
+                failure = running.pop(job).exception()
+                if failure is not None:
+                    directory.fail(job, _in_short(failure))
+                show(job)
+    finally:
+        for task in running.values():
             task.cancel(check=False)
-        raise
-    for job, task in zip(jobs, tasks, strict=True):
-        error = task.exception()
-        if error is not None:
-            directory.fail(job, _in_short(error))
 
 
 def run_job(sweep: Path, name: str) -> None:

@@ -9,7 +9,7 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +36,7 @@ _OWN = ("ablation", "seed")
 _LONGEST = 80
 
 #: Runs jobs to their ends; see `tacevo.sweeps.launch.launch`.
-Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[], None]], None]
+Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[Job], None]], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,8 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Laun
     with directory.locked():
         before = directory.read()[1] if directory.is_one else ()
         _check_one_sweep(directory, shared, [job for job in before if job not in jobs])
-        jobs = list(_known(jobs, before, directory))
+        known = {job.config: job for job in before}
+        jobs = [known.get(job.config, job) for job in jobs]  # by what they are, whatever they were called
         statuses = [_check_begun(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
         for status in statuses:
             if status.standing is Standing.finished:
@@ -111,12 +112,18 @@ def _run(
     chosen = fitted(launcher, jobs=len(left), workers=workers, cores=cores)
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
-    done = sum(status.standing is Standing.finished for status in statuses)
-    lookout = _Lookout(directory, left, view, done=done, total=len(statuses))
-    try:
-        run(directory, left, chosen, lookout.look)
-    finally:
-        lookout.look()
+    finished = sum(status.standing is Standing.finished for status in statuses)
+    view.jobs(finished, len(statuses))
+
+    def show(job: Job) -> None:
+        nonlocal finished
+        status = status_of(directory, job)
+        finished += status.standing is Standing.finished
+        found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
+        view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
+        view.jobs(finished, len(statuses))
+
+    run(directory, left, chosen, show)
 
 
 def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -243,25 +250,6 @@ def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: S
             )
 
 
-def _known(jobs: Sequence[Job], before: Sequence[Job], directory: SweepDirectory) -> tuple[Job, ...]:
-    """Find jobs among those of before, by what they are, whatever they were called.
-
-    Raises:
-        RunError: a job's directory belongs to another job.
-    """
-    by_config: Mapping[str, Job] = {job.config: job for job in before}
-    taken = {job.name for job in before}
-    for job in jobs:
-        if job.config not in by_config and job.name in taken:
-            raise RunError(
-                f"another configuration of {job.arm}, seed {job.seed}",
-                place=str(directory.run(job).path),
-                expected="the job of this command",
-                remedy="choose another --into",
-            )
-    return tuple(by_config.get(job.config, job) for job in jobs)
-
-
 def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
     """Return how a job stands, if what was begun in its directory is the job as it is asked for now.
 
@@ -294,39 +282,3 @@ def _stage(statuses: Sequence[Status]) -> str:
     """Write how many jobs are in each state, if any has begun."""
     counts = [(standing, sum(status.standing is standing for status in statuses)) for standing in Standing]
     return "".join(f", {count} {standing}" for standing, count in counts if count and standing is not Standing.waiting)
-
-
-class _Lookout:
-    """Shows each job that ends.
-
-    Args:
-        directory: the sweep's.
-        jobs: those that are launched.
-        view: shows the progress.
-        done: how many of all are finished before.
-        total: of all.
-    """
-
-    def __init__(
-        self, directory: SweepDirectory, jobs: Sequence[Job], view: SweepView, *, done: int, total: int
-    ) -> None:
-        self._directory = directory
-        self._left = {job: directory.endings(job) for job in jobs}
-        self._view = view
-        self._done = done
-        self._total = total
-        view.jobs(done, total)
-
-    def look(self) -> None:
-        """Show the jobs that have ended since the last look."""
-        for job, before in list(self._left.items()):
-            if self._directory.endings(job) == before:
-                continue
-            status = status_of(self._directory, job)
-            if status.standing is Standing.running:
-                continue
-            del self._left[job]
-            self._done += status.standing is Standing.finished
-            found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
-            self._view.say(f"{job.name}: {status.standing}, {found} ({self._done} of {self._total} jobs finished)")
-            self._view.jobs(self._done, self._total)

@@ -43,9 +43,9 @@ class Launched:
     launchers: list[Launcher] = field(default_factory=list)
 
     def __call__(
-        self, directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]
+        self, directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
     ) -> None:
-        """Finish or fail each job, and look on after each."""
+        """Finish or fail each job, and show it."""
         self.calls.append([job.name for job in jobs])
         self.launchers.append(launcher)
         for job in jobs:
@@ -54,7 +54,7 @@ class Launched:
             else:
                 begin(directory, job, directory.read()[0])
                 directory.succeed(job)
-            look()
+            show(job)
 
 
 @dataclass

@@ -39,6 +39,8 @@ SWEEP = [
 ]
 ONE_BY_ONE = "hydra.launcher.n_jobs=1"
 NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
+#: A job that fails at once, and one that takes long.
+ENDLESS = {"quick": ("seed=-1",), "slow": ("search.generations=999", UNTRACKED)}
 
 
 def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
@@ -120,19 +122,21 @@ def test_user_has_the_last_word_on_the_launcher() -> None:
     assert fitted(slurm, jobs=4, workers=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
 
 
-def test_view_that_fails_stops_the_jobs_and_is_raised(folder: Path) -> None:
+def test_view_that_fails_stops_the_other_jobs_and_is_raised(folder: Path) -> None:
     """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
     directory = SweepDirectory(folder / "all")
-    job = Job(name=NONE, arm="none", seed=0, overrides=("seed=0",), config="a" * 64)
-    directory.write(SMALLEST, [job])
+    quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
+    directory.write(SMALLEST, [quick, slow])
 
-    def look() -> None:
+    def show(job: Job) -> None:
+        assert job == quick
         raise OSError("the terminal is gone")
 
     with pytest.raises(OSError, match="the terminal is gone"):
-        launch(directory, [job], Launcher(options={"n_jobs": 1}), look)
+        launch(directory, [quick, slow], Launcher(options={"n_jobs": 2}), show)
     assert not processes_of(directory.path)
-    assert status_of(directory, job).standing is not Standing.finished
+    assert "seed" in str(directory.failure(quick))
+    assert directory.failure(slow) is None
 
 
 def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
