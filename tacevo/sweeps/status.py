@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tacevo.config.compose import from_plain
-from tacevo.config.identity import config_hash
+from tacevo.config.identity import recorded_hash
 from tacevo.errors import RunError, TacevoError
 from tacevo.records import Json
 from tacevo.storage.run_directory import RunDirectory
@@ -70,8 +69,8 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> st
     if not lines:
         return ""
     with run.believed():
-        config = from_plain(run.read_run()["config"])
-    if config_hash(config) != job.config:
+        recorded = recorded_hash(run.read_run()["config"])
+    if recorded != job.config:
         raise RunError(
             "another configuration's run",
             place=str(run.path),
