@@ -1,79 +1,60 @@
-"""Keeps the password of a tracking URI out of what a process writes, whoever in the process writes it."""
+"""Keep passwords and keys out of what is recorded and shown."""
 
-import io
-from typing import TextIO
-from urllib.parse import unquote
+from tacevo.errors import ConfigError
 
-#: URIs of these schemes that name no host have no place for a password.
+#: Addresses of these schemes are paths, which hold no password.
 _PATH_SCHEMES = frozenset({"sqlite", "file"})
 
+#: In the query of an address, a name with one of these is a password's.
+_SECRET_NAMES = ("passw", "pwd", "secret", "token")
 
-class Veil(io.TextIOBase):
-    """A stream that passes text on with the secrets of one URI replaced.
 
-    Hidden are the URI as a whole (as `without_password` does), its user info and its password, each also with its
-    escapes resolved. What it does not do: find a secret that is written in two halves, or escaped in other ways.
+def check_address(address: str, place: str) -> None:
+    """Reject an address with a password in it, because addresses are recorded.
 
     Args:
-        stream: where the text goes.
-        uri: the URI.
+        address: any text; only an address (`SCHEME://...`) is checked.
+        place: the setting or option that holds it.
+
+    Raises:
+        ConfigError: the address holds a password; the message does not show it.
     """
-
-    def __init__(self, stream: TextIO, uri: str) -> None:
-        self._stream = stream
-        self._replacements = _replacements(uri)
-
-    def write(self, text: str) -> int:
-        """Pass a text on; return its length."""
-        self._stream.write(_replaced(text, self._replacements))
-        return len(text)
-
-    def flush(self) -> None:
-        """Pass on what is held back."""
-        self._stream.flush()
+    if _holds_password(address):
+        raise ConfigError(
+            "one with a password",
+            place=place,
+            expected="an address without a password, because it is recorded",
+            remedy="set the password in the environment (MLFLOW_TRACKING_PASSWORD, PGPASSWORD) or in a pass file, or "
+            "the whole address in MLFLOW_TRACKING_URI, which is never recorded",
+        )
 
 
-def veiled(text: str, uri: str) -> str:
-    """Replace the secrets of a URI in a text, as `Veil` does."""
-    return _replaced(text, _replacements(uri))
-
-
-def _replaced(text: str, replacements: list[tuple[str, str]]) -> str:
-    for secret, shown in replacements:
-        text = text.replace(secret, shown)
-    return text
-
-
-def _replacements(uri: str) -> list[tuple[str, str]]:
-    """Pair each secret text of a URI with what to write in its place, the longest first."""
-    shown = without_password(uri)
-    if shown == uri:
-        return []
-    rest = uri.partition("://")[2]
-    user_info, _, place = rest.rpartition("@")
-    secrets = {user_info, user_info.partition(":")[2], place.partition("?")[2]} - {""}
-    pairs = {text: "***" for secret in secrets for text in (secret, unquote(secret))}
-    pairs |= {uri: shown, unquote(uri): shown}
-    return sorted(pairs.items(), key=lambda pair: len(pair[0]), reverse=True)
+def _holds_password(address: str) -> bool:
+    scheme, mark, rest = address.partition("://")
+    if not mark or (scheme in _PATH_SCHEMES and rest.startswith("/")):
+        return False
+    user_info, _, place = rest.removeprefix("***@").rpartition("@")  # a password may itself hold an @
+    is_token = bool(user_info) and scheme in {"http", "https"}
+    query = place.partition("?")[2].lower()
+    return ":" in user_info or is_token or any(name in query for name in _SECRET_NAMES)
 
 
 def without_secrets(text: str, secrets: tuple[str, ...]) -> str:
-    """Black out what must be seen nowhere."""
+    """Replace every secret in a text by `***`."""
     for secret in secrets:
         text = text.replace(secret, "***")
     return text
 
 
-def without_password(uri: str) -> str:
-    """Hide what may be secret in a URI: `postgresql://user:pw@host/db` becomes `postgresql://***@host/db`.
+def without_password(address: str) -> str:
+    """Hide what may be secret in an address: `https://user:pw@host/v1` becomes `https://***@host/v1`.
 
-    The user info reaches to the last `@`, because passwords are often written without the escapes that they need;
-    a query, which may hold a password as well, becomes `?***`. A SQLite or file URI that names nothing but a path
-    is unchanged, and so is text without `://`.
+    The user info reaches to the last `@`, because passwords are often written without the escapes that they need.
+    A query becomes `?***`. A path, and text without `://`, stays as it is.
     """
-    scheme, mark, rest = uri.partition("://")
+    scheme, mark, rest = address.partition("://")
     if not mark or (scheme in _PATH_SCHEMES and rest.startswith("/")):
-        return uri
+        return address
     _, at, place = rest.rpartition("@")
     place, question, _ = place.partition("?")
     return f"{scheme}://{'***@' if at else ''}{place}{'?***' if question else ''}"

@@ -1,4 +1,4 @@
-"""The commands of sweeps, `tacevo search -m` and `tacevo sweep status`; what they do is imported when they run."""
+"""The commands of sweeps, `tacevo search -m` and `tacevo sweep status`; imports wait until one runs."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,7 @@ examples:
   tacevo search -m experiment=paper_force llm=anthropic ablation=none,no_qd seed=0,1,2 hydra/launcher=submitit_slurm
   tacevo sweep status sweeps/NAME
 
-The command that began a sweep continues it: finished jobs are not repeated, stopped ones are taken up, failed ones are
+The command that began a sweep continues it: finished jobs are not repeated, stopped ones are resumed, failed ones are
 repeated. With more arms or seeds it adds jobs."""
 
 
@@ -20,35 +20,35 @@ def add_sweep(commands: "argparse._SubParsersAction[Parser]") -> None:
     """Describe `tacevo sweep`."""
     parser = commands.add_parser(
         "sweep",
-        help="how the jobs of a sweep stand (`tacevo search -m` runs them)",
+        help="show the state of a sweep's jobs (`tacevo search -m` runs them)",
         description="Sweeps are begun and continued by `tacevo search -m`.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     status = actions.add_parser("status", help="list every job: finished, running, failed and why, stopped, not begun")
-    status.add_argument("sweep", metavar="DIR", help="the folder of a sweep")
+    status.add_argument("sweep", metavar="DIR", help="the directory of a sweep")
     status.set_defaults(command=_status)
 
 
 def add_multirun(search: argparse.ArgumentParser) -> None:
-    """Describe what `tacevo search` takes for a sweep."""
+    """Describe the options of `tacevo search` for a sweep."""
     search.add_argument(
         "-m",
         "--multirun",
         action="store_true",
-        help="run all combinations of overrides with several values, as in seed=0,1,2; Hydra's hydra/launcher= and "
-        "hydra.launcher.*= say how",
+        help="run all combinations of overrides with several values, as in seed=0,1,2; hydra.launcher.n_jobs=N sets "
+        "how many at once, hydra/launcher=submitit_slurm submits them to Slurm",
     )
     search.add_argument(
         "--into",
         metavar="DIR",
-        help="the folder of the sweep (default: one in sweeps/, named after what its jobs share)",
+        help="the directory of the sweep (default: one in sweeps/, named after what its jobs share)",
     )
 
 
 def run_sweep(options: argparse.Namespace) -> int:
-    """Run the jobs of a sweep that are not finished; the status is 1 where one is not finished then."""
+    """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
     from rich.console import Console
 
     from tacevo.runs.progress import make_sweep_view

@@ -11,12 +11,14 @@ def add_track(commands: "argparse._SubParsersAction[Parser]") -> None:
     """Describe `tacevo track`."""
     track = commands.add_parser(
         "track",
-        help="write the ledgers of runs into MLflow, or what is missing of them there",
-        description="Mirror a run directory into MLflow, or those of a sweep, or all below a folder. Doing it twice "
-        "writes nothing twice. The exit status is 1 where a run of several could not be written.",
+        help="write the ledgers of runs into MLflow, or what is missing there",
+        description="Mirror a run directory into MLflow, or those of a sweep, or all below a directory. A second time "
+        "writes nothing twice. The exit status is 1 if a run of several could not be written.",
     )
-    track.add_argument("folder", metavar="DIR", help="the folder of a run, of a sweep, or with such below it")
-    track.add_argument("--uri", help="MLflow tracking URI (default: each run's own)")
+    track.add_argument("directory", metavar="DIR", help="the directory of a run, of a sweep, or one that contains such")
+    track.add_argument(
+        "--uri", default="", help="MLflow tracking URI (default: each run's own, else MLFLOW_TRACKING_URI)"
+    )
     track.set_defaults(command=_track, interrupted="what is in MLflow stays, and the same command writes the rest")
 
 
@@ -26,12 +28,12 @@ def _track(options: argparse.Namespace) -> int:
     from tacevo.runs.progress import make_track_view
     from tacevo.text import counted
     from tacevo.tracking.backfill import track
+    from tacevo.tracking.entries import viewing
 
-    folder = Path(options.folder)
     with make_track_view(Console(file=sys.stderr)) as view:
-        tracked = track(folder, options.uri, view.tracked)
+        tracked = track(Path(options.directory), options.uri, view.tracked)
     for reason in tracked.failed:
         print(f"failed: {reason}", file=sys.stderr)
-    for look, number in tracked.views:
-        print(f"{counted(number, 'run')} of {folder} in MLflow: {look}")
+    for uri, number in tracked.done.items():
+        print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri)}")
     return DIFFERENT if tracked.failed else DONE

@@ -16,7 +16,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
-from tacevo.config.ablation import read_arm, require_change, split_arm
+from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.checks import check_together
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.schema import RunConfig, keys
@@ -44,7 +44,7 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     with _hydra([*groups(), *keys()], overrides):
         composed = hydra_compose("config", overrides=others)
         if arm:
-            require_change(choice, arm, _plain(composed))
+            check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         plain = _plain(composed)
     return _checked(plain)

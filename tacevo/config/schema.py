@@ -34,6 +34,7 @@ from tacevo.choices import (
 from tacevo.config.ranges import Count, Fraction, Identifier, Memory, Name, Natural, Positive, Settings, Text, is_a
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Kind, Loss, Mode
+from tacevo.redaction import check_address
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,8 +248,13 @@ class TrackingConfig(Settings):
     """The mirror of the ledger."""
 
     kind: Tracking
+    #: Empty for the one in MLFLOW_TRACKING_URI.
     uri: str
     experiment: str
+
+    def __post_init__(self) -> None:
+        """Reject a password, which the run directory would record."""
+        check_address(self.uri, "tracking.uri")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -164,7 +164,6 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
 def _publishable(config: RunConfig) -> dict[str, Json]:
     """Write the configuration without the passwords that an address may hold: a run directory is there to be shared."""
     plain = to_plain(config)
-    plain["tracking"]["uri"] = without_password(config.tracking.uri)
     if config.llm.base_url is not None:
         plain["llm"]["base_url"] = without_password(config.llm.base_url)
     return plain

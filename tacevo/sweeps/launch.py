@@ -1,104 +1,88 @@
-"""Handing the jobs of a sweep to Hydra's multirun: on this machine by joblib, on a cluster by submitit.
+"""Run the jobs of a sweep: on this machine as processes, on a cluster by submitit.
 
-What Hydra launches is a watchman for each job, which imports no more than Hydra itself and starts the job as the very
-command that a user would type, `tacevo search ... run.dir=SWEEP/NAME`. So a job that is killed takes nobody with it,
-no state of one reaches another, and what it says is in a file of its own.
+Each job is the command that a user would type, `tacevo search ... run.dir=SWEEP/NAME`, in a process and a session of
+its own. So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the launching process only.
 
-The launcher itself is a process in a session of its own, so that a terminal's Ctrl-C reaches only the process that
-launches it, and no watchman, which would end with a traceback and take its search along.
-
-Promises: a job ends with its watchman, and on this machine with whoever launched it, however that ends; asked to stop,
-all jobs end as by Ctrl-C, and keep what they have.
+Promises: on this machine a job ends with the process that launched it, however that ends; asked to stop, all jobs end
+as by Ctrl-C, and keep what they have.
 What it does not: a job that a cluster has taken outlives a launching process that is killed.
 """
 
-import contextlib
-import json
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import TYPE_CHECKING
 
-from hydra import initialize
-from hydra._internal.hydra import Hydra
-from hydra.core.config_store import ConfigStore
-from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException
-from hydra.types import RunMode
-from omegaconf import MISSING
-from omegaconf.errors import OmegaConfBaseException
+import yaml
 
 from tacevo.errors import ConfigError, RunError
+from tacevo.records import Json
 from tacevo.sandbox.kernel import end_with
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
-#: What runs the jobs unless another launcher is asked for.
-DEFAULT = "joblib"
+if TYPE_CHECKING:
+    import submitit
 
-#: Launchers whose jobs run on the machine that launches them.
-_LOCAL = frozenset({"basic", "joblib", "submitit_local"})
+#: How the overrides of the launcher begin.
+_LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
 
-#: Seconds between two looks at whether a job is still wanted, and those it has to stop.
-_TICK, _GRACE = 1.0, 60.0
+#: Executors of submitit, by what `hydra/launcher=` calls them.
+_CLUSTERS = {"submitit_slurm": "slurm", "submitit_local": "local"}
+
+#: Parameters that all executors of submitit share; any other one belongs to its executor.
+_SHARED = frozenset(
+    {"name", "timeout_min", "mem_gb", "nodes", "cpus_per_task", "gpus_per_node", "tasks_per_node", "stderr_to_stdout"}
+)
+
+#: Seconds between two looks at the jobs, and those that a job has to stop.
+_TICK, _GRACE = 0.5, 60.0
 
 #: The exit status of a search that was told to stop.
 _INTERRUPTED = 130
 
-#: What the launcher's own log is called.
-_LAUNCHER = "launcher"
-
-#: How a line begins that says why a process came to nothing.
+#: How the last line of a failed command begins.
 _ERROR = "error: "
-
-
-@dataclass(kw_only=True)
-class Assignment:
-    """What Hydra's multirun composes for each job; a schema, which Hydra cannot merge into where it is frozen."""
-
-    #: The sweep's folder.
-    sweep: str = MISSING
-    #: The job's name.
-    job: str = MISSING
-    #: Process whose end is the job's; 0 for none.
-    caller: int = 0
-    #: When it started, in clock ticks since the machine did: another process may have its number later.
-    since: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Launcher:
-    """Which of Hydra's launchers runs the jobs, and how."""
+    """Where the jobs run, and how."""
 
-    name: str
-    #: Settings of it, as the user wrote them.
-    overrides: tuple[str, ...]
-
-    def sets(self, key: str) -> bool:
-        """Tell whether the user set something of it."""
-        return any(override.startswith(f"hydra.launcher.{key}=") for override in self.overrides)
+    #: A key of `_CLUSTERS`; empty for this machine.
+    cluster: str = ""
+    #: By name, as `n_jobs`.
+    options: Mapping[str, Json]
 
 
 def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]:
-    """Part what the user says of the launcher from the settings of the jobs.
+    """Separate the overrides of the launcher from the settings of the jobs.
 
     Raises:
-        ConfigError: two launchers are named.
+        ConfigError: there are two launchers, or one that is not known.
     """
-    named = [override.partition("=")[2] for override in overrides if override.startswith("hydra/launcher=")]
-    if len(named) > 1:
-        raise ConfigError(f"a sweep has one launcher; got {' and '.join(named)}")
-    own = tuple(override for override in overrides if override.startswith("hydra.launcher."))
-    rest = (override for override in overrides if not override.startswith(("hydra/launcher=", "hydra.launcher.")))
-    return Launcher(name=named[0] if named else DEFAULT, overrides=own), tuple(rest)
+    launchers = [override.removeprefix(_LAUNCHER) for override in overrides if override.startswith(_LAUNCHER)]
+    if launchers and (len(launchers) > 1 or launchers[0] not in _CLUSTERS):
+        raise ConfigError(
+            " and ".join(launchers),
+            place="hydra/launcher",
+            expected=f"one of {', '.join(_CLUSTERS)}",
+            remedy="leave it out to run the jobs on this machine",
+        )
+    own = [override.removeprefix(_OPTION).partition("=") for override in overrides if override.startswith(_OPTION)]
+    options = {name: yaml.safe_load(value) for name, _, value in own}
+    rest = (override for override in overrides if not override.startswith((_LAUNCHER, _OPTION)))
+    return Launcher(cluster=launchers[0] if launchers else "", options=options), tuple(rest)
 
 
 def fitted(launcher: Launcher, *, jobs: int, workers: int, cores: int) -> Launcher:
-    """Let as many jobs run at once as the cores can take, unless the user said how many.
+    """Return the launcher with what the user left open: as many jobs at once as the cores can take, say.
 
     Args:
         launcher: as the user asked for it.
@@ -106,204 +90,161 @@ def fitted(launcher: Launcher, *, jobs: int, workers: int, cores: int) -> Launch
         workers: `executor.workers`, the most of any job.
         cores: of this machine, those that this process may use.
     """
-    sizes = {
-        "joblib": f"n_jobs={max(1, min(jobs, cores // workers))}",
-        "submitit_slurm": f"cpus_per_task={workers}",
-    }
-    size = sizes.get(launcher.name)
-    if size is None or launcher.sets(size.partition("=")[0]):
-        return launcher
-    return Launcher(name=launcher.name, overrides=(*launcher.overrides, f"hydra.launcher.{size}"))
+    sizes = {"cpus_per_task": workers, "timeout_min": 60}
+    if not launcher.cluster:
+        sizes = {"n_jobs": max(1, min(jobs, cores // workers))}
+    return Launcher(cluster=launcher.cluster, options={**sizes, **launcher.options})
 
 
-def require_launcher(launcher: Launcher) -> None:
-    """Tell what is wrong with a launcher before anything runs.
+def check_launcher(launcher: Launcher) -> None:
+    """Check a launcher before anything runs.
 
     Raises:
-        ConfigError: it is not installed, or has no such setting.
+        ConfigError: it is not installed or not available here, or it does not have such an option.
     """
-    try:
-        with _initialised(Assignment(sweep=".", job="any")) as hydra:
-            hydra.compose_config("assignment", _overrides(launcher, []), RunMode.MULTIRUN)
-    except (HydraException, OmegaConfBaseException) as error:
-        remedy = "; pip install 'tacevo[slurm]' brings it" if launcher.name.startswith("submitit") else ""
-        cause = _in_short(error.__cause__ or error).rstrip(".")
-        raise ConfigError(f"hydra/launcher={launcher.name} cannot be used: {cause}{remedy}") from error
+    if launcher.cluster:
+        with tempfile.TemporaryDirectory() as directory:
+            _executor(launcher, Path(directory))
+        return
+    for name, value in launcher.options.items():
+        if name != "n_jobs" or type(value) is not int or value < 1:
+            raise ConfigError(
+                f"{name}={value}", place="hydra.launcher", expected="n_jobs=N, with N an integer of at least 1"
+            )
 
 
-def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]) -> None:
-    """Run jobs to their ends; how each ended stands in the sweep's folder.
+def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]) -> None:
+    """Run jobs to their ends; the sweep's directory keeps how each ended.
 
     Args:
         directory: the sweep's, with its sweep.json.
         jobs: at least one.
-        launcher: which runs them, found good (`require_launcher`).
-        look: called every second or so; where it raises, all jobs are stopped first.
+        launcher: checked and fitted.
+        show: called with each job that ends; if it raises, all others are stopped first.
 
     Raises:
-        RunError: the launcher failed.
-        KeyboardInterrupt: the user stopped it; all jobs have ended.
+        RunError: the cluster does not take the jobs.
+        KeyboardInterrupt: the user stopped it; all jobs of this machine have ended.
     """
     directory.launch.mkdir(parents=True, exist_ok=True)
-    directory.halt.unlink(missing_ok=True)
-    with _heeding(directory.halt):
-        status = _launched(directory, jobs, launcher, look)
-    if directory.halt.exists():
-        directory.halt.unlink()
-        raise KeyboardInterrupt
-    if status != 0:
-        raise RunError(f"hydra/launcher={launcher.name} failed: {_reason(status, directory.log(_LAUNCHER))}")
+    if launcher.cluster:
+        _launch_on_cluster(directory, jobs, launcher, show)
+    else:
+        _launch_here(directory, jobs, launcher.options["n_jobs"], show)
 
 
-def _launched(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]) -> int:
-    """Run the launcher as a process, and look on until it ends; give its exit status."""
-    caller = os.getpid() if launcher.name in _LOCAL else 0
-    assignment = Assignment(sweep=str(directory.path), caller=caller, since=_start_of(caller) or 0)
-    task = json.dumps([asdict(assignment), asdict(launcher), [job.name for job in jobs]])
-    with directory.log(_LAUNCHER).open("wb") as output:
-        launching = _start([sys.executable, "-P", "-c", f"from {__name__} import serve; serve()", task], output)
+def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, show: Callable[[Job], None]) -> None:
+    """Run jobs as processes, so many at once."""
+    waiting, running = list(jobs), dict[Job, subprocess.Popen[bytes]]()
     try:
-        while launching.poll() is None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                launching.wait(_TICK)
-            look()
+        while waiting or running:
+            while waiting and len(running) < most:
+                job = waiting.pop(0)
+                running[job] = _start(directory, job)
+            time.sleep(_TICK)
+            for job in [job for job, search in running.items() if search.poll() is not None]:
+                _keep_ending(directory, job, running.pop(job).returncode)
+                show(job)
     finally:
-        if launching.poll() is None:
-            directory.halt.touch()
-        launching.wait()
-    return launching.returncode
+        _stop(running.values())
 
 
-def _start(command: Sequence[str], output: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a process that no terminal reaches and that ends with this one."""
-    return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-        preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
-    )
-
-
-@contextlib.contextmanager
-def _heeding(halt: Path) -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into a request to all jobs."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda number, frame: halt.touch()) for number in numbers]
+def _launch_on_cluster(
+    directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
+) -> None:
+    """Submit jobs, and wait until the cluster is done with them."""
+    executor = _executor(launcher, directory.launch / "submitit")
     try:
-        yield
+        tasks = executor.map_array(partial(run_job, directory.path), [job.name for job in jobs])
+    except Exception as error:  # submitit's, the scheduler's or the file system's
+        raise RunError(_in_short(error), place=launcher.cluster, expected="the cluster to take the jobs") from error
+    running = dict(zip(jobs, tasks, strict=True))
+    try:
+        while running:
+            time.sleep(_TICK)
+            for job in [job for job, task in running.items() if task.done()]:
+                failure = running.pop(job).exception()
+                if failure is not None:
+                    directory.fail(job, _in_short(failure))
+                show(job)
     finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+        for task in running.values():
+            task.cancel(check=False)
 
 
-def serve() -> None:
-    """Let Hydra run over the names of jobs; what `launch` starts, and gives its task as the only argument."""
-    assignment, launcher, names = json.loads(sys.argv[1])
-    try:
-        with _initialised(Assignment(**assignment)) as hydra:
-            overrides = _overrides(Launcher(**launcher), [f"job={','.join(names)}"])
-            hydra.multirun("assignment", watch, overrides, with_log_configuration=False)
-    except Exception as error:  # of a launcher, which is not ours
-        sys.exit(f"{_ERROR}{_in_short(error)}")
+def run_job(sweep: Path, name: str) -> None:
+    """Run one job to its end; submitit calls this on a node."""
+    directory = SweepDirectory(sweep)
+    job = next(job for job in directory.read()[1] if job.name == name)
+    _keep_ending(directory, job, _start(directory, job).wait())
 
 
-@contextlib.contextmanager
-def _initialised(assignment: Assignment) -> Iterator[Hydra]:
-    """Give Hydra with nothing to compose but an assignment."""
-    ConfigStore.instance().store(name="assignment", node=assignment)
-    GlobalHydra.instance().clear()
-    with initialize(config_path=None, version_base="1.3", job_name="tacevo"):
-        hydra = GlobalHydra.instance().hydra
-        if hydra is None:
-            raise RunError("Hydra has just been initialised, and says that it is not; install hydra-core again")
-        yield hydra
+def _executor(launcher: Launcher, directory: Path) -> "submitit.AutoExecutor":
+    """Return the executor of a cluster, with its parameters.
 
-
-def _overrides(launcher: Launcher, more: Sequence[str]) -> list[str]:
-    """Write what Hydra is told: who launches, and that nothing of it goes into the run directories."""
-    return [
-        f"hydra/launcher={launcher.name}",
-        *launcher.overrides,
-        "hydra.sweep.dir=${sweep}/launch",
-        "hydra.sweep.subdir=.",
-        "hydra.output_subdir=null",
-        "hydra/hydra_logging=none",
-        "hydra/job_logging=none",
-        *more,
-    ]
-
-
-def watch(assignment: Any) -> None:
-    """Run one job as a process, and write down how it ended; Hydra calls this, in a process of the launcher's.
-
-    Args:
-        assignment: a `DictConfig` of `Assignment`.
+    Raises:
+        ConfigError: see `check_launcher`.
     """
-    directory = SweepDirectory(Path(assignment.sweep))
-    wanted = partial(_is_wanted, directory.halt, assignment.caller, assignment.since)
-    if wanted():
-        shared, jobs = directory.read()
-        job = next(job for job in jobs if job.name == assignment.job)
-        _run(directory, job, [*shared, *job.overrides], wanted)
-    if not _is_alive(assignment.caller, assignment.since):
-        os._exit(_INTERRUPTED)  # nobody takes the answer, and joblib's processes would wait minutes for more
+    cluster = _CLUSTERS[launcher.cluster]
+    options = {key if key in _SHARED else f"{cluster}_{key}": value for key, value in launcher.options.items()}
+    try:
+        import submitit
+
+        executor = submitit.AutoExecutor(directory, cluster=cluster)
+        executor.update_parameters(**options)
+    except Exception as error:  # submitit has a class of its own for each mistake
+        raise ConfigError(
+            _in_short(error),
+            place=f"hydra/launcher={launcher.cluster}",
+            expected="a launcher that is installed, and options that it has",
+            remedy="install it by pip install 'tacevo[slurm]'" if isinstance(error, ImportError) else "",
+        ) from error
+    return executor
 
 
-def _run(directory: SweepDirectory, job: Job, overrides: Sequence[str], wanted: Callable[[], bool]) -> None:
-    """Run a search until it ends or is no longer wanted."""
+def _start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
+    """Start the search of a job; it ends with this process."""
     place = str(directory.run(job).path).replace("'", "\\'")
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *overrides, f"run.dir='{place}'"]
-    log = directory.log(job.name)
-    with log.open("wb") as output:
-        search = _start(command, output)
-        status = _attend(search, wanted)
+    overrides = [*directory.read()[0], *job.overrides, f"run.dir='{place}'"]
+    with directory.log(job).open("wb") as output:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *overrides],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
+        )
+
+
+def _stop(searches: Iterable[subprocess.Popen[bytes]]) -> None:
+    """End searches as Ctrl-C does, or kill them if that takes too long."""
+    for search in searches:
+        search.terminate()
+    deadline = time.monotonic() + _GRACE
+    for search in searches:
+        try:
+            search.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            search.kill()
+            search.wait()
+
+
+def _keep_ending(directory: SweepDirectory, job: Job, status: int) -> None:
+    """Keep how a search ended, by its exit status; one that was told to stop neither succeeded nor failed."""
     if status == 0:
         directory.succeed(job)
     elif status != _INTERRUPTED:
-        directory.fail(job, _reason(status, log))
-
-
-def _attend(search: subprocess.Popen[bytes], wanted: Callable[[], bool]) -> int:
-    """Wait for a search's end, or stop it when it is no longer wanted; give its exit status."""
-    while wanted():
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return search.wait(_TICK)
-    search.terminate()
-    try:
-        search.wait(_GRACE)
-    except subprocess.TimeoutExpired:
-        search.kill()
-        search.wait()
-    return _INTERRUPTED
+        directory.fail(job, _reason(status, directory.log(job)))
 
 
 def _reason(status: int, log: Path) -> str:
-    """Say why a search came to nothing."""
+    """Say why a search failed."""
     if status < 0:
         return f"killed by {signal.Signals(-status).name}; memory may have run out"
     lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
-    told = [line for line in lines if line.startswith(_ERROR)] or lines
-    return told[-1].removeprefix(_ERROR) if told else f"it ended with status {status} and said nothing"
-
-
-def _is_wanted(halt: Path, caller: int, since: int) -> bool:
-    return not halt.exists() and _is_alive(caller, since)
-
-
-def _is_alive(caller: int, since: int) -> bool:
-    """Tell whether the process that started then lives; one that nobody names, 0, does."""
-    return caller == 0 or _start_of(caller) == since
-
-
-def _start_of(pid: int) -> int | None:
-    """Read when a process started, in clock ticks since the machine did; None where it has ended, reaped or not."""
-    try:
-        state, *fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
-    except (OSError, ValueError):  # it is gone, or was going
-        return None
-    return None if state in {"Z", "X"} else int(fields[18])  # the 22nd field of all
+    errors = [line for line in lines if line.startswith(_ERROR)] or lines
+    return errors[-1].removeprefix(_ERROR) if errors else f"exit status {status}, without any output"
 
 
 def _in_short(error: BaseException) -> str:

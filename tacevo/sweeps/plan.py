@@ -1,15 +1,15 @@
 """Sweeps: many searches from one command, each in its own run directory, all over one store.
 
-Promises: all jobs are composed before any runs; the same command, given again, repeats no finished job, takes up the
-stopped ones and repeats the failed ones; more arms or seeds add jobs to a sweep; each job has the digest of the same
-search run by itself.
+Promises: all jobs are composed before any runs; the same command, given again, does not repeat a finished job, resumes
+the stopped ones and repeats the failed ones; more arms or seeds add jobs to a sweep; each job has the digest of the
+same search run by itself.
 """
 
 import hashlib
 import itertools
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,24 +19,24 @@ from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
-from tacevo.redaction import without_password
+from tacevo.redaction import check_address
 from tacevo.runs.progress import SweepView
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import require_means
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
-from tacevo.sweeps.launch import Launcher, fitted, launch, require_launcher, split_launcher
+from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
 from tacevo.text import counted
 
-#: What tells jobs apart even where it has one value only, so that more can come to it.
+#: What distinguishes jobs even if it has one value only, so that more can be added.
 _OWN = ("ablation", "seed")
 
-#: The longest part of a folder's name that an arm gives, in characters.
+#: The longest part of a directory's name that comes from an arm, in characters.
 _LONGEST = 80
 
 #: Runs jobs to their ends; see `tacevo.sweeps.launch.launch`.
-Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[], None]], None]
+Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[Job], None]], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +49,7 @@ class Planned:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Swept:
-    """What came of a sweep."""
+    """A sweep, as it stands after a command."""
 
     directory: Path
     #: Of the jobs that this command asked for.
@@ -60,17 +60,17 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Laun
     """Run the jobs of a sweep that are not finished.
 
     Args:
-        overrides: as for a search, with lists of values, and Hydra's settings of a launcher.
-        into: the sweep's folder; None for one named after what the jobs share.
-        view: who is told.
+        overrides: as for a search, with lists of values, and the options of a launcher.
+        into: the sweep's directory; None for one named after what the jobs share.
+        view: shows the progress.
         run: runs the jobs.
 
     Raises:
-        TacevoError: see its subclasses; a mistake in any job is told before one runs.
+        TacevoError: see its subclasses; a mistake in any job is raised before one runs.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     launcher, settings = split_launcher(overrides)
-    require_launcher(launcher)
+    check_launcher(launcher)
     shared, varied = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
     planned = plan(shared, varied)
     for entry in planned:
@@ -82,12 +82,13 @@ def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Laun
     jobs = [entry.job for entry in planned]
     with directory.locked():
         before = directory.read()[1] if directory.is_one else ()
-        _require_one_sweep(directory, shared, [job for job in before if job not in jobs])
-        jobs = list(_known(jobs, before, directory))
-        statuses = [_checked(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
+        _check_one_sweep(directory, shared, [job for job in before if job not in jobs])
+        known = {job.config: job for job in before}
+        jobs = [known.get(job.config, job) for job in jobs]  # by what they are, whatever they were called
+        statuses = [_check_begun(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
         for status in statuses:
             if status.standing is Standing.finished:
-                directory.succeed(status.job)  # it may have been finished by hand, or its watchman killed
+                directory.succeed(status.job)  # it may have been finished by `tacevo search`
         directory.write(shared, [*before, *(job for job in jobs if job not in before)])
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         _run(directory, statuses, planned, launcher=launcher, view=view, run=run)
@@ -103,38 +104,48 @@ def _run(
     view: SweepView,
     run: Launch,
 ) -> None:
-    """Run the jobs that are neither finished nor run by somebody else."""
+    """Run the jobs that are neither finished nor running."""
     left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
     if not left:
         return
     workers, cores = max(entry.config.executor.workers for entry in planned), len(os.sched_getaffinity(0))
     chosen = fitted(launcher, jobs=len(left), workers=workers, cores=cores)
-    view.say(f"launcher: {' '.join([chosen.name, *chosen.overrides])} ({counted(cores, 'core')})")
-    done = sum(status.standing is Standing.finished for status in statuses)
-    lookout = _Lookout(directory, left, view, done=done, total=len(statuses))
-    try:
-        run(directory, left, chosen, lookout.look)
-    finally:
-        lookout.look()
+    options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
+    view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
+    finished = sum(status.standing is Standing.finished for status in statuses)
+    view.jobs(finished, len(statuses))
+
+    def show(job: Job) -> None:
+        nonlocal finished
+        status = status_of(directory, job)
+        finished += status.standing is Standing.finished
+        found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
+        view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
+        view.jobs(finished, len(statuses))
+
+    run(directory, left, chosen, show)
 
 
 def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Part what all jobs share from what tells them apart.
+    """Separate what all jobs share from what distinguishes them.
 
     Args:
         settings: as the user wrote them.
-        own: keys that tell jobs apart even where they have one value here.
+        own: keys that distinguish jobs even if they have one value here.
 
     Returns:
         The shared overrides, and those of each job.
 
     Raises:
-        ConfigError: an override cannot be read, or has no place in a sweep.
+        ConfigError: an override cannot be read, names the run's directory, or holds a password.
     """
     shared, varied = [], []
     for written, values in zip(settings, spread(settings), strict=True):
-        key = written.partition("=")[0]
-        _require_place(key, written, values)
+        key, _, value = written.partition("=")
+        check_address(value.strip("'\""), key)  # sweep.json keeps what jobs share
+        if key == "run.dir":
+            remedy = "name the directory of the sweep by --into"
+            raise ConfigError(value, place=key, expected="no value: each job of a sweep has its own", remedy=remedy)
         if len(values) > 1 or key in own:
             varied.append(values)
         else:
@@ -142,38 +153,8 @@ def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str,
     return tuple(shared), tuple(itertools.product(*varied))
 
 
-def _require_place(key: str, written: str, values: Sequence[str]) -> None:
-    """Refuse what sweep.json must not keep, or what would not be found in it when the sweep is published.
-
-    Args:
-        key: what is set.
-        written: the override.
-        values: all that it stands for, each as an override of its own.
-
-    Raises:
-        ConfigError: it has no place in a sweep.
-    """
-    value = written.partition("=")[2].strip("'\"")
-    if key == "run.dir":
-        raise ConfigError(f"each job of a sweep has a folder of its own in that of the sweep (--into); got {written!r}")
-    if without_password(value) != value:
-        raise ConfigError(
-            f"sweep.json keeps what jobs share, and {key} may hold a password; give it to the environment, as in "
-            "MLFLOW_TRACKING_PASSWORD or PGPASSWORD"
-        )
-    if any(one.partition("=")[2].lstrip().startswith("{") for one in values):
-        raise ConfigError(
-            f"a sweep takes each setting by its own name; write {key}.NAME=VALUE in place of {key}={{...}}"
-        )
-    if "$" in written:
-        raise ConfigError(
-            f"{key} holds a $, which may stand for something else when the sweep goes on elsewhere; write the value "
-            "itself"
-        )
-
-
 def _own_keys(directory: SweepDirectory) -> frozenset[str]:
-    """List what tells the jobs of a sweep apart that stands in a folder already."""
+    """Return what distinguishes the jobs of a sweep that has been begun."""
     jobs = directory.read()[1] if directory.is_one else ()
     return frozenset(override.partition("=")[0] for job in jobs for override in job.overrides)
 
@@ -186,14 +167,16 @@ def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Plan
         varied: those of each.
 
     Raises:
-        ConfigError: a job cannot be composed, or two would have the same folder.
+        ConfigError: a job cannot be composed, or two would have the same directory.
     """
     planned: dict[str, Planned] = {}
     for own in varied:
         try:
             config = compose([*shared, *own])
         except ConfigError as error:
-            raise ConfigError(f"{' '.join(own)}: {error}" if own else str(error)) from error
+            if own:
+                error.place = f"{' '.join(own)}: {error.place}".removesuffix(": ")
+            raise
         arm = name_arm(own)
         job = Job(name=name_job(own, config.seed), arm=arm, seed=config.seed, overrides=own, config=config_hash(config))
         planned.setdefault(job.config, Planned(job=job, config=config))
@@ -202,50 +185,55 @@ def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Plan
         other = names.setdefault(entry.job.name, entry.job)
         if other is not entry.job:
             twins = " and ".join(" ".join(job.overrides) for job in (other, entry.job))
-            raise ConfigError(f"a sweep needs a folder for each job; {twins} would share {entry.job.name}")
+            raise ConfigError(f"{entry.job.name} for {twins}", place="jobs", expected="a directory name for each job")
     return tuple(planned.values())
 
 
 def name_job(own: Sequence[str], seed: int) -> str:
-    """Name a job's folder: the arm, as far as a folder can be called that, and the seed.
+    """Name a job's directory: the arm, as far as a directory can have that name, and the seed.
 
-    What belongs to one machine is left out, such as a path but for its last part: the name is published with the sweep.
+    The name is published with the sweep, so of a path it has the last part only.
     """
     arm, shown = name_arm(own), name_arm(published_overrides(own))
     plain = re.sub(r"[^A-Za-z0-9_.]+", "-", shown).strip("-.")
     whole = shown == arm and re.fullmatch(r"[A-Za-z0-9_.= ]+", arm) and len(plain) <= _LONGEST
-    told = plain if whole else f"{plain[:_LONGEST]}-{hashlib.sha256(arm.encode()).hexdigest()[:8]}"
-    return f"{told}-seed{seed}"
+    name = plain if whole else f"{plain[:_LONGEST]}-{hashlib.sha256(arm.encode()).hexdigest()[:8]}"
+    return f"{name}-seed{seed}"
 
 
 def folder(shared: Sequence[str], config: RunConfig) -> Path:
-    """Name the folder of a sweep after what its jobs share, so that the same command finds it again.
+    """Name the directory of a sweep after what its jobs share, so that the same command finds it again.
 
     Args:
         shared: overrides of all jobs.
         config: of any job.
 
     Raises:
-        ConfigError: what they share is no configuration by itself.
+        ConfigError: what they share is not a configuration by itself.
     """
     try:
         common = config_hash(compose(shared))
     except ConfigError as error:
         raise ConfigError(
-            f"a sweep's folder is named after what its jobs share, and here that is no configuration ({error}); name "
-            "the folder by --into"
+            f"{error}",
+            place="shared overrides",
+            expected="a configuration by itself, after which the directory of the sweep is named",
+            remedy="name the directory by --into DIR",
         ) from error
     given = dict(override.split("=", 1) for override in shared)
     return Path("sweeps") / f"{given.get('experiment', config.task.name)}-{common[:8]}"
 
 
-def _require_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: Sequence[Job]) -> None:
-    """Refuse shared overrides under which jobs that stand in a sweep would be others.
+def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: Sequence[Job]) -> None:
+    """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
     Args:
         directory: the sweep's.
         shared: overrides of all jobs, now.
         before: jobs of earlier commands, all of them: what is shared may be overridden by the arm of any one.
+
+    Raises:
+        RunError: a job would be another search.
     """
     for job in before:
         try:
@@ -255,30 +243,15 @@ def _require_one_sweep(directory: SweepDirectory, shared: Sequence[str], before:
         if not same:
             began, now = (" ".join(words) or "the defaults" for words in (directory.read()[0], shared))
             raise RunError(
-                f"{directory.path} holds a sweep over {began}, and {job.name} would be another search under {now}; "
-                "choose another --into"
+                f"{now}, under which {job.name} would be another search",
+                place=str(directory.path),
+                expected=f"the shared overrides of its sweep, {began}",
+                remedy="choose another --into",
             )
 
 
-def _known(jobs: Sequence[Job], before: Sequence[Job], directory: SweepDirectory) -> tuple[Job, ...]:
-    """Find jobs among those of before, by what they are, whatever they were called.
-
-    Raises:
-        RunError: a job's folder belongs to another job.
-    """
-    by_config: Mapping[str, Job] = {job.config: job for job in before}
-    taken = {job.name for job in before}
-    for job in jobs:
-        if job.config not in by_config and job.name in taken:
-            raise RunError(
-                f"{directory.run(job).path} belongs to another configuration of {job.arm}, seed {job.seed}, than this "
-                "command's; choose another --into"
-            )
-    return tuple(by_config.get(job.config, job) for job in jobs)
-
-
-def _checked(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
-    """Tell how a job stands, if what was begun in its folder is the job as it is asked for now.
+def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
+    """Return how a job stands, if what was begun in its directory is the job as it is asked for now.
 
     Raises:
         RunError: it is another configuration's, or the task's texts have changed since.
@@ -289,51 +262,23 @@ def _checked(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
         return status_of(directory, job)
     recorded, task, facts = read_run(run)
     if config_hash(recorded) != job.config:
-        raise RunError(f"{run.path} holds another configuration's run; move that folder away, or choose another --into")
+        raise RunError(
+            "another configuration's run",
+            place=str(run.path),
+            expected="a run of the job",
+            remedy="move that directory away, or choose another --into",
+        )
     if load_task(config, facts) != task:
         raise RunError(
-            f"{run.path} was run with other texts of task {task.name} than conf/ has now; choose another --into"
+            f"a run with other texts of task {task.name}",
+            place=str(run.path),
+            expected="a run with the texts in conf/",
+            remedy="choose another --into",
         )
     return status_of(directory, job)
 
 
 def _stage(statuses: Sequence[Status]) -> str:
-    """Say how many jobs stand how, where any has begun."""
+    """Write how many jobs are in each state, if any has begun."""
     counts = [(standing, sum(status.standing is standing for status in statuses)) for standing in Standing]
     return "".join(f", {count} {standing}" for standing, count in counts if count and standing is not Standing.waiting)
-
-
-class _Lookout:
-    """Tells a view of each job that ends.
-
-    Args:
-        directory: the sweep's.
-        jobs: those that are launched.
-        view: who is told.
-        done: how many of all are finished before.
-        total: of all.
-    """
-
-    def __init__(
-        self, directory: SweepDirectory, jobs: Sequence[Job], view: SweepView, *, done: int, total: int
-    ) -> None:
-        self._directory = directory
-        self._left = {job: directory.endings(job) for job in jobs}
-        self._view = view
-        self._done = done
-        self._total = total
-        view.jobs(done, total)
-
-    def look(self) -> None:
-        """Tell of the jobs that have ended since the last look."""
-        for job, before in list(self._left.items()):
-            if self._directory.endings(job) == before:
-                continue
-            status = status_of(self._directory, job)
-            if status.standing is Standing.running:
-                continue
-            del self._left[job]
-            self._done += status.standing is Standing.finished
-            found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
-            self._view.say(f"{job.name}: {status.standing}, {found} ({self._done} of {self._total} jobs finished)")
-            self._view.jobs(self._done, self._total)

@@ -1,12 +1,11 @@
-"""How the jobs of a sweep stand, read from their run directories."""
+"""The state of the jobs of a sweep, read from their run directories."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tacevo.config.compose import from_plain
-from tacevo.config.identity import config_hash
+from tacevo.config.identity import recorded_hash
 from tacevo.errors import RunError, TacevoError
 from tacevo.records import Json
 from tacevo.storage.run_directory import RunDirectory
@@ -15,23 +14,23 @@ from tacevo.text import counted, table
 
 
 class Standing(StrEnum):
-    """What a job has come to."""
+    """The state of a job."""
 
     finished = "finished"
     running = "running"
     failed = "failed"
-    #: It has begun, and is at rest.
+    #: It has begun, and is not running.
     stopped = "stopped"
     waiting = "not begun"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """How one job stands."""
+    """The state of one job, and its results so far."""
 
     job: Job
     standing: Standing
-    #: Of its ledger, so far.
+    #: Of its ledger.
     lines: int = 0
     #: The best validation loss of its last whole generation; None before the first.
     best: float | None = None
@@ -42,7 +41,7 @@ class Status:
 
 
 def status_of(directory: SweepDirectory, job: Job) -> Status:
-    """Tell how a job stands; a run directory that cannot be read is a failure with its reason."""
+    """Return how a job stands; a run directory that cannot be read is a failure with its reason."""
     run = directory.run(job)
     try:
         lines = run.read_ledger() if run.ledger.exists() else ()
@@ -62,7 +61,7 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
 
 
 def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> str:
-    """Give the digest of a finished job; empty where it is not finished.
+    """Return the digest of a finished job; empty if it is not finished.
 
     Raises:
         TacevoError: the directory is damaged, or holds another configuration's run.
@@ -70,23 +69,25 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> st
     if not lines:
         return ""
     with run.believed():
-        config = from_plain(run.read_run()["config"])
-    if config_hash(config) != job.config:
+        recorded = recorded_hash(run.read_run()["config"])
+    if recorded != job.config:
         raise RunError(
-            f"{run.path} holds the run of another configuration than the sweep's {job.name}; move that folder away, or "
-            "choose another --into"
+            "another configuration's run",
+            place=str(run.path),
+            expected=f"a run of the job {job.name}",
+            remedy="move that directory away, or choose another --into",
         )
     return run.finished_digest() or ""
 
 
 def describe(statuses: Sequence[Status]) -> str:
-    """Write how many jobs stand how, a row for each, and the reason of each that failed."""
+    """Write how many jobs are in each state, a row for each job, and the reason of each that failed."""
     counts = Counter(status.standing for status in statuses)
-    told = ", ".join(f"{counts[standing]} {standing}" for standing in Standing if counts[standing])
+    states = ", ".join(f"{counts[standing]} {standing}" for standing in Standing if counts[standing])
     rows = [_row(status) for status in statuses]
     reasons = [f"{status.job.name}: {status.reason}" for status in statuses if status.reason]
     header = ["job", "arm", "seed", "state", "lines", "best", "digest"]
-    return "\n\n".join([f"{counted(len(statuses), 'job')}: {told or 'none'}", table(header, rows), *reasons])
+    return "\n\n".join([f"{counted(len(statuses), 'job')}: {states or 'none'}", table(header, rows), *reasons])
 
 
 def _row(status: Status) -> list[str]:

@@ -1,8 +1,7 @@
-"""The mirror's process: `TACEVO_TRACKING_URI=URI python -m tacevo.tracking RUN_DIR --experiment NAME [--follow]`.
+"""The mirror's process: `python -m tacevo.tracking RUN_DIR --uri URI --experiment NAME [--follow]`.
 
-With `--follow` it goes on until its standard input ends, which happens too when the search at the other end is
-killed. On failure it ends with status 1, and its last line of output says why. Whatever it writes, MLflow's own
-messages included, is without the password of the URI.
+With `--follow` it continues until its standard input ends, which also happens when the search is killed. When it
+fails, its exit status is 1 and its last line of output is the reason.
 """
 
 import argparse
@@ -13,8 +12,7 @@ import sys
 import traceback
 from pathlib import Path
 
-from tacevo.redaction import Veil
-from tacevo.tracking.process import URI_VARIABLE, prepare
+from tacevo.tracking.process import prepare, store_address, without_address
 
 _LOW_PRIORITY = 10
 
@@ -23,51 +21,39 @@ _PAUSE_SECONDS = 1.0
 
 def main() -> int:
     """Mirror one run; return the exit status."""
-    parser = _parser()
-    options = parser.parse_args()
-    uri = os.environ.get(URI_VARIABLE)
-    if not uri:
-        parser.error(f"{URI_VARIABLE} is not set; set it to the MLflow tracking URI")
-    with contextlib.redirect_stdout(Veil(sys.stdout, uri)), contextlib.redirect_stderr(Veil(sys.stderr, uri)):
-        return _mirror(options, uri)
-
-
-def _mirror(options: argparse.Namespace, uri: str) -> int:
-    _step_back()
+    options = _options()
+    _lower_priority()
     prepare()
-    from tacevo.tracking.mirror import mirror
-
-    finished = _input_ended if options.follow else None
     try:
-        mirror(options.run_dir, uri=uri, experiment=options.experiment, finished=finished)
-    except Exception as error:  # whatever it is: it is told in the log and ends the mirror alone
-        traceback.print_exc()
-        print(f"{type(error).__name__}: {_first_line(str(error))}", file=sys.stderr)
+        from tacevo.tracking.mirror import mirror
+
+        finished = _has_input_ended if options.follow else None
+        mirror(options.run_dir, uri=store_address(options.uri), experiment=options.experiment, finished=finished)
+    except Exception as error:  # of any class: it ends the mirror, never the search
+        print(without_address(traceback.format_exc()), file=sys.stderr)
+        print(without_address(f"{type(error).__name__}: {error}".partition("\n")[0]), file=sys.stderr)
         return 1
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tacevo.tracking", description="Mirror a run in MLflow.")
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR")
+    parser.add_argument("--uri", default="", help="MLflow tracking URI (default: MLFLOW_TRACKING_URI)")
     parser.add_argument("--experiment", required=True, help="the name of the MLflow experiment")
-    parser.add_argument("--follow", action="store_true", help="go on until standard input ends")
-    return parser
+    parser.add_argument("--follow", action="store_true", help="continue until standard input ends")
+    return parser.parse_args()
 
 
-def _step_back() -> None:
+def _lower_priority() -> None:
     """Leave the processors to the search."""
     os.nice(_LOW_PRIORITY)
-    with contextlib.suppress(OSError):  # where Linux groups by session, nice counts only inside the own group
+    with contextlib.suppress(OSError):  # where Linux groups by session, nice counts only within the group
         Path("/proc/self/autogroup").write_text(str(_LOW_PRIORITY))
 
 
-def _first_line(text: str) -> str:
-    return text.partition("\n")[0]
-
-
-def _input_ended() -> bool:
-    """Wait a moment for the end of standard input; say whether it came."""
+def _has_input_ended() -> bool:
+    """Wait a moment for the end of standard input; return whether it came."""
     return bool(select.select([sys.stdin], [], [], _PAUSE_SECONDS)[0])
 
 

@@ -1,174 +1,113 @@
-"""Run directories into MLflow: one, those of a sweep, or all below a folder.
+"""Run directories into MLflow: one, those of a sweep, or all below a directory.
 
-What it promises: nothing but its id is written into a run directory; what stands in MLflow already is not written
-again; a run that is damaged, or that MLflow refuses, is told of, and the others are written.
+What it promises: nothing is written into a run directory; what stands in MLflow already is not written again; a run
+that is damaged is reported, and the others are written.
 """
 
-import contextlib
 import logging
 import os
-import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.errors import ConfigError, RunError, TacevoError
-from tacevo.redaction import Veil, veiled, without_password
+from tacevo.errors import RunError, TacevoError
+from tacevo.redaction import check_address
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.entries import viewing
-from tacevo.tracking.process import prepare
+from tacevo.tracking.entries import shown_address
+from tacevo.tracking.facts import read_facts
+from tacevo.tracking.process import prepare, store_address, without_address
 
-#: A folder with one of these is that of a run, perhaps a damaged one.
+#: A directory with one of these is that of a run, perhaps a damaged one.
 _MARKS = frozenset({"run.json", "ledger.jsonl"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracked:
-    """What came of each run."""
+    """The runs that are in MLflow now, and those that are not."""
 
-    #: The folders whose runs are in MLflow now.
-    done: tuple[Path, ...]
+    #: How many runs are in each store, by its tracking URI; an empty one is that of MLFLOW_TRACKING_URI.
+    done: Mapping[str, int]
     #: Why the others are not, one line each.
     failed: tuple[str, ...]
-    #: How to look at each store that was written, and how many of the runs are there.
-    views: tuple[tuple[str, int], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Target:
-    """A store, and the experiment in it."""
-
-    uri: str
-    experiment: str
+class _StoreError(RunError):
+    """MLflow failed, and would fail with the next run."""
 
 
-class _StoreAbsentError(RunError):
-    """The store cannot be reached, by this run or any other."""
-
-
-def track(path: Path, uri: str | None, show: Callable[[int, int], None]) -> Tracked:
+def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
     """Mirror run directories into MLflow.
 
     Args:
-        path: a run directory, the folder of a sweep, or a folder with either below it.
-        uri: the tracking URI; None for the one in each run's configuration.
-        show: is told how many runs are done, of how many.
+        path: a run directory, the directory of a sweep, or one that contains either.
+        uri: the tracking URI; empty for the one in each run's configuration or else in MLFLOW_TRACKING_URI.
+        show: receives the number of runs that are done, and of all.
 
     Raises:
-        RunError: there is no run; or `path` is a single run, and it is damaged or could not be written.
-        ConfigError: `path` is a single run, and neither it nor the caller names a URI.
+        RunError: there is not a run; MLflow fails; or `path` is a run directory, and it is damaged.
+        ConfigError: the URI holds a password; or `path` is a run directory, and no URI is known.
+        OSError: a directory cannot be read.
     """
+    check_address(uri, "--uri")
     prepare()
-    done: list[Path] = []
+    done: Counter[str] = Counter()
     failed: list[str] = []
-    views: Counter[str] = Counter()
-    absent: set[str] = set()
-    runs = find_runs(path, lambda error: failed.append(_unreadable(error)))
-    show(0, len(runs))
-    for number, run in enumerate(runs, 1):
+    runs = find_runs(path)
+    for number, run in enumerate(runs):
+        show(number, len(runs))
         try:
-            target = _target(run, uri)
-            _mirror(run, target, absent)
+            done[_mirror(run, uri)] += 1
         except TacevoError as error:
-            if run == path:
+            if run == path or isinstance(error, _StoreError):
                 raise
             failed.append(str(error))
-        else:
-            done.append(run)
-            views[viewing(target.uri)] += 1
-        show(number, len(runs))
-    return Tracked(done=tuple(done), failed=tuple(failed), views=tuple(views.items()))
+    show(len(runs), len(runs))
+    return Tracked(done=done, failed=tuple(failed))
 
 
-def find_runs(path: Path, unreadable: Callable[[OSError], object]) -> tuple[Path, ...]:
-    """Find the run directories in a folder, by name; hidden folders are left out, and links are not followed.
-
-    Args:
-        path: the folder.
-        unreadable: is told of each folder that cannot be searched.
+def find_runs(path: Path) -> tuple[Path, ...]:
+    """Find the run directories in a directory, by name; hidden directories are left out, and links not followed.
 
     Raises:
-        RunError: there is none.
+        RunError: there is not one.
+        OSError: a directory cannot be read.
     """
+
+    def fail(error: OSError) -> None:
+        raise error
+
     found: list[Path] = []
-    for folder, below, files in os.walk(path, onerror=unreadable):
-        if _MARKS.isdisjoint(files):
-            below[:] = sorted(name for name in below if not name.startswith("."))
-        else:
-            below.clear()
-            found.append(Path(folder))
+    for directory, below, files in os.walk(path, onerror=fail) if path.exists() else ():
+        below[:] = sorted(name for name in below if not name.startswith(".")) if _MARKS.isdisjoint(files) else ()
+        if not _MARKS.isdisjoint(files):
+            found.append(Path(directory))
     if not found:
-        raise RunError(f"{path} is neither the folder of a run (it has no run.json) nor holds one; give what has runs")
+        raise RunError("no run.json in it", place=str(path), expected="a run directory, or one that contains some")
     return tuple(found)
 
 
-def _target(path: Path, uri: str | None) -> _Target:
-    """Read where a run is to be written, and see that it is sound."""
-    directory = RunDirectory(path)
-    run = directory.read_run()
+def _mirror(path: Path, given: str) -> str:
+    """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
+    settings = read_facts(path).settings()
+    RunDirectory(path).read_ledger()  # checks the chain
+    recorded = settings["tracking.uri"]
+    uri: str = given or ("" if "***" in recorded else recorded)  # earlier versions hid passwords so
+    address = store_address(uri)
     try:
-        directory.read_ledger()
-    except OSError as error:
-        raise RunError(_unreadable(error)) from error
-    with directory.believed():
-        tracking = run["config"]["tracking"]
-        target = _Target(uri=uri or tracking["uri"], experiment=tracking["experiment"])
-    if not target.uri:
-        raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
-    if "***" in target.uri:
-        raise ConfigError(f"{path} keeps no password of {target.uri}; give the whole address with --uri")
-    return target
+        from tacevo.tracking.mirror import mirror
 
-
-def _mirror(path: Path, target: _Target, absent: set[str]) -> None:
-    """Mirror one run; a store that turns out to be absent is added to those that are not asked again."""
-    if target.uri in absent:
-        raise RunError(f"{path} was not tried, because the store could not be reached before")
-    try:
-        with (
-            contextlib.redirect_stdout(Veil(sys.stdout, target.uri)),
-            contextlib.redirect_stderr(Veil(sys.stderr, target.uri)),
-        ):
-            _ask(path, target)
-            _write(path, target)
-    except _StoreAbsentError:
-        absent.add(target.uri)
-        raise
-
-
-def _ask(path: Path, target: _Target) -> None:
-    """See that the store answers; whatever it fails with then, no other run will come into it either."""
-    from tacevo.tracking.client import open_store
-
-    logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors come here, and are told in one line
-    try:
-        open_store(target.uri).search_experiments(max_results=1)
-    except Exception as error:  # a driver's own, for which there is no common class
-        raise _StoreAbsentError(_refusal(path, target, error)) from error
-
-
-def _write(path: Path, target: _Target) -> None:
-    from tacevo.tracking.mirror import mirror
-
-    try:
-        with RunDirectory(path).believed():
-            mirror(path, uri=target.uri, experiment=target.experiment, finished=None)
+        logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
+        mirror(path, uri=address, experiment=settings["tracking.experiment"], finished=None)
     except TacevoError:
         raise
-    except Exception as error:  # as in `_ask`
-        raise RunError(_refusal(path, target, error)) from error
-
-
-def _refusal(path: Path, target: _Target, error: Exception) -> str:
-    """Say in one line why a run is not in a store, without the password of its address."""
-    reason = veiled(str(error), target.uri).partition("\n")[0]
-    hint = " (install the database driver that this address needs)" if isinstance(error, ImportError) else ""
-    return (
-        f"{path} could not be written to {without_password(target.uri)}: {type(error).__name__}: {reason}{hint}; when "
-        "that is mended, the same command writes what is missing"
-    )
-
-
-def _unreadable(error: OSError) -> str:
-    return f"{error.filename} cannot be read: {error.strerror}"
+    except Exception as error:  # each driver has classes of its own
+        reason = without_address(str(error)).partition("\n")[0]
+        driver = "install the database driver that this address needs, then " if isinstance(error, ImportError) else ""
+        raise _StoreError(
+            f"{type(error).__name__}: {reason}",
+            place=f"{path} into {shown_address(uri)}",
+            expected="an MLflow store that can be written",
+            remedy=f"{driver}run the same command again: it writes what is missing",
+        ) from error
+    return uri

@@ -1,15 +1,14 @@
-"""Runs of an MLflow store: found by what they are tagged with, nested, and each of them once."""
+"""An MLflow store: opened, its experiment and its runs found or created."""
 
 import fcntl
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run
 from mlflow.exceptions import MlflowException
 
-from tacevo.errors import RunError
 from tacevo.tracking.entries import Measure
 
 #: The tag by which MLflow nests runs.
@@ -20,69 +19,24 @@ _PARAMS_PER_BATCH = 100
 
 _METRICS_PER_BATCH = 900
 
+_SQLITE = "sqlite:///"
 
-def all_runs(client: MlflowClient, experiment: str, wanted: str) -> list[Run]:
-    """Give every run that MLflow's filter lets through, the oldest first, and always in the same order."""
-    runs: list[Run] = []
+
+def find_or_create_run(client: MlflowClient, experiment: str, *, tag: str, key: str, name: str) -> Run:
+    """Return the run of an experiment whose `tag` is `key`; a new one is called `name`."""
+    found = next(tagged_runs(client, experiment, tag, key), None)
+    return found or client.create_run(experiment, run_name=name, tags={tag: key})
+
+
+def tagged_runs(client: MlflowClient, experiment: str, tag: str, value: str) -> Iterator[Run]:
+    """Yield the runs of an experiment that have a tag; neither text may have quotes."""
     token = None
     while True:
-        page = client.search_runs([experiment], wanted, page_token=token)
-        runs.extend(page)
+        page = client.search_runs([experiment], f"tags.`{tag}` = '{value}'", page_token=token)
+        yield from page
         token = page.token
         if not token:
-            return sorted(runs, key=lambda run: (run.info.start_time, run.info.run_id))
-
-
-def nested(client: MlflowClient, experiment: str, parent: str) -> list[Run]:
-    """Give the runs directly below another."""
-    return all_runs(client, experiment, tagged(PARENT_TAG, parent))
-
-
-def tagged(tag: str, value: str) -> str:
-    """Write the filter of runs with a tag; neither text may have quotes."""
-    return f"tags.`{tag}` = '{value}'"
-
-
-def claim(client: MlflowClient, experiment: str, *, tag: str, key: str, name: str) -> Run:
-    """Give the one run with a tag, made where there is none.
-
-    Where a server is killed before it answers, the client asks again, and two runs are made of one request; so are they
-    by two machines that ask at once. The oldest stays, what is nested under the others comes to it, and the others go.
-
-    Args:
-        client: the store.
-        experiment: the experiment's id.
-        tag: the tag.
-        key: its value.
-        name: what a new run is called.
-    """
-    wanted = tagged(tag, key)
-    found = all_runs(client, experiment, wanted)
-    if not found:
-        client.create_run(experiment, run_name=name, tags={tag: key})
-        found = all_runs(client, experiment, wanted)
-    kept, *others = found
-    for other in others:
-        for run in nested(client, experiment, other.info.run_id):
-            client.set_tag(run.info.run_id, PARENT_TAG, kept.info.run_id)
-        client.delete_run(other.info.run_id)
-    return kept
-
-
-def label(client: MlflowClient, run: Run, tags: Mapping[str, str]) -> None:
-    """Set the tags that a run does not have yet."""
-    for tag, value in tags.items():
-        if run.data.tags.get(tag) != value:
-            client.set_tag(run.info.run_id, tag, value)
-
-
-def unlabel(client: MlflowClient, run: str, tag: str) -> None:
-    """Take a tag from a run; that it is gone already, by a request whose answer was lost, is no error."""
-    try:
-        client.delete_tag(run, tag)
-    except MlflowException as error:
-        if error.error_code != "RESOURCE_DOES_NOT_EXIST":
-            raise
+            return
 
 
 def log(client: MlflowClient, run: str, params: Mapping[str, str], measures: Sequence[Measure]) -> None:
@@ -95,53 +49,44 @@ def log(client: MlflowClient, run: str, params: Mapping[str, str], measures: Seq
         metrics, texts = metrics[_METRICS_PER_BATCH:], texts[_PARAMS_PER_BATCH:]
 
 
-_SQLITE = "sqlite:///"
-
-#: What every SQLite database begins with; one in which nothing was made yet may be empty.
-_MAGIC = b"SQLite format 3\0"
-
-
 def open_store(uri: str) -> MlflowClient:
-    """Open a store; a SQLite database and its folder are made where they are missing.
+    """Open a store; a SQLite database and its directory are created where they are missing.
 
     Raises:
-        RunError: the file is no SQLite database. (MLflow itself would try for two minutes before it said so.)
-        OSError: the folder cannot be made. (Likewise.)
+        OSError: the directory cannot be created. (MLflow itself would try for two minutes.)
         MlflowException: the store cannot be opened.
     """
     database = _database(uri)
     if database is not None:
         database.parent.mkdir(parents=True, exist_ok=True)
-        _make(database)
-        _check(database)
+        _create(database)
     return MlflowClient(uri)
 
 
 def find_or_create_experiment(client: MlflowClient, name: str) -> str:
-    """Give the id of an experiment; a new one in a SQLite store keeps its artifacts beside the database."""
+    """Return the id of an experiment; a new one in a SQLite store keeps its artifacts beside the database."""
     found = client.get_experiment_by_name(name)
-    if found is not None:
-        return str(found.experiment_id)
-    try:
-        return client.create_experiment(name, artifact_location=_artifact_location(client.tracking_uri))
-    except MlflowException:
-        found = client.get_experiment_by_name(name)  # another search's mirror may have been quicker
-        if found is None:
-            raise
-        return str(found.experiment_id)
+    if found is None:
+        try:
+            return client.create_experiment(name, artifact_location=_artifact_location(client.tracking_uri))
+        except MlflowException:
+            found = client.get_experiment_by_name(name)  # the mirror of another search may have created it
+            if found is None:
+                raise
+    return str(found.experiment_id)
 
 
-def _make(database: Path) -> None:
-    """Make a database that is missing out of sight, and then give it its name.
+def _create(database: Path) -> None:
+    """Create a missing database under a hidden name, and then rename it.
 
-    MLflow creates its tables by dozens of steps. A mirror killed among them would leave a database that MLflow can
-    neither use nor mend; so it leaves a hidden file, which the next mirror begins anew.
+    MLflow creates its tables in dozens of steps. A mirror that is killed among them would leave a database that MLflow
+    can neither use nor repair; so it leaves a hidden file, which the next mirror replaces.
     """
     part = database.with_name(f".{database.name}.part")
     if database.exists() and not part.exists():
         return
     with part.open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)  # another mirror may be making it
+        fcntl.flock(file, fcntl.LOCK_EX)  # another mirror may be creating it
         if database.exists():
             part.unlink(missing_ok=True)
             return
@@ -151,15 +96,8 @@ def _make(database: Path) -> None:
         part.rename(database)
 
 
-def _check(database: Path) -> None:
-    with database.open("rb") as file:
-        start = file.read(len(_MAGIC))
-    if start not in {b"", _MAGIC}:
-        raise RunError(f"{database} is no SQLite database: it begins with {start!r}; name another, or a new one")
-
-
 def _artifact_location(uri: str) -> str | None:
-    """Name the folder beside a SQLite database; any other store knows its own place."""
+    """Name the directory beside a SQLite database; any other store knows its own place."""
     database = _database(uri)
     return None if database is None else (database.parent / "mlartifacts").as_uri()
 

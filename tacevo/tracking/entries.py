@@ -6,13 +6,18 @@ from dataclasses import dataclass, field
 from typing import Self
 
 from tacevo.costs import Spending, total
-from tacevo.records import Json
-from tacevo.redaction import without_password
-from tacevo.search.unsent import dropped_settings, sent_temperature
+from tacevo.records import Json, Operator
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import CandidateLine, GenerationLine
+from tacevo.search.proposals import Instruction
+from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import leaves
 
 #: The longest param, in characters: older MLflow servers refuse more.
 LONGEST_PARAM = 500
+
+#: The environment variable in which MLflow itself looks for a tracking URI.
+URI_VARIABLE = "MLFLOW_TRACKING_URI"
 
 _GENERATION_METRICS = (
     "best",
@@ -24,6 +29,7 @@ _GENERATION_METRICS = (
     "candidates",
     "trained",
     "temperature",
+    "repaired",
 )
 
 _CANDIDATE_METRICS = (
@@ -39,8 +45,6 @@ _CANDIDATE_METRICS = (
     "curiosity",
 )
 
-_EPOCH_METRICS = {"train_loss": "train_losses", "validation_loss": "validation_losses"}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measure:
@@ -53,67 +57,64 @@ class Measure:
 
 
 def config_params(config: Mapping[str, Json]) -> dict[str, str]:
-    """Flatten a nested configuration: `{"llm": {"model": "m"}}` becomes `{"llm.model": "m"}`.
-
-    Lists are written as JSON, and every value as `without_password` and then `shorten` leave it.
-    """
-    return {key: shorten(without_password(_text(value))) for key, value in leaves(config)}
+    """Flatten a nested configuration: `{"llm": {"model": "m"}}` becomes `{"llm.model": "m"}`; lists become JSON."""
+    return {key: shorten(_text(value)) for key, value in leaves(config)}
 
 
-def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Say how a candidate was asked for and, where it was turned away, at which stage and why.
+def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -> dict[str, str]:
+    """Return how a candidate was asked for and, where it was rejected, at which stage and why.
 
     Args:
-        line: a ledger line of kind `candidate`.
-        instructions: the task's prompt library, as `{"id", "text"}`; the line's `prompt` is an index into it.
+        line: its ledger line.
+        instructions: the task's prompt library; the line's `prompt` is an index into it.
 
     Returns:
         Params by name; what does not apply to the candidate is left out.
     """
-    shown = {key: line.get(key) for key in ("operator", "generation", "slot", "stage", "reason")}
-    shown["temperature"] = sent_temperature(line)
-    shown["dropped"] = ",".join(dropped_settings(line)) or None
-    shown["parents"] = ",".join(line["parents"]) or None
-    shown["repairs"] = len(line.get("repairs", ())) or None
-    if line["prompt"] is not None:
-        instruction = instructions[line["prompt"]]
-        shown |= {"instruction": instruction["id"], "instruction_text": instruction["text"]}
-    elif line["operator"] == "crossover":
+    shown: dict[str, Json] = {key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")}
+    shown["temperature"] = None if TEMPERATURE in line.dropped else line.temperature
+    shown["dropped"] = ",".join(line.dropped) or None
+    shown["parents"] = ",".join(line.parents) or None
+    shown["repairs"] = len(line.repairs) or None
+    if line.prompt is not None:
+        instruction = instructions[line.prompt]
+        shown |= {"instruction": instruction.id, "instruction_text": instruction.text}
+    elif line.operator is Operator.crossover:
         shown["instruction"] = "crossover"
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 
-def candidate_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
-    """Give a candidate's metrics: the losses of every epoch, and each figure that its ledger line has."""
+def candidate_measures(line: CandidateLine) -> tuple[Measure, ...]:
+    """Return a candidate's metrics: the losses of every epoch, and each figure that its ledger line has."""
     losses = [
-        Measure(key=key, value=float(value), step=epoch)
-        for key, field in _EPOCH_METRICS.items()
-        for epoch, value in enumerate(line.get(field, ()), 1)
+        Measure(key=key, value=value, step=epoch)
+        for key, values in (("train_loss", line.train_losses), ("validation_loss", line.validation_losses))
+        for epoch, value in enumerate(values or (), 1)
     ]
-    figures = {key: line[key] for key in _CANDIDATE_METRICS if key in line}
-    if "status" in line:
-        figures["inserted"] = line["status"] != "rejected"
-    return (*losses, *(Measure(key=key, value=float(value), step=0) for key, value in figures.items()))
+    inserted = None if line.status is None else line.status is not AddStatus.rejected
+    return (*losses, *_measures({**_figures(line, _CANDIDATE_METRICS), "inserted": inserted}, 0))
 
 
-def generation_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
-    """Give a generation's metrics; a figure that it does not have (no candidate was trained) is left out."""
-    figures = {key: line[key] for key in _GENERATION_METRICS if line[key] is not None}
-    if "repaired" in line:
-        figures["repaired"] = line["repaired"]
-    return tuple(Measure(key=key, value=float(value), step=line["generation"]) for key, value in figures.items())
+def generation_measures(line: GenerationLine) -> tuple[Measure, ...]:
+    """Return a generation's metrics; a figure that it does not have (no candidate was trained) is left out."""
+    return _measures(_figures(line, _GENERATION_METRICS), line.generation)
+
+
+def _figures(line: CandidateLine | GenerationLine, names: Sequence[str]) -> dict[str, float | None]:
+    return {name: getattr(line, name) for name in names}
+
+
+def _measures(figures: Mapping[str, float | None], step: int) -> tuple[Measure, ...]:
+    return tuple(Measure(key=key, value=float(value), step=step) for key, value in figures.items() if value is not None)
 
 
 def cost_measures(spent: Spending, step: int) -> tuple[Measure, ...]:
-    """Give the metrics of what answers cost: tokens and, of those with a known price, US dollars."""
-    figures: dict[str, float] = {
-        "answers": spent.answers,
-        "input_tokens": spent.input_tokens,
-        "output_tokens": spent.output_tokens,
-    }
-    if spent.answers > spent.unpriced:
-        figures["usd"] = spent.usd
-    return tuple(Measure(key=key, value=float(value), step=step) for key, value in figures.items() if spent.answers)
+    """Return the metrics of what answers cost: tokens and, of those with a known price, US dollars."""
+    if not spent.answers:
+        return ()
+    usd = spent.usd if spent.answers > spent.unpriced else None
+    tokens = {"input_tokens": spent.input_tokens, "output_tokens": spent.output_tokens}
+    return _measures({"answers": spent.answers, **tokens, "usd": usd}, step)
 
 
 def shorten(text: str) -> str:
@@ -121,24 +122,29 @@ def shorten(text: str) -> str:
     return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
 
 
+def shown_address(uri: str) -> str:
+    """Return a tracking URI, or the name of the environment variable that holds it."""
+    return uri or f"${URI_VARIABLE}"
+
+
 def viewing(uri: str, mlflow: str = "mlflow") -> str:
-    """Say how to look at a store: a server's own page, or a command that serves one.
+    """Return how to look at a store: a server's own page, or a command that serves one.
 
     Args:
-        uri: the tracking URI; a password in it is not shown.
+        uri: the tracking URI; empty for the one in MLFLOW_TRACKING_URI.
         mlflow: how MLflow's command is spelt here.
     """
-    shown = without_password(uri)
-    return shown if uri.startswith(("http://", "https://")) else f"{mlflow} ui --backend-store-uri {shown}"
+    is_page = uri.startswith(("http://", "https://"))
+    return uri if is_page else f"{mlflow} ui --backend-store-uri {shown_address(uri)}"
 
 
 def _text(value: Json) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return str(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Totals:
-    """What the generations so far come to."""
+    """Sums over the generations so far."""
 
     #: Best fitness of the first generation in which anything was trained.
     first: float | None = None
@@ -148,24 +154,19 @@ class Totals:
     trainable: tuple[float, ...] = ()
     spent: Spending = field(default_factory=Spending)
 
-    def after(self, line: Mapping[str, Json], spent: Spending) -> Self:
-        """Give the totals after one generation more.
-
-        Args:
-            line: its ledger line.
-            spent: what its answers cost.
-        """
-        shares = (line["trained"] / line["candidates"],) if line["generation"] and line["candidates"] else ()
+    def after(self, line: GenerationLine, spent: Spending) -> Self:
+        """Return the totals after one more generation, whose answers cost so much."""
+        shares = (line.trained / line.candidates,) if line.generation and line.candidates else ()
         return type(self)(
-            first=line["best"] if self.first is None else self.first,
-            trained=self.trained + line["trained"] + line.get("repaired", 0),
+            first=line.best if self.first is None else self.first,
+            trained=self.trained + line.trained + (line.repaired or 0),
             trainable=(*self.trainable, *shares),
             spent=total((self.spent, spent)),
         )
 
 
-def total_measures(totals: Totals, line: Mapping[str, Json]) -> tuple[Measure, ...]:
-    """Give the metrics of what adds up over a search.
+def total_measures(totals: Totals, line: GenerationLine) -> tuple[Measure, ...]:
+    """Return the metrics of what adds up over a search.
 
     Args:
         totals: after the generation.
@@ -176,11 +177,10 @@ def total_measures(totals: Totals, line: Mapping[str, Json]) -> tuple[Measure, .
         this one, in [0, 1]; `trained_candidates`; and the costs so far as `total_answers` and so on. What does not
         apply yet is left out.
     """
-    step = line["generation"]
-    figures = {"trained_candidates": float(totals.trained)}
-    if totals.first is not None:
-        figures["improvement"] = (totals.first - line["best"]) / totals.first if totals.first else 0.0
+    figures: dict[str, float | None] = {"trained_candidates": totals.trained}
+    if totals.first is not None and line.best is not None:
+        figures["improvement"] = (totals.first - line.best) / totals.first if totals.first else 0.0
     if totals.trainable:
         figures["trainable_rate"] = sum(totals.trainable) / len(totals.trainable)
-    costs = {f"total_{measure.key}": measure.value for measure in cost_measures(totals.spent, step)}
-    return tuple(Measure(key=key, value=value, step=step) for key, value in {**figures, **costs}.items())
+    costs = {f"total_{measure.key}": measure.value for measure in cost_measures(totals.spent, line.generation)}
+    return _measures({**figures, **costs}, line.generation)

@@ -1,21 +1,23 @@
 """The mirror's work: reads a run directory and writes it into MLflow.
 
-What it promises: but for the id of the folder it only reads the run; done twice, or killed and done again, it writes
-nothing twice. What it does not: it takes the ledger's lines as they stand; to check their chain is the ledger's
-business.
+What it promises: it only reads the run directory; done twice, or killed and done again, it writes nothing twice. What
+it does not: it takes the ledger's lines as they stand, and does not check their chain.
 """
 
+import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
+from tacevo.errors import RunError
 from tacevo.records import Json
+from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import alone
+from tacevo.storage.ledger import unsealed
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.client import find_or_create_experiment, open_store
-from tacevo.tracking.datasets import data_set, source_tags
+from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
 from tacevo.tracking.entries import (
     Measure,
     Totals,
@@ -26,76 +28,99 @@ from tacevo.tracking.entries import (
     generation_measures,
     total_measures,
 )
-from tacevo.tracking.identity import folder_id
-from tacevo.tracking.sweeps import Membership, leave_sweep, membership, nest
-from tacevo.tracking.writer import Entry, SearchWriter
+from tacevo.tracking.facts import data_set, read_facts, source_tags
+from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
+from tacevo.tracking.writer import SearchWriter
+from tacevo.typed import convert
 
 
 def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
 
     The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
-    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's, which ends with its last
-    job.
+    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's run.
 
     Args:
-        run_dir: the run directory; nothing is written there but its id.
+        run_dir: the run directory.
         uri: an MLflow tracking URI; `sqlite:///` with a relative path starts from the working directory.
         experiment: the name of the MLflow experiment.
-        finished: says that no more lines will come; asked before each look at the ledger, so the time it takes
-            to answer sets the pace. Another mirror of the directory is waited for. None writes what stands there now:
-            another mirror is not waited for, and a search that is at work is left `RUNNING`.
+        finished: whether no more lines will come; asked before each look at the ledger, so the time it takes to answer
+            sets the pace. Another mirror of the directory is waited for. None writes what stands there now: another
+            mirror is not waited for, and a search that is at work is left `RUNNING`.
 
     Raises:
-        RunError: the folder of the run's sweep, or its id, is damaged; or another mirror of the directory is at work.
-        OSError: the run directory cannot be read, or the folder of a SQLite database cannot be made.
+        RunError: run.json, a ledger line or sweep.json is damaged; the store holds another search under this name; or
+            another mirror of the directory is at work.
+        OSError: the run directory cannot be read, or the directory of a SQLite database cannot be created.
         MlflowException: the store cannot be written.
     """
-    ledger = run_dir / "ledger.jsonl"
     with alone(run_dir, wait=finished is not None):
-        lines = follow(ledger, finished or _at_once)
+        lines = follow(run_dir / "ledger.jsonl", finished or (lambda: True))
         header = next(lines, None)
         if header is None:
             return
-        facts = _facts(run_dir)
-        member = membership(run_dir)
+        last = header[0]
+        facts, member = read_facts(run_dir), find_membership(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
+        nesting = {} if member is None else join_sweep(client, place, member)
+        name = run_dir.resolve().name
         writer = SearchWriter(
             client,
             place,
-            key=_key(run_dir, header, member),
-            name=facts["name"],
-            source=source_tags(facts),
-            ledger=frozenset(line["hash"] for line in follow(ledger, _at_once)),
+            key=content_hash([header[0], name, "" if member is None else member.name]),
+            name=name,
+            tags=nesting,
+            source=source_tags(facts.code),
         )
-        if member is not None:
-            nest(client, place, member, writer.tag)
-        writer.write_params(config_params(facts["config"]))
+        writer.write_params(config_params(facts.config))
         writer.write_data(data_set(facts))
-        last = header["hash"]
         sums = _Sums(run_dir)
-        for line in lines:
-            _write_line(writer, run_dir, facts, line, sums)
-            last = line["hash"]
-        if _facts(run_dir)["digest"] == last:
+        for last, line in lines:
+            if isinstance(line, CandidateLine):
+                params = candidate_params(line, facts.task.instructions)
+                measures = (*candidate_measures(line), *cost_measures(sums.of_candidate(line.id), 0))
+                writer.write_candidate(line, last, params, measures, run_dir / "candidates" / f"{line.id}.py")
+            elif isinstance(line, GenerationLine):
+                writer.write_generation(line.generation, (*generation_measures(line), *sums.of_generation(line)))
+        if read_facts(run_dir).digest == last:
             writer.finish(last)
         elif finished is not None or not RunDirectory(run_dir).is_busy:
             writer.stop()
         if member is not None:
-            leave_sweep(client, place, member)
+            leave_sweep(client, nesting[PARENT_TAG], member.directory)
 
 
-def follow(path: Path, finished: Callable[[], bool]) -> Iterator[dict[str, Json]]:
-    """Give a ledger's whole lines as they are committed, until `finished`; the file may not exist yet."""
-    offset = 0
-    ended = False
+def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, CandidateLine | GenerationLine | None]]:
+    """Yield a ledger's lines as they are committed, until `finished`; the file may not exist yet.
+
+    Returns:
+        The hash of each line, and its record; None for a line that MLflow does not show.
+
+    Raises:
+        RunError: a line is damaged.
+    """
+    offset, ended = 0, False
     while not ended:
         ended = finished()  # asked before reading: what was committed before the end is still read
-        whole = _whole_lines(path, offset)
+        data = b""
+        with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+            file.seek(offset)
+            data = file.read()
+        whole = data[: data.rfind(b"\n") + 1]  # a line without its end is not committed yet
         offset += len(whole)
         for text in whole.splitlines():
-            yield json.loads(text)
+            sealed = json.loads(text)
+            yield sealed["hash"], _record(unsealed(sealed), str(path))
+
+
+def _record(line: dict[str, Json], place: str) -> CandidateLine | GenerationLine | None:
+    match line["kind"]:
+        case "candidate":
+            return convert(CandidateLine, line, place=place, error=RunError)
+        case "generation":
+            return convert(GenerationLine, line, place=place, error=RunError)
+    return None
 
 
 class _Sums:
@@ -108,54 +133,14 @@ class _Sums:
         self._totals = Totals()
 
     def of_candidate(self, name: str) -> Spending:
-        """Give a candidate's cost; the file is read again only for one that is new."""
+        """Return a candidate's cost; the file is read again only for one that is new."""
         if name not in self._known:
             self._known = self._directory.read_spending()
         self._generation.append(self._known.get(name, Spending()))
         return self._generation[-1]
 
-    def of_generation(self, line: Mapping[str, Json]) -> tuple[Measure, ...]:
-        """Give what the candidates since the last generation cost, and how far the search has come with them."""
+    def of_generation(self, line: GenerationLine) -> tuple[Measure, ...]:
+        """Return what the candidates since the last generation cost, and how far the search has come with them."""
         spent, self._generation = total(self._generation), []
         self._totals = self._totals.after(line, spent)
-        return (*cost_measures(spent, line["generation"]), *total_measures(self._totals, line))
-
-
-def _key(run_dir: Path, header: Mapping[str, Json], member: Membership | None) -> str:
-    """Name a search: by its folder's id or, where none can be written, by the names of its folder and its sweep's."""
-    own = folder_id(run_dir)
-    names = [run_dir.resolve().name, *([] if member is None else [member.name])]
-    return content_hash([header["hash"], *(names if own is None else [own])])
-
-
-def _at_once() -> bool:
-    """Say that no more lines are waited for."""
-    return True
-
-
-def _write_line(
-    writer: SearchWriter, run_dir: Path, facts: Mapping[str, Json], line: dict[str, Json], sums: _Sums
-) -> None:
-    if line["kind"] == "generation":
-        writer.write_generation(line["hash"], (*generation_measures(line), *sums.of_generation(line)))
-    elif line["kind"] == "candidate":
-        writer.write_candidate(
-            Entry(name=line["id"], line=line["hash"], failed="stage" in line),
-            candidate_params(line, facts["task"]["instructions"]),
-            (*candidate_measures(line), *cost_measures(sums.of_candidate(line["id"]), 0)),
-            run_dir / "candidates" / f"{line['id']}.py",
-        )
-
-
-def _whole_lines(path: Path, offset: int) -> bytes:
-    if not path.exists():
-        return b""
-    with path.open("rb") as file:
-        file.seek(offset)
-        data = file.read()
-    return data[: data.rfind(b"\n") + 1]  # a line without its end is not committed yet
-
-
-def _facts(run_dir: Path) -> dict[str, Json]:
-    facts: dict[str, Json] = json.loads((run_dir / "run.json").read_text(encoding="utf-8"))
-    return facts
+        return (*cost_measures(spent, line.generation), *total_measures(self._totals, line))

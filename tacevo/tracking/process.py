@@ -1,7 +1,7 @@
-"""The search's handle on the mirror's process; MLflow is never imported here.
+"""Start and end the mirror's process; MLflow is never imported here.
 
-What it promises: neither a slow, nor a failing, nor a missing mirror stops or changes a search; the worst that
-comes of it is a warning. A mirror outlives a killed search by the time it takes to write what was committed.
+What it promises: a mirror that is slow, fails or is missing neither stops nor changes a search; the search only warns.
+A mirror outlives a killed search by the time that it takes to write what was committed.
 """
 
 import gc
@@ -10,19 +10,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tacevo.redaction import without_password
-
-#: The environment variable that gives the process its URI: a command line can be read by every user of a machine.
-URI_VARIABLE = "TACEVO_TRACKING_URI"
+from tacevo.errors import ConfigError
+from tacevo.tracking.entries import URI_VARIABLE, shown_address
 
 
 class Mirror:
     """A process that mirrors a run while it is written.
 
     Args:
-        run_dir: the run directory, which holds `run.json` when the mirror starts; the process writes what it
-            has to say to `tracking.log` there.
-        uri: the MLflow tracking URI; a password in it is neither shown nor logged.
+        run_dir: the run directory, which holds `run.json` when the mirror starts; the process logs to
+            `tracking.log` there.
+        uri: the MLflow tracking URI; empty for the one in MLFLOW_TRACKING_URI.
         experiment: the name of the MLflow experiment.
     """
 
@@ -41,8 +39,8 @@ class Mirror:
         try:
             with self._log.open("ab") as log:
                 self._process = subprocess.Popen(
-                    [*command, "--experiment", self._experiment],
-                    env={**os.environ, "PYTHONPATH": paths, URI_VARIABLE: self._uri},
+                    [*command, "--uri", self._uri, "--experiment", self._experiment],
+                    env={**os.environ, "PYTHONPATH": paths},
                     stdin=subprocess.PIPE,
                     stdout=log,
                     stderr=subprocess.STDOUT,
@@ -52,13 +50,13 @@ class Mirror:
             self._failure = str(error)
 
     def finish(self, timeout: float | None) -> str | None:
-        """Tell the process that no more lines come, and wait for it.
+        """End the input of the process, which means that no more lines come, and wait for its end.
 
         Args:
             timeout: how long to wait, in seconds; None waits as long as it takes.
 
         Returns:
-            None, or one line that warns the user: the mirror failed, or still runs (and goes on doing so).
+            None, or one line that warns the user: the mirror failed, or is still writing and continues by itself.
         """
         if self._process is None:
             return self._warning(self._failure)
@@ -67,24 +65,24 @@ class Mirror:
         try:
             status = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
-            place = without_password(self._uri)
-            return f"the MLflow mirror is still writing to {place}; it goes on by itself and logs to {self._log}"
+            place = shown_address(self._uri)
+            return f"the MLflow mirror is still writing to {place}; it continues by itself and logs to {self._log}"
         if status == 0:
             return None
-        return self._warning(self._last_words() if status == 1 else f"it ended with status {status}")
+        return self._warning(self._last_line() if status == 1 else f"its exit status was {status}")
 
     def _warning(self, reason: str) -> str:
         return (
-            f"the MLflow mirror to {without_password(self._uri)} failed: {reason}; the run itself is not affected; "
+            f"the MLflow mirror to {shown_address(self._uri)} failed: {reason}; the run itself is not affected; "
             f"see {self._log}, then `tacevo track {self._run_dir}` writes what is missing"
         )
 
-    def _last_words(self) -> str:
+    def _last_line(self) -> str:
         try:
             lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
         except OSError as error:
             return str(error)
-        return lines[-1] if lines else "it said nothing"
+        return lines[-1] if lines else "its log is empty"
 
 
 _QUIET = {
@@ -104,3 +102,26 @@ def prepare() -> None:
     os.environ.update(_QUIET)
     for name, value in _PATIENCE.items():
         os.environ.setdefault(name, value)  # the user's own choice comes first
+
+
+def store_address(uri: str) -> str:
+    """Return a tracking URI, or where it is empty the one that MLFLOW_TRACKING_URI holds.
+
+    Raises:
+        ConfigError: both are empty.
+    """
+    address = uri or os.environ.get(URI_VARIABLE, "")
+    if not address:
+        raise ConfigError(
+            "nothing",
+            place="tracking.uri",
+            expected=f"the address of an MLflow store, there or in {URI_VARIABLE}",
+            remedy="set one of the two, or give `tacevo track --uri`, e.g. --uri sqlite:///mlflow.db",
+        )
+    return address
+
+
+def without_address(text: str) -> str:
+    """Replace the address that MLFLOW_TRACKING_URI holds, which may have a password, by the variable's name."""
+    address = os.environ.get(URI_VARIABLE)
+    return text.replace(address, f"${URI_VARIABLE}") if address else text

@@ -62,5 +62,5 @@ def test_damaged_description_of_a_run_is_no_missing_job(tmp_path: Path) -> None:
 
 def test_folder_without_a_sweep_is_refused(tmp_path: Path) -> None:
     """In the words of whoever reads it."""
-    with pytest.raises(RunError, match=r"is not the folder of a sweep: it has no sweep\.json"):
+    with pytest.raises(RunError, match="expected the directory of a sweep"):
         load_sweep(tmp_path, hash_of)

@@ -161,11 +161,11 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
     ("change", "words"),
     [
         ({"name": "gone"}, "'gone' is a job, and its run is not there"),
-        ({"name": "../../evil"}, "a job's name must be that of a folder"),
+        ({"name": "../../evil"}, "expected the name of a directory; got '../../evil'"),
         ({"name": "none-seed0"}, "lists the job 'none-seed0' twice"),
-        ({"arm": "mine"}, "the arms 'none' and 'mine' have runs of the same settings"),
-        ({"seed": 9}, "sweep.json, job none-seed1: field 'seed' is 9"),
-        ({"seed": "one"}, "sweep.json is damaged"),
+        ({"arm": "mine"}, "arms 'none' and 'mine': expected different settings"),
+        ({"seed": 9}, "sweep.json, job none-seed1, seed: expected 1"),
+        ({"seed": "one"}, "sweep.json, jobs.1.seed: expected an integer"),
     ],
 )
 def test_edited_job_is_found(change: dict[str, object], words: str, whole: Members, refused: Refused) -> None:
@@ -209,7 +209,7 @@ def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) ->
     swapped = {f"sweep/fixed_temperature-seed0/{name}": data for name, data in one.items()}
     swapped |= {f"sweep/none-seed0/{name}": data for name, data in other.items()}
     rest = {name: data for name, data in whole.items() if not name.startswith(("sweep/none-seed0/", "sweep/fixed"))}
-    refused({**rest, **swapped}, "sweep.json, job none-seed0: field 'config' is ")
+    refused({**rest, **swapped}, "sweep.json, job none-seed0, config: expected")
 
 
 def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> None:

@@ -127,7 +127,7 @@ def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.Cap
 def test_folder_of_a_run_is_no_sweep(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run has tables of its own."""
     assert main(["ablations", "sweep/none-seed0"]) == 2
-    assert "sweep/none-seed0 is not the folder of a sweep: it has no sweep.json" in capsys.readouterr().err
+    assert "sweep/none-seed0: expected the directory of a sweep" in capsys.readouterr().err
 
 
 def test_edited_run_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:

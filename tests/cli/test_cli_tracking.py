@@ -128,8 +128,11 @@ def test_untracked_run_can_be_tracked_later(
     assert len(runs_in(database(tmp_path), monkeypatch)) == 1 + CANDIDATES
 
 
-def test_track_without_a_uri_is_the_users_mistake(untracked: Searched, capsys: pytest.CaptureFixture[str]) -> None:
-    """A run made with tracking=none names no store: status 2, and one line that says what to give."""
+def test_track_without_a_uri_is_the_users_mistake(
+    untracked: Searched, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run made with tracking=none does not name a store: status 2, and one line that says what to set."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     assert main(["track", str(untracked.run)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "give --uri" in line
+    assert "--uri" in line

@@ -76,12 +76,13 @@ def test_candidates_on_a_gpu_are_not_said_to_be_walled(before: Json, folder: Pat
 
 def test_no_password_reaches_a_run_directory(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run directory is there to be shared: addresses in it hold no user info."""
-    secret = ["tracking.uri='postgresql://me:hunter2@localhost/db'", "llm.base_url='http://me:hunter2@localhost'"]
-    assert main(["search", *TINY, "search.generations=0", *secret]) == 0
+    secret = "llm.base_url='http://me:hunter2@localhost'"
+    assert main(["search", *TINY, "search.generations=0", secret]) == 0
     texts = [path.read_text() for path in (folder / "run").rglob("*") if path.is_file()]
     assert not [text for text in texts if "hunter2" in text]
-    assert main(["track", "run"]) == 2
-    assert "give the whole address with --uri" in capsys.readouterr().err
+    assert main(["search", *TINY, "tracking.uri='postgresql://me:hunter2@localhost/db'", "run.dir=other"]) == 2
+    assert "tracking.uri: expected an address without a password" in capsys.readouterr().err
+    assert not (folder / "other").exists()
 
 
 def test_every_kept_file_is_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,7 +26,6 @@ from tacevo.search.algorithm import Plan, run_eras, run_search
 from tacevo.search.archive import find_centroids
 from tacevo.search.unsent import not_sent, sent_temperature
 from tacevo.storage.ledger import Ledger
-from tacevo.tracking.entries import candidate_params
 
 WORDS = "temperature was not sent: the model refuses it"
 NICHES = np.array(find_centroids(niches=4, dimensions=2, samples=100, seed=0))
@@ -149,14 +148,6 @@ def test_tables_of_temperatures_say_it() -> None:
     assert temperatures_table(hand).rows == ()
     assert temperatures_table(hand).notes[-1] == f"{WORDS}."
     assert generations_table(hand, NICHES).notes[-1] == f"T is what was planned; {WORDS}."
-
-
-def test_mlflow_shows_no_temperature_that_was_not_sent() -> None:
-    """It shows instead what the model refuses."""
-    line = next(line for line in searched(fakes.plan(), Refusing()) if line.get("answer"))
-    shown = candidate_params(line, [{"id": one.id, "text": one.text} for one in fakes.TASK.instructions])
-    assert shown["dropped"] == "temperature,top_p"
-    assert "temperature" not in shown
 
 
 def test_arms_over_temperature_are_no_comparison() -> None:

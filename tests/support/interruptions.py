@@ -18,7 +18,6 @@ import pytest
 from smallest import SMALLEST
 
 from tacevo.sandbox.processes import descendants
-from tacevo.tracking import identity
 
 #: A real search, as small as one can be that mutates, crosses over, rejects and trains.
 SEARCH = [
@@ -222,10 +221,9 @@ def wait_until(holds: Callable[[], bool]) -> bool:
 
 
 def leftovers(folder: Path) -> list[str]:
-    """List what nobody reads: temporary files, and hidden ones that are neither a lock nor the mirror's id."""
+    """List temporary files, and hidden ones that are not locks."""
     names = [path for path in folder.rglob("*") if path != folder / "tmp"]
-    kept = ("lock", identity.FILE)
-    hidden = [path for path in names if path.name.startswith(".") and not path.name.endswith(kept)]
+    hidden = [path for path in names if path.name.startswith(".") and not path.name.endswith("lock")]
     temporary = [path for path in names if path.name.endswith(("part", "-journal", ".tmp"))]
     return sorted({str(path.relative_to(folder)) for path in (*hidden, *temporary, *(folder / "tmp").rglob("*"))})
 

@@ -2,10 +2,14 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacevo.records import Json
+from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage, to_json
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, RunLine, written
+from tacevo.search.proposals import Instruction
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory
@@ -14,110 +18,121 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import Run
 
-#: Tags that hold the id of a folder, which is another for every folder.
-KEYS = {"tacevo.run", "tacevo.sweep_key"}
-INSTRUCTIONS = [{"id": "widen", "text": "Widen every convolution."}, {"id": "gelu", "text": "ReLU to GELU."}]
-HEADER: dict[str, Json] = {"kind": "run", "schema": 1, "task": "force"}
-BASELINE: dict[str, Json] = {
-    "kind": "candidate",
-    "generation": 0,
-    "slot": 0,
-    "id": "g00s00",
-    "operator": "baseline",
-    "parents": [],
-    "prompt": None,
-    "temperature": None,
-    "parameters": 1200,
-    "flops": 34000,
-    "arch_div": 0.5,
-    "eff_ratio": 1.5,
-    "entropy": 0.7,
-    "density": 0.3,
-    "variation": 0.5,
-    "fitness": 0.25,
-    "train_losses": [0.75, 0.5],
-    "validation_losses": [0.5, 0.25],
-    "niche": 4,
-    "status": "new",
-    "curiosity": 1.8,
-}
-MUTATION = {
-    **BASELINE,
-    "slot": 1,
-    "id": "g00s01",
-    "operator": "mutation",
-    "parents": ["g00s00"],
-    "prompt": 1,
-    "temperature": 0.625,
-    "status": "rejected",
-    "curiosity": 0.5,
-}
-REJECTED: dict[str, Json] = {
-    "kind": "candidate",
-    "generation": 0,
-    "slot": 2,
-    "id": "g00s02",
-    "operator": "crossover",
-    "parents": ["g00s00", "g00s01"],
-    "prompt": None,
-    "temperature": 0.6,
-    "stage": "policy",
-    "reason": "forbidden_import",
-}
-GENERATION: dict[str, Json] = {
-    "kind": "generation",
-    "generation": 0,
-    "temperature": 0.6,
-    "next_temperature": 0.65,
-    "candidates": 3,
-    "trained": 2,
-    "best": 0.25,
-    "generation_best": 0.25,
-    "generation_median": 0.25,
-    "coverage": 0.01,
-    "qd_score": 0.8,
-    "prompt_coverage": 0.0,
-}
-SECOND_GENERATION = {**GENERATION, "generation": 1, "candidates": 0, "trained": 0, "temperature": 0.65}
-SECOND_GENERATION |= {"generation_best": None, "generation_median": None}
+INSTRUCTIONS = (Instruction(id="widen", text="Widen every convolution."), Instruction(id="gelu", text="ReLU to GELU."))
 #: A data set of the sensor's forces, and a commit, as run.json has them.
-DATA: dict[str, Json] = {
-    "fingerprint": "0123456789abcdef" * 4,
-    "kind": "regression",
-    "counts": [60, 20, 20],
-    "in_channels": 3,
-    "image_size": 64,
-    "outputs": 3,
-    "names": ["Fx", "Fy", "Fz"],
-}
+DATA = DataFacts(
+    fingerprint="0123456789abcdef" * 4,
+    kind=Kind.regression,
+    counts=(60, 20, 20),
+    in_channels=3,
+    image_size=64,
+    outputs=3,
+    names=("Fx", "Fy", "Fz"),
+)
 CODE: dict[str, Json] = {"commit": "fedcba98" * 5, "dirty": False}
-ENTRIES = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
+HEADER = RunLine(schema=1, config={}, task="force", data=DATA, centroids="c" * 64)
+BASELINE = CandidateLine(
+    generation=0,
+    slot=0,
+    id="g00s00",
+    operator=Operator.baseline,
+    parents=(),
+    prompt=None,
+    request=None,
+    temperature=None,
+    answer=None,
+    parameters=1200,
+    flops=34000,
+    arch_div=0.5,
+    eff_ratio=1.5,
+    entropy=0.7,
+    density=0.3,
+    variation=0.5,
+    fitness=0.25,
+    train_losses=(0.75, 0.5),
+    validation_losses=(0.5, 0.25),
+    niche=4,
+    status=AddStatus.new,
+    curiosity=1.8,
+)
+MUTATION = replace(
+    BASELINE,
+    slot=1,
+    id="g00s01",
+    operator=Operator.mutation,
+    parents=("g00s00",),
+    prompt=1,
+    temperature=0.625,
+    status=AddStatus.rejected,
+    curiosity=0.5,
+)
+REJECTED = CandidateLine(
+    generation=0,
+    slot=2,
+    id="g00s02",
+    operator=Operator.crossover,
+    parents=("g00s00", "g00s01"),
+    prompt=None,
+    request="r" * 64,
+    temperature=0.6,
+    answer="a" * 64,
+    stage=Stage.policy,
+    reason=Reason.forbidden_import,
+)
+GENERATION = GenerationLine(
+    generation=0,
+    temperature=0.6,
+    next_temperature=0.65,
+    candidates=3,
+    trained=2,
+    best=0.25,
+    generation_best=0.25,
+    generation_median=0.25,
+    coverage=0.01,
+    qd_score=0.8,
+    prompt_coverage=0.0,
+    bounds=None,
+    archive="n" * 64,
+    prompt_archive="p" * 64,
+)
+SECOND_GENERATION = replace(
+    GENERATION,
+    generation=1,
+    candidates=0,
+    trained=0,
+    temperature=0.65,
+    generation_best=None,
+    generation_median=None,
+)
+LINES: list[Line] = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
 
 
-def build_run(run_dir: Path, entries: list[dict[str, Json]], *, whole: bool = True) -> str:
-    """Write a run directory, or take one further, as a search does; return the digest of its ledger."""
+def build_run(run_dir: Path, lines: Sequence[Line], *, whole: bool = True, uri: str = "") -> str:
+    """Write a run directory, or continue one, as a search does; return the digest of its ledger."""
+    for line in lines:
+        if isinstance(line, CandidateLine) and line.fitness is not None:
+            write_durably(run_dir / "candidates" / f"{line.id}.py", f"# {line.id}\n")
     run_dir.mkdir(parents=True, exist_ok=True)
-    for entry in entries:
-        if "fitness" in entry:
-            write_durably(run_dir / "candidates" / f"{entry['id']}.py", f"# {entry['id']}\n")
     with Ledger(run_dir / "ledger.jsonl") as ledger:
-        for entry in entries:
-            ledger.commit(entry)
+        for line in lines:
+            ledger.commit(written(line))
         digest = ledger.digest
-    write_facts(run_dir, digest if whole else None)
+    write_durably(run_dir / "run.json", json.dumps(facts(digest if whole else None, uri=uri)))
+    if whole:
+        write_durably(run_dir / "summary.md", "found")
     return digest
 
 
-def write_facts(run_dir: Path, digest: str | None) -> None:
-    """Write run.json."""
-    config: dict[str, Json] = {
+def facts(digest: str | None = None, *, source: str = "simulated", root: str | None = None, uri: str = "") -> Json:
+    """Return the part of run.json that the mirror reads."""
+    config = {
         "seed": 0,
         "llm": {"model": "m", "base_url": None},
-        "data": {"source": "simulated", "root": None},
-        "tracking": {"kind": "none", "uri": "", "experiment": "tacevo"},
+        "data": {"source": source, "root": root},
+        "tracking": {"kind": "none", "uri": uri, "experiment": "tacevo"},
     }
-    facts = {"schema": 1, "name": run_dir.name, "config": config, "data": DATA, "code": CODE, "digest": digest}
-    write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
+    task = {"name": "force", "instructions": to_json(INSTRUCTIONS), "system": "You design networks."}
+    return {"schema": 1, "config": config, "data": to_json(DATA), "code": CODE, "digest": digest, "task": task}
 
 
 def mirror_once(run_dir: Path, uri: str) -> None:
@@ -157,7 +172,7 @@ def said_by(client: "MlflowClient", run: "Run") -> Any:
         for key in run.data.metrics
     }
     shown = ("tacevo.", "mlflow.source.")
-    tags = {key: value for key, value in run.data.tags.items() if key.startswith(shown) and key not in KEYS}
+    tags = {key: value for key, value in run.data.tags.items() if key.startswith(shown)}
     data = [given.to_dictionary() for given in (run.inputs.dataset_inputs if run.inputs else ())]
     files = [file.path for file in client.list_artifacts(run.info.run_id)]
     return run.info.run_name, run.info.status, run.data.params, tags, histories, [*files, *data]
@@ -184,7 +199,7 @@ def everything(uri: str) -> dict[tuple[str, ...], Any]:
     return said
 
 
-def build_sweep(folder: Path, entries: list[dict[str, Json]], *, arms: Sequence[str] = ("none", "greedy")) -> None:
+def build_sweep(folder: Path, lines: Sequence[Line], *, arms: Sequence[str] = ("none", "greedy")) -> None:
     """Write the folder of a sweep, with a whole run for each arm, and one that is not begun for the next seed."""
     jobs = [
         Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="0" * 64)
@@ -194,4 +209,4 @@ def build_sweep(folder: Path, entries: list[dict[str, Json]], *, arms: Sequence[
     SweepDirectory(folder).write(["experiment=demo"], jobs)
     for job in jobs:
         if job.seed == 0:
-            build_run(folder / job.name, entries)
+            build_run(folder / job.name, lines)

@@ -35,7 +35,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
 
 @dataclass
 class Launched:
-    """A launcher that finishes jobs by itself, but for those that it is told to fail."""
+    """A launcher that finishes jobs by itself, except for those that are to fail."""
 
     failing: tuple[str, ...] = ()
     #: Names of the jobs of each launch.
@@ -43,9 +43,9 @@ class Launched:
     launchers: list[Launcher] = field(default_factory=list)
 
     def __call__(
-        self, directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, look: Callable[[], None]
+        self, directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
     ) -> None:
-        """Finish or fail each job, and look on after each."""
+        """Finish or fail each job, and show it."""
         self.calls.append([job.name for job in jobs])
         self.launchers.append(launcher)
         for job in jobs:
@@ -54,7 +54,7 @@ class Launched:
             else:
                 begin(directory, job, directory.read()[0])
                 directory.succeed(job)
-            look()
+            show(job)
 
 
 @dataclass

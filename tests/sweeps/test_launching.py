@@ -1,4 +1,4 @@
-"""Promise: a job ends with whoever launched it, one that is killed or fails stops no other, and the next call goes on.
+"""Promise: a job ends with the process that launched it, one that fails stops no other, and the next call continues.
 
 Whole sweeps of real searches, as small as they can be; jobs without a search are in test_sweeping.
 """
@@ -10,19 +10,19 @@ import signal
 import subprocess
 import sys
 import termios
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import pytest
 from interruptions import comes, leftovers, processes_of, unhurried, wait_until
+from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
 
 from tacevo.cli.app import main
-from tacevo.errors import ConfigError, RunError
+from tacevo.errors import ConfigError
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.launch import Assignment, Launcher, fitted, launch, split_launcher, watch
+from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
 
 pytestmark = unhurried
@@ -39,6 +39,8 @@ SWEEP = [
 ]
 ONE_BY_ONE = "hydra.launcher.n_jobs=1"
 NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
+#: A job that fails at once, and one that takes long.
+ENDLESS = {"quick": ("seed=-1",), "slow": ("search.generations=999", UNTRACKED)}
 
 
 def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
@@ -56,125 +58,85 @@ def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
 
 
 def statuses(folder: Path) -> dict[str, Status]:
-    """Tell how the jobs of the sweep stand, by name."""
+    """Return how the jobs of the sweep stand, by name."""
     directory = SweepDirectory(folder / "all")
     return {job.name: status_of(directory, job) for job in directory.read()[1]}
 
 
 def has_begun(folder: Path, name: str) -> bool:
-    """Tell whether a job has decided something."""
+    """Return whether a job has decided something."""
     ledger = folder / "all" / name / "ledger.jsonl"
     return ledger.exists() and ledger.read_bytes().count(b"\n") > 1
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give an empty working directory."""
+    """Return an empty working directory."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-@pytest.fixture
-def assigned(folder: Path) -> Iterator[Assignment]:
-    """Give the assignment of a job whose search would run."""
-    directory = SweepDirectory(folder / "all")
-    directory.launch.mkdir(parents=True)
-    directory.write(SMALLEST, [Job(name=NONE, arm="none", seed=0, overrides=("seed=0",), config="a" * 64)])
-    yield Assignment(sweep=str(directory.path), job=NONE, caller=os.getpid(), since=start_of(os.getpid()))
-    assert not directory.failure(directory.read()[1][0])
-
-
-def test_launcher_is_parted_from_the_jobs() -> None:
-    """Only what names a launcher goes to it; one is all that a sweep has."""
-    settings = ["seed=0,1", "hydra/launcher=submitit_slurm", "hydra.launcher.partition=gpu"]
-    launcher = Launcher(name="submitit_slurm", overrides=("hydra.launcher.partition=gpu",))
+def test_launcher_is_separated_from_the_jobs() -> None:
+    """Only what names a launcher goes to it."""
+    settings = ["seed=0,1", "hydra/launcher=submitit_slurm", "hydra.launcher.partition=gpu", "hydra.launcher.nodes=1"]
+    launcher = Launcher(cluster="submitit_slurm", options={"partition": "gpu", "nodes": 1})
     assert split_launcher(settings) == (launcher, ("seed=0,1",))
-    assert split_launcher(["seed=0,1"]) == (Launcher(name="joblib", overrides=()), ("seed=0,1",))
-    with pytest.raises(ConfigError, match="one launcher; got joblib and basic"):
-        split_launcher(["hydra/launcher=joblib", "hydra/launcher=basic"])
+    assert split_launcher(["seed=0,1"]) == (Launcher(options={}), ("seed=0,1",))
+
+
+@pytest.mark.parametrize("names", [("joblib",), ("submitit_local", "submitit_slurm")])
+def test_launcher_that_is_not_known_is_rejected(names: tuple[str, ...]) -> None:
+    """A sweep has one of two launchers, or none."""
+    with refused(ConfigError, place="hydra/launcher", expected="submitit_slurm", got=" and ".join(names)):
+        split_launcher([f"hydra/launcher={name}" for name in names])
+
+
+@pytest.mark.parametrize(
+    ("launcher", "place"),
+    [
+        (Launcher(options={"njobs": 2}), "hydra.launcher"),
+        (Launcher(options={"n_jobs": "x"}), "hydra.launcher"),
+        (Launcher(options={"n_jobs": 0}), "hydra.launcher"),
+        (Launcher(cluster="submitit_local", options={"partition": "gpu"}), "hydra/launcher=submitit_local"),
+        (Launcher(cluster="submitit_local", options={"timeout_min": "x"}), "hydra/launcher=submitit_local"),
+    ],
+)
+def test_option_that_a_launcher_does_not_have_is_rejected(launcher: Launcher, place: str) -> None:
+    """A misspelt one, or a value of another type."""
+    with refused(ConfigError, place=place):
+        check_launcher(launcher)
 
 
 @pytest.mark.parametrize(
     ("jobs", "workers", "cores", "n_jobs"), [(10, 2, 8, 4), (10, 3, 8, 2), (3, 2, 8, 3), (10, 4, 2, 1), (10, 1, 1, 1)]
 )
 def test_jobs_times_workers_fit_the_cores(jobs: int, workers: int, cores: int, n_jobs: int) -> None:
-    """No more jobs than there are, no more workers than cores, and always one job."""
-    chosen = fitted(Launcher(name="joblib", overrides=()), jobs=jobs, workers=workers, cores=cores)
-    assert chosen.overrides == (f"hydra.launcher.n_jobs={n_jobs}",)
+    """At most as many jobs as there are, and as cores for their workers, and always one job."""
+    assert fitted(Launcher(options={}), jobs=jobs, workers=workers, cores=cores).options == {"n_jobs": n_jobs}
 
 
-@pytest.mark.parametrize(
-    ("name", "own", "expected"),
-    [
-        ("joblib", ("hydra.launcher.n_jobs=7",), ("hydra.launcher.n_jobs=7",)),
-        ("submitit_slurm", (), ("hydra.launcher.cpus_per_task=2",)),
-        ("submitit_slurm", ("hydra.launcher.cpus_per_task=9",), ("hydra.launcher.cpus_per_task=9",)),
-        ("submitit_local", (), ()),
-    ],
-)
-def test_user_has_the_last_word_on_the_launcher(name: str, own: tuple[str, ...], expected: tuple[str, ...]) -> None:
-    """What was set is left, and a launcher is told nothing that it does not take."""
-    assert fitted(Launcher(name=name, overrides=own), jobs=4, workers=2, cores=8).overrides == expected
+def test_user_has_the_last_word_on_the_launcher() -> None:
+    """What the user set stays; a cluster is told how many cores a job needs."""
+    assert fitted(Launcher(options={"n_jobs": 7}), jobs=4, workers=2, cores=8).options == {"n_jobs": 7}
+    slurm = Launcher(cluster="submitit_slurm", options={"timeout_min": 9})
+    assert fitted(slurm, jobs=4, workers=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
 
 
-def test_halted_sweep_begins_no_job(assigned: Assignment) -> None:
-    """Jobs that still wait when a sweep is stopped come to nothing, and are no failures."""
-    directory = SweepDirectory(Path(assigned.sweep))
-    directory.halt.touch()
-    watch(assigned)
-    assert not directory.log(NONE).exists()
-
-
-def status_of_watch(assignment: Assignment) -> int:
-    """Run a watchman as a process; give its exit status."""
-    pid = os.fork()
-    if pid == 0:
-        watch(assignment)
-        os._exit(0)
-    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-
-
-@pytest.mark.parametrize("reaped", [True, False])
-def test_job_begins_nothing_without_its_caller(assigned: Assignment, reaped: bool) -> None:
-    """A process whose launcher has died ends instead of waiting for more jobs, also before the launcher is reaped."""
-    ended = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    since = start_of(ended.pid)
-    ended.stdin.close()  # type: ignore[union-attr]
-    os.waitid(os.P_PID, ended.pid, os.WEXITED | (0 if reaped else os.WNOWAIT))
-    assert status_of_watch(Assignment(sweep=assigned.sweep, job=NONE, caller=ended.pid, since=since)) == 130
-    assert not SweepDirectory(Path(assigned.sweep)).log(NONE).exists()
-    ended.poll()
-
-
-def test_another_process_with_the_callers_number_is_not_the_caller(assigned: Assignment) -> None:
-    """Numbers of processes are given again; one that started at another time is another."""
-    assert status_of_watch(Assignment(sweep=assigned.sweep, job=NONE, caller=os.getpid(), since=1)) == 130
-    assert not SweepDirectory(Path(assigned.sweep)).log(NONE).exists()
-
-
-def start_of(pid: int) -> int:
-    """Read the 22nd field of what the system says of a process: when it started."""
-    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
-
-
-def test_onlooker_that_fails_stops_the_jobs_and_is_heard(assigned: Assignment) -> None:
+def test_view_that_fails_stops_the_other_jobs_and_is_raised(folder: Path) -> None:
     """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
-    directory = SweepDirectory(Path(assigned.sweep))
+    directory = SweepDirectory(folder / "all")
+    quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
+    directory.write(SMALLEST, [quick, slow])
 
-    def look() -> None:
+    def show(job: Job) -> None:
+        assert job == quick
         raise OSError("the terminal is gone")
 
     with pytest.raises(OSError, match="the terminal is gone"):
-        launch(directory, directory.read()[1], Launcher(name="basic", overrides=()), look)
-    assert wait_until(lambda: not processes_of(directory.path)), processes_of(directory.path)
-    assert status_of(directory, directory.read()[1][0]).standing is not Standing.finished
-
-
-def test_launcher_that_fails_is_told_with_its_reason(assigned: Assignment) -> None:
-    """What it said last is the message."""
-    directory = SweepDirectory(Path(assigned.sweep))
-    with pytest.raises(RunError, match=r"hydra/launcher=nowhere failed: .*Could not find 'hydra/launcher/nowhere'"):
-        launch(directory, directory.read()[1], Launcher(name="nowhere", overrides=()), lambda: None)
+        launch(directory, [quick, slow], Launcher(options={"n_jobs": 2}), show)
+    assert not processes_of(directory.path)
+    assert "seed" in str(directory.failure(quick))
+    assert directory.failure(slow) is None
 
 
 def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -199,14 +161,14 @@ def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.
     assert statuses(folder)[NONE].digest == digest
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
-def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tmp_path: Path) -> None:
-    """However the command ends, its job ends with it and keeps what it has; the next call goes on to the end."""
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, tmp_path: Path) -> None:
+    """However the command ends, its job ends with it and keeps what it has; the next call continues to the end."""
     sweep = start(tmp_path, ONE_BY_ONE)
     assert comes(sweep, lambda: has_begun(tmp_path, NONE))
     sweep.send_signal(how)
     _, errors = sweep.communicate()
-    assert sweep.returncode == (130 if how is signal.SIGINT else -how), errors
+    assert sweep.returncode == (130 if how is signal.SIGTERM else -how), errors
     assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
     stopped = statuses(tmp_path)
     assert stopped[NONE].standing in {Standing.stopped, Standing.finished}
@@ -220,7 +182,7 @@ def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tm
 
 
 def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> None:
-    """Each search says that it was interrupted, which it cannot where a launcher's processes end before."""
+    """Each search is interrupted as by its own Ctrl-C, and reports it."""
     terminal, end = pty.openpty()
     settings = [*SWEEP, "search.generations=99", "hydra.launcher.n_jobs=2"]
     sweep = subprocess.Popen(
@@ -241,7 +203,7 @@ def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> N
     assert sweep.returncode == 130, errors
     assert "Traceback" not in errors
     for name in (NONE, FIXED):
-        assert "interrupted; what was computed is kept" in SweepDirectory(tmp_path / "all").log(name).read_text()
+        assert "interrupted; what was computed is kept" in (tmp_path / "all" / "launch" / f"{name}.log").read_text()
     assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
 
 

@@ -1,8 +1,9 @@
-"""Promise: a sweep's jobs are all known before one runs, each has its folder, and none is run twice."""
+"""Promise: a sweep's jobs are all known before one runs, each has its directory, and none is run twice."""
 
 from pathlib import Path
 
 import pytest
+from refusals import refused
 from sweeps import SHARED, Heard, Launched, begin, files_of
 
 from tacevo.errors import ConfigError, RunError
@@ -36,28 +37,23 @@ def test_several_values_tell_jobs_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "message"),
+    ("setting", "place"),
     [
-        ("run.dir=runs/mine", r"a folder of its own in that of the sweep \(--into\); got 'run.dir=runs/mine'"),
-        ("tracking.uri='postgresql://me:hunter2@host/db'", "may hold a password; give it to the environment"),
-        ("search.generations=interval(1,5)", "one value or more that can be counted"),
-        ("seed=range(3,3)", "one value or more that can be counted"),
-        ("seed=1,", "cannot be read"),
-        ("store={root:/home/a/x}", r"write store\.NAME=VALUE in place of store=\{\.\.\.\}"),
-        ("run={dir:mine}", r"write run\.NAME=VALUE"),
-        ("tracking={uri:'postgresql://me:hunter2@host/db'}", "tracking"),
-        ("store={root:a},{root:b}", r"write store\.NAME=VALUE"),
-        ("store=choice({root:a})", r"write store\.NAME=VALUE"),
-        ("data.root=${oc.env:HOME}/x", r"data\.root holds a \$, .* write the value itself"),
-        (r"llm.model=$\{oc.env\:HOME\}", r"llm\.model holds a \$"),
-        ("hydra.sweep.dir=mine", "KEY=VALUE"),
-        ("+seed=1,2", "KEY=VALUE"),
+        ("run.dir=runs/mine", "run.dir"),
+        ("tracking.uri='postgresql://me:hunter2@host/db'", "tracking.uri"),
+        ("llm.base_url=https://hunter2@host/v1,https://host/v1", "llm.base_url"),
+        ("search.generations=interval(1,5)", ""),
+        ("seed=range(3,3)", ""),
+        ("seed=1,", ""),
+        ("hydra.sweep.dir=mine", ""),
+        ("+seed=1,2", ""),
     ],
 )
-def test_what_no_sweep_takes_is_refused(setting: str, message: str) -> None:
-    """Each mistake is told by the setting as it was written."""
-    with pytest.raises(ConfigError, match=message) as raised:
+def test_override_that_a_sweep_cannot_have_is_rejected(setting: str, place: str) -> None:
+    """Values without an end, and what sweep.json must not keep; a password is not shown."""
+    with pytest.raises(ConfigError) as raised:
         part([*SHARED, setting])
+    assert raised.value.place.startswith(place)
     assert "hunter2" not in str(raised.value)
 
 
@@ -111,19 +107,19 @@ def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
     )
 
 
-def test_mistake_in_any_job_is_told_before_one_runs(place: Path) -> None:
+def test_mistake_in_any_job_is_raised_before_one_runs(place: Path) -> None:
     """The last of many jobs cannot be composed: the job and the fault are named, and nothing is begun."""
     launched = Launched()
-    with pytest.raises(ConfigError, match="ablation=none seed=-1: seed: expected"):
+    with refused(ConfigError, place="ablation=none seed=-1"):
         sweep([*SHARED, "ablation=none", "seed=0,1,-1"], None, Heard(), launched)
     assert not launched.calls
     assert not list(place.iterdir())
 
 
-@pytest.mark.parametrize("override", ["hydra/launcher=nowhere", "hydra.launcher.njobs=2", "hydra.launcher.n_jobs=x"])
-def test_launcher_that_cannot_be_used_is_told_before_a_job_runs(override: str, place: Path) -> None:
-    """A misspelt launcher, or setting of one, leaves no folder behind."""
-    with pytest.raises(ConfigError, match=r"hydra/launcher=.* cannot be used: "):
+@pytest.mark.parametrize("override", ["hydra/launcher=nowhere", "hydra.launcher.njobs=2"])
+def test_launcher_that_cannot_be_used_is_an_error_before_a_job_runs(override: str, place: Path) -> None:
+    """A misspelt launcher, or option of one, leaves no directory behind."""
+    with refused(ConfigError, place="launcher"):
         sweep([*TWO_BY_TWO, override], None, Heard(), Launched())
     assert not list(place.iterdir())
 
@@ -171,7 +167,7 @@ def test_finished_jobs_are_left_alone(place: Path) -> None:
 
 
 def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
-    """A failure stops no other job, is told with its reason, and is repeated; a stopped job is taken up."""
+    """A failure stops no other job, is shown with its reason, and is repeated; a stopped job is resumed."""
     view = Heard()
     first = sweep(TWO_BY_TWO, "all", view, Launched(failing=("none-seed1",)))
     assert [status.reason for status in first.statuses] == ["", "the disk is full", "", ""]
@@ -201,23 +197,21 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
 def test_other_shared_settings_are_another_sweep(place: Path) -> None:
     """Jobs of two budgets are not put into one folder; where results cannot change, the newest settings hold."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
-    with pytest.raises(
-        RunError, match=r"none-seed0 would be another search under .*candidates=3; choose another --into"
-    ):
+    with refused(RunError, place="all", got="none-seed0 would be another search", remedy="choose another --into"):
         sweep([*SHARED, "search.candidates=3", "seed=1"], "all", Heard(), Launched())
     sweep([*SHARED, "executor.workers=1", "seed=1"], "all", Heard(), Launched())
     assert SweepDirectory(place / "all").read()[0][-1] == "executor.workers=1"
 
 
-def test_shared_settings_are_held_against_every_job(place: Path) -> None:
+def test_shared_settings_are_compared_with_every_job(place: Path) -> None:
     """An arm may override what differs, and would hide that another arm's jobs are others now."""
     sweep([*SHARED, "ablation=no_prompt_archive,none", "seed=0"], "all", Heard(), Launched())
-    with pytest.raises(RunError, match=r"none-seed0 would be another search under .*prompts=curiosity"):
+    with refused(RunError, place="all", got="none-seed0 would be another search"):
         sweep([*SHARED, "prompts=curiosity", "ablation=none", "seed=1"], "all", Heard(), launched := Launched())
     assert not launched.calls
 
 
-def test_what_told_jobs_apart_once_tells_them_apart_again(place: Path) -> None:
+def test_setting_that_was_varied_once_is_never_shared(place: Path) -> None:
     """One value of a setting that was varied before is not shared: its job would have the arm of another."""
     sweep([*SHARED, "temperature=paper,stall", "seed=0"], "all", Heard(), Launched())
     asked = sweep([*SHARED, "temperature=stall", "seed=0,1"], "all", Heard(), launched := Launched())
@@ -227,7 +221,7 @@ def test_what_told_jobs_apart_once_tells_them_apart_again(place: Path) -> None:
 
 
 def test_finished_job_has_not_failed_whatever_was_written_before(place: Path) -> None:
-    """A job that was finished by hand, or whose watchman was killed, loses the reason of its failure."""
+    """A job that was finished by hand, or whose launching process was killed, loses the reason of its failure."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
     directory = SweepDirectory(place / "all")
     job = directory.read()[1][0]
@@ -244,7 +238,7 @@ def test_folder_of_another_run_is_named(place: Path) -> None:
     job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
     begin(directory, job, [*SHARED, "search.candidates=3"])
     before = files_of(place / "all" / "none-seed0")
-    with pytest.raises(RunError, match=r"none-seed0 holds another configuration's run; move that folder away"):
+    with refused(RunError, place="none-seed0", got="another configuration's run", remedy="move that directory away"):
         sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
     assert files_of(place / "all" / "none-seed0") == before
 
@@ -272,4 +266,4 @@ def test_launcher_is_fitted_to_the_jobs_that_are_left(place: Path) -> None:
     """Of two jobs one is finished, so that one process is enough, however many cores there are."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
     sweep([*SHARED, "seed=0,1", "executor.workers=1"], "all", Heard(), launched := Launched())
-    assert launched.launchers == [Launcher(name="joblib", overrides=("hydra.launcher.n_jobs=1",))]
+    assert launched.launchers == [Launcher(options={"n_jobs": 1})]

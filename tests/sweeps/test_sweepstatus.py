@@ -1,4 +1,4 @@
-"""What is said of a job is what its folder shows."""
+"""The state of a job is what its directory shows."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tacevo.sweeps.status import Standing, describe, status_of
 
 @pytest.fixture
 def job() -> Job:
-    """Give a job."""
+    """Return a job."""
     return plan(SHARED, [("ablation=none", "seed=0")])[0].job
 
 
@@ -56,8 +56,10 @@ def test_digest_that_is_not_the_ledgers_finishes_nothing(tmp_path: Path, job: Jo
         ("run.json", '{"schema": 1, "config": {"seed": "x"}, "digest": null}', "seed: expected an integer"),
     ],
 )
-def test_folder_that_cannot_be_read_is_a_failure(file: str, text: str, reason: str, tmp_path: Path, job: Job) -> None:
-    """Damage is told with its place, and hides no other job."""
+def test_directory_that_cannot_be_read_is_a_failure(
+    file: str, text: str, reason: str, tmp_path: Path, job: Job
+) -> None:
+    """Damage is shown with its place, and hides no other job."""
     directory = SweepDirectory(tmp_path)
     begin(directory, job)
     (directory.run(job).path / file).write_text(text)
@@ -72,7 +74,7 @@ def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -
     begin(directory, job, [*SHARED, "search.candidates=3"])
     status = status_of(directory, job)
     assert (status.standing, status.digest) == (Standing.failed, "")
-    assert "holds the run of another configuration than the sweep's none-seed0" in status.reason
+    assert "expected a run of the job none-seed0; got another configuration's run" in status.reason
 
 
 @pytest.mark.parametrize("change", ["seed=1", "search.generations=1", "data.images=50", "task.baseline=other.py"])

@@ -4,27 +4,25 @@ The mirror works in this process where a test is about what it writes, and as a 
 is about the process. MLflow is imported only when a test runs, because its telemetry stays off then.
 """
 
-import contextlib
-import io
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mirrored import (
     BASELINE,
-    ENTRIES,
     GENERATION,
     HEADER,
     INSTRUCTIONS,
+    LINES,
     MUTATION,
     REJECTED,
     SECOND_GENERATION,
@@ -33,10 +31,13 @@ from mirrored import (
     mirror_once,
     open_store,
 )
+from refusals import refused
 
 from tacevo.costs import Spending
-from tacevo.records import Json, to_json
-from tacevo.redaction import Veil, without_password
+from tacevo.errors import RunError
+from tacevo.records import Reason, Stage, to_json
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import Line, RepairedAnswer
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
@@ -48,10 +49,7 @@ from tacevo.tracking.entries import (
     generation_measures,
     shorten,
 )
-from tacevo.tracking.process import URI_VARIABLE, Mirror
-
-if TYPE_CHECKING:
-    pass
+from tacevo.tracking.process import Mirror
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
@@ -62,21 +60,21 @@ PATIENCE = 300
 
 @pytest.fixture
 def run_dir(tmp_path: Path) -> Path:
-    """Give a finished run."""
-    build_run(tmp_path / "run", ENTRIES)
+    """Return a finished run."""
+    build_run(tmp_path / "run", LINES)
     return tmp_path / "run"
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
-    """Wait until something holds, but not for ever."""
+    """Wait until something holds, at most for the time of patience."""
     deadline = time.monotonic() + PATIENCE
     while not holds():
-        assert time.monotonic() < deadline, f"it did not come about within {PATIENCE} s"
+        assert time.monotonic() < deadline, f"it did not happen within {PATIENCE} s"
         time.sleep(0.2)
 
 
 def test_baseline_has_neither_parents_nor_instruction() -> None:
-    """What does not apply to a candidate is no param."""
+    """What does not apply to a candidate is left out."""
     assert candidate_params(BASELINE, INSTRUCTIONS) == {"operator": "baseline", "generation": "0", "slot": "0"}
 
 
@@ -91,6 +89,13 @@ def test_mutation_names_its_instruction() -> None:
         "instruction": "gelu",
         "instruction_text": "ReLU to GELU.",
     }
+
+
+def test_setting_that_was_not_sent_is_named() -> None:
+    """A temperature that the model refuses is not shown as sent."""
+    params = candidate_params(replace(MUTATION, dropped=("temperature", "top_p")), INSTRUCTIONS)
+    assert params["dropped"] == "temperature,top_p"
+    assert "temperature" not in params
 
 
 def test_rejected_crossover_says_where_and_why() -> None:
@@ -111,15 +116,16 @@ def test_losses_are_steps_from_epoch_one() -> None:
     ]
 
 
-@pytest.mark.parametrize(("status", "inserted"), [("new", 1.0), ("improved", 1.0), ("rejected", 0.0)])
-def test_inserted_tells_whether_the_archive_took_it(status: str, inserted: float) -> None:
+@pytest.mark.parametrize("status", AddStatus)
+def test_inserted_is_whether_the_archive_took_it(status: AddStatus) -> None:
     """A new niche and an improved one both count as an insertion."""
-    measures = candidate_measures({**BASELINE, "status": status})
+    measures = candidate_measures(replace(BASELINE, status=status))
+    inserted = float(status is not AddStatus.rejected)
     assert Measure(key="inserted", value=inserted, step=0) in measures
 
 
 def test_generation_without_trained_candidates_leaves_their_figures_out() -> None:
-    """A generation's metrics are at its own step, and what is null is no metric."""
+    """A generation's metrics are at its own step, and what is null is left out."""
     measures = generation_measures(SECOND_GENERATION)
     assert {measure.step for measure in measures} == {1}
     assert {measure.key for measure in measures} == {
@@ -142,71 +148,6 @@ def test_config_is_flattened() -> None:
         "llm.base_url": "null",
         "data.target_columns": '["fx", "fy"]',
     }
-
-
-@pytest.mark.parametrize(
-    ("uri", "shown"),
-    [
-        ("postgresql://user:pw@host/db", "postgresql://***@host/db"),
-        ("postgresql://user:p@w/o?rd@host:5432/db", "postgresql://***@host:5432/db"),
-        ("https://token@host/mlflow", "https://***@host/mlflow"),
-        ("postgresql://host/db?user=u&password=pw", "postgresql://host/db?***"),
-        ("postgresql:///db?user=u&password=pw", "postgresql:///db?***"),
-        ("sqlite+pysqlcipher://:pw@/file.db", "sqlite+pysqlcipher://***@/file.db"),
-        ("http://localhost:5000", "http://localhost:5000"),
-        ("sqlite:///mlflow.db", "sqlite:///mlflow.db"),
-        ("sqlite:////home/me@work/mlflow.db?timeout=9", "sqlite:////home/me@work/mlflow.db?timeout=9"),
-        ("file:///home/me@work/mlruns", "file:///home/me@work/mlruns"),
-        ("/home/me@work/mlruns", "/home/me@work/mlruns"),
-        ("", ""),
-    ],
-)
-def test_password_of_a_uri_is_hidden(uri: str, shown: str) -> None:
-    """User info and query are replaced, however carelessly they were written; a plain path is left alone."""
-    assert without_password(uri) == shown
-    assert without_password(shown) == shown
-
-
-@given(st.text(), st.text())
-def test_no_part_of_the_user_info_is_shown(user_info: str, place: str) -> None:
-    """Whatever stands before the last @ of a URI makes no difference to what is shown of it."""
-    assert without_password(f"postgresql://{user_info}@{place}") == without_password(f"postgresql://u@{place}")
-
-
-def test_params_hold_no_password() -> None:
-    """Every setting that is a URI is shown without its secrets."""
-    config = {"tracking": {"uri": "postgresql://user:pw@host/db"}, "llm": {"base_url": "https://key@proxy/v1"}}
-    assert config_params(config) == {
-        "tracking.uri": "postgresql://***@host/db",
-        "llm.base_url": "https://***@proxy/v1",
-    }
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        "no connection to postgresql://user:s%40crt@host/db?key=s3cret",
-        "no connection to postgresql://user:s@crt@host/db?key=s3cret",
-        "user:s%40crt was refused",
-        "password s@crt was refused",
-        "options key=s3cret",
-    ],
-)
-def test_veil_hides_the_secrets_of_its_uri(message: str) -> None:
-    """A library that writes the URI, or one secret of it, escaped or not, writes asterisks."""
-    stream = io.StringIO()
-    veil = Veil(stream, "postgresql://user:s%40crt@host/db?key=s3cret")
-    assert veil.write(message) == len(message)
-    assert "***" in stream.getvalue()
-    assert "crt" not in stream.getvalue()
-    assert "s3cret" not in stream.getvalue()
-
-
-def test_veil_of_a_uri_without_secrets_changes_nothing() -> None:
-    """A plain path stays readable in the log."""
-    stream = io.StringIO()
-    Veil(stream, "sqlite:////home/me@work/mlflow.db").write("no sqlite:////home/me@work/mlflow.db")
-    assert stream.getvalue() == "no sqlite:////home/me@work/mlflow.db"
 
 
 @given(st.text(max_size=3 * LONGEST_PARAM))
@@ -255,7 +196,7 @@ def test_rejected_candidate_is_a_failed_run(run_dir: Path, uri: str) -> None:
 
 def test_finished_search_carries_its_digest(tmp_path: Path, uri: str) -> None:
     """The digest is a tag of the parent run."""
-    digest = build_run(tmp_path / "run", ENTRIES)
+    digest = build_run(tmp_path / "run", LINES)
     mirror_once(tmp_path / "run", uri)
     assert contents(uri)["parent"][3]["tacevo.digest"] == digest
 
@@ -268,7 +209,7 @@ def test_mirroring_twice_changes_nothing(run_dir: Path, uri: str) -> None:
     assert contents(uri) == first
 
 
-@pytest.mark.parametrize("length", range(1, len(ENTRIES)))
+@pytest.mark.parametrize("length", range(1, len(LINES)))
 def test_interrupted_search_is_completed(
     length: int, run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
 ) -> None:
@@ -276,11 +217,11 @@ def test_interrupted_search_is_completed(
     mirror_once(run_dir, uri)
     other = f"sqlite:///{shutil.copy(empty_store, tmp_path / 'other.db')}"
     interrupted = tmp_path / "interrupted" / run_dir.name
-    build_run(interrupted, ENTRIES[:length], whole=False)
+    build_run(interrupted, LINES[:length], whole=False)
     mirror_once(interrupted, other)
     _, status, _, tags, _, _ = contents(other)["parent"]
     assert (status, "tacevo.digest" in tags) == ("KILLED", False)
-    build_run(interrupted, ENTRIES)
+    build_run(interrupted, LINES)
     mirror_once(interrupted, other)
     assert contents(other) == contents(uri)
 
@@ -296,101 +237,75 @@ def test_candidate_left_unfinished_is_replaced(run_dir: Path, uri: str) -> None:
     assert open_store(uri)[2]["g00s00"].info.run_id != nested["g00s00"].info.run_id
 
 
-OTHERS: dict[str, list[dict[str, Json]]] = {
-    "candidate": [HEADER, BASELINE, {**MUTATION, "fitness": 0.125}, *ENTRIES[3:]],
-    "generation": [*ENTRIES[:4], {**GENERATION, "coverage": 0.5}, SECOND_GENERATION],
-    "fewer candidates": [HEADER, BASELINE, GENERATION],
-    "nothing yet": [HEADER],
+OTHERS: dict[str, Sequence[Line]] = {
+    "candidate": [HEADER, BASELINE, replace(MUTATION, fitness=0.125), *LINES[3:]],
+    "first candidate": [HEADER, replace(BASELINE, fitness=0.125), GENERATION],
 }
 
 
 @pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS.keys())
-def test_search_begun_anew_in_its_folder_is_not_mixed_with_the_former(
-    other: list[dict[str, Json]], run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
-) -> None:
-    """Of the same settings, name and id, but another ledger: what MLflow shows is this one's alone."""
+def test_two_ledgers_are_never_mixed(other: Sequence[Line], run_dir: Path, uri: str) -> None:
+    """A search of the same settings and name with other results is an error that names what to delete."""
     mirror_once(run_dir, uri)
-    _, former, _ = open_store(uri)
+    first = contents(uri)
     for path in (run_dir / "ledger.jsonl", run_dir / "run.json"):
         path.unlink()
     build_run(run_dir, other)
-    mirror_once(run_dir, uri)
-    fresh = f"sqlite:///{shutil.copy(empty_store, tmp_path / 'fresh.db')}"
-    mirror_once(run_dir, fresh)
-    assert contents(uri) == contents(fresh)
-    assert open_store(uri)[1].info.run_id != former.info.run_id
+    with refused(RunError, place="MLflow run", got="another search", remedy="delete that run in MLflow"):
+        mirror_once(run_dir, uri)
+    assert {name: found for name, found in contents(uri).items() if name != "parent"} == {
+        name: found for name, found in first.items() if name != "parent"
+    }
 
 
-def test_equal_searches_in_two_folders_are_two_runs(run_dir: Path, uri: str, tmp_path: Path) -> None:
-    """Two users run one command against one server: neither takes away what the other is writing."""
+def test_equal_searches_under_two_names_are_two_runs(run_dir: Path, uri: str, tmp_path: Path) -> None:
+    """A search is identified by its ledger's header and the name of its directory."""
     mirror_once(run_dir, uri)
-    client, parent, nested = open_store(uri)
-    client.update_run(nested["g00s00"].info.run_id, status="RUNNING")
-    build_run(tmp_path / "elsewhere" / run_dir.name, ENTRIES)
-    mirror_once(tmp_path / "elsewhere" / run_dir.name, uri)
+    client, parent, _ = open_store(uri)
+    build_run(tmp_path / "another", LINES)
+    mirror_once(tmp_path / "another", uri)
     searches = client.search_runs([parent.info.experiment_id], "tags.`tacevo.digest` LIKE '%'")
-    assert len(searches) == 2
+    assert len({run.data.tags["tacevo.run"] for run in searches}) == 2
     assert len({run.data.tags["tacevo.digest"] for run in searches}) == 1
-    assert client.get_run(nested["g00s00"].info.run_id).info.lifecycle_stage == "active"
-
-
-def test_renamed_folder_is_the_same_run(run_dir: Path, uri: str) -> None:
-    """Its id goes with it."""
-    mirror_once(run_dir, uri)
-    first = contents(uri)
-    mirror_once(run_dir.rename(run_dir.with_name("renamed")), uri)
-    assert contents(uri) == first
-
-
-def test_tag_that_a_lost_answer_took_already_is_no_error(run_dir: Path, uri: str) -> None:
-    """The client asks again, and the server has no such tag any more."""
-    from tacevo.tracking.client import unlabel
-
-    mirror_once(run_dir, uri)
-    client, parent, _ = open_store(uri)
-    for _ in range(2):
-        unlabel(client, parent.info.run_id, "tacevo.digest")
-    assert "tacevo.digest" not in contents(uri)["parent"][3]
-
-
-def test_tag_of_a_run_that_is_gone_is_an_error(run_dir: Path, uri: str) -> None:
-    """Only the missing tag is passed over."""
-    from mlflow.exceptions import MlflowException
-
-    from tacevo.tracking.client import unlabel
-
-    mirror_once(run_dir, uri)
-    client, parent, _ = open_store(uri)
-    client.delete_run(parent.info.run_id)
-    with pytest.raises(MlflowException, match="active"):
-        unlabel(client, parent.info.run_id, "tacevo.digest")
 
 
 def test_longer_run_loses_the_digest_of_the_shorter(tmp_path: Path, uri: str) -> None:
-    """A finished run that is taken further, and killed, has no digest."""
-    build_run(tmp_path / "run", ENTRIES[:-1])
+    """A finished run that is continued, and killed, has no digest."""
+    build_run(tmp_path / "run", LINES[:-1])
     mirror_once(tmp_path / "run", uri)
-    build_run(tmp_path / "run", ENTRIES, whole=False)
+    build_run(tmp_path / "run", LINES, whole=False)
     mirror_once(tmp_path / "run", uri)
     _, status, _, tags, _, _ = contents(uri)["parent"]
     assert (status, "tacevo.digest" in tags) == ("KILLED", False)
 
 
-def test_line_without_its_end_waits(tmp_path: Path) -> None:
+def test_line_without_its_end_waits(run_dir: Path, tmp_path: Path) -> None:
     """A line is read only when it is whole, and then once."""
     from tacevo.tracking.mirror import follow
 
+    whole = (run_dir / "ledger.jsonl").read_text(encoding="utf-8")
     path = tmp_path / "ledger.jsonl"
-    path.write_text('{"slot": 0}\n{"slo', encoding="utf-8")
+    path.write_text(whole[: len(whole) // 2], encoding="utf-8")
     answers = iter([False, True])
 
     def finished() -> bool:
         last = next(answers)
         if last:
-            path.write_text('{"slot": 0}\n{"slot": 1}\n', encoding="utf-8")
+            path.write_text(whole, encoding="utf-8")
         return last
 
-    assert list(follow(path, finished)) == [{"slot": 0}, {"slot": 1}]
+    assert [record for _, record in follow(path, finished)] == [None, *LINES[1:]]
+
+
+@pytest.mark.parametrize(("written", "edited"), [('"slot":1', '"slot":"1"'), ('"niche":4', '"nest":4')])
+def test_damaged_line_is_an_error(written: str, edited: str, run_dir: Path, uri: str) -> None:
+    """A value of another type, or an unknown field, is not shown as what it nearly is."""
+    ledger = run_dir / "ledger.jsonl"
+    text = ledger.read_text(encoding="utf-8")
+    assert written in text
+    ledger.write_text(text.replace(written, edited), encoding="utf-8")
+    with refused(RunError, place=str(ledger)):
+        mirror_once(run_dir, uri)
 
 
 def test_search_that_ended_before_its_first_line_is_no_run(tmp_path: Path, uri: str) -> None:
@@ -405,11 +320,11 @@ def test_search_that_ended_before_its_first_line_is_no_run(tmp_path: Path, uri: 
 def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
     """The process writes lines as they come, and ends when it is told that no more will."""
     run_dir = tmp_path / "run"
-    build_run(run_dir, ENTRIES[:2], whole=False)
+    build_run(run_dir, LINES[:2], whole=False)
     mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
     mirror.start()
     wait_until(lambda: any((tmp_path / "mlartifacts").rglob("g00s00.py")))
-    digest = build_run(run_dir, ENTRIES)
+    digest = build_run(run_dir, LINES)
     assert mirror.finish(PATIENCE) is None
     said = contents(uri)
     assert set(said) == {"parent", "g00s00", "g00s01", "g00s02"}
@@ -418,7 +333,7 @@ def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
 
 
 def test_store_that_cannot_be_written_gives_a_warning(run_dir: Path) -> None:
-    """A broken tracking URI is one line for the user, and no exception."""
+    """A broken tracking URI is one line for the user, and not an exception."""
     mirror = Mirror(run_dir, uri="nonsense://nowhere", experiment="tacevo")
     mirror.start()
     warning = mirror.finish(PATIENCE)
@@ -428,62 +343,58 @@ def test_store_that_cannot_be_written_gives_a_warning(run_dir: Path) -> None:
     assert "\n" not in warning
 
 
-@pytest.mark.parametrize("uri", ["nonsense://user:s3cret@nowhere", "postgresql://user:s3cret@nowhere/db?key=s3cret"])
-def test_password_reaches_neither_log_nor_warning_nor_command_line(run_dir: Path, uri: str) -> None:
-    """MLflow repeats a URI in its messages, and a command line is read by every user: the password is in neither."""
-    mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
+def test_address_in_the_environment_is_used_and_not_recorded(
+    run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A whole address, with a password, may come from MLFLOW_TRACKING_URI; log and warning name the variable."""
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    mirror = Mirror(run_dir, uri="", experiment="tacevo")
     mirror.start()
-    (command,) = wait_for_commands(run_dir)
-    assert "s3cret" not in command
-    warnings = [mirror.finish(0), mirror.finish(PATIENCE)]
-    assert "goes on by itself" in str(warnings[0])
-    assert " failed: " in str(warnings[1])
-    assert "s3cret" not in str(warnings)
-    log = (run_dir / "tracking.log").read_text(encoding="utf-8")
-    assert "Traceback" in log
-    assert "s3cret" not in log
+    assert mirror.finish(PATIENCE) is None
+    assert contents(uri)["parent"][1] == "FINISHED"
+
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "nonsense://user:s3cret@nowhere")
+    mirror = Mirror(run_dir, uri="", experiment="tacevo")
+    mirror.start()
+    warning = mirror.finish(PATIENCE)
+    assert "the MLflow mirror to $MLFLOW_TRACKING_URI failed: " in str(warning)
+    assert "Traceback" in (run_dir / "tracking.log").read_text(encoding="utf-8")
+    assert not [path for path in run_dir.rglob("*") if path.is_file() and b"s3cret" in path.read_bytes()]
+    assert "s3cret" not in str(warning)
 
 
-def wait_for_commands(run_dir: Path) -> list[str]:
-    """Wait until a mirror of a directory is at work; give the command lines of all of them."""
-    found: list[str] = []
-
-    def any_found() -> bool:
-        for path in Path("/proc").glob("[0-9]*/cmdline"):
-            with contextlib.suppress(OSError):  # it has ended meanwhile
-                command = path.read_text(encoding="utf-8").split("\0")
-                if "tacevo.tracking" in command and str(run_dir) in command:
-                    found.append(" ".join(command))
-        return bool(found)
-
-    wait_until(any_found)
-    return found
+def test_mirror_without_an_address_gives_a_warning(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither tracking.uri nor the environment has one: the search continues, and the warning says what to set."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    mirror = Mirror(run_dir, uri="", experiment="tacevo")
+    mirror.start()
+    assert "tracking.uri: expected the address of an MLflow store" in str(mirror.finish(PATIENCE))
 
 
-def test_database_is_whole_although_its_maker_was_killed(run_dir: Path, tmp_path: Path) -> None:
+def test_database_is_whole_although_the_mirror_that_made_it_was_killed(run_dir: Path, tmp_path: Path) -> None:
     """A mirror killed among MLflow's migrations leaves a hidden file, which the next one replaces."""
-    command = [sys.executable, "-m", "tacevo.tracking", str(run_dir), "--experiment", "tacevo"]
     folders = [tmp_path / f"try{number}" for number in range(5)]
-    folder = next((folder for folder in folders if left_half_made(command, folder)), None)
+    folder = next((folder for folder in folders if left_half_made(run_dir, folder)), None)
     assert folder is not None, "no mirror could be killed while it made its database"
     assert [path.name for path in folder.iterdir() if path.suffix == ".db"] == []
-    subprocess.run(command, env=environment_of(folder), check=True, timeout=PATIENCE)
-    assert contents(environment_of(folder)[URI_VARIABLE])["parent"][1] == "FINISHED"
+    subprocess.run(mirroring(run_dir, folder), check=True, timeout=PATIENCE)
+    assert contents(f"sqlite:///{folder}/mlflow.db")["parent"][1] == "FINISHED"
     assert not list(folder.glob(".*"))
 
 
-def environment_of(folder: Path) -> dict[str, str]:
-    """Give the environment of a mirror whose database stands in a folder."""
-    return {**os.environ, URI_VARIABLE: f"sqlite:///{folder}/mlflow.db"}
+def mirroring(run_dir: Path, folder: Path) -> list[str]:
+    """Return the command of a mirror whose database stands in a directory."""
+    command = [sys.executable, "-m", "tacevo.tracking", str(run_dir), "--experiment", "tacevo"]
+    return [*command, "--uri", f"sqlite:///{folder}/mlflow.db"]
 
 
-def left_half_made(command: list[str], folder: Path) -> bool:
+def left_half_made(run_dir: Path, folder: Path) -> bool:
     """Kill a mirror once its database has some tables; False where it was done with the making before it stood still.
 
     It is stopped first: what is seen of it then is still so when it is killed.
     """
     part = folder / ".mlflow.db.part"
-    with subprocess.Popen(command, env=environment_of(folder)) as mirror:
+    with subprocess.Popen(mirroring(run_dir, folder)) as mirror:
         wait_until(lambda: size_of(part) > 60_000 or mirror.poll() is not None)
         mirror.send_signal(signal.SIGSTOP)
         if mirror.returncode is None:
@@ -494,34 +405,25 @@ def left_half_made(command: list[str], folder: Path) -> bool:
 
 
 def size_of(path: Path) -> int:
-    """Give the size of a file in bytes; 0 where there is none."""
+    """Return the size of a file in bytes; 0 of a missing one."""
     try:
         return path.stat().st_size
     except FileNotFoundError:
         return 0
 
 
-def test_process_without_a_uri_says_what_to_set(run_dir: Path) -> None:
-    """The URI comes by the environment; without it the process says so and does nothing."""
-    environment = {key: value for key, value in os.environ.items() if key != URI_VARIABLE}
-    command = [sys.executable, "-m", "tacevo.tracking", str(run_dir), "--experiment", "tacevo"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=PATIENCE)
-    assert done.returncode == 2
-    assert "TACEVO_TRACKING_URI is not set" in done.stderr
-
-
 def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:
-    """A folder that is not there is one line for the user, and no exception."""
+    """A missing directory is one line for the user, and not an exception."""
     mirror = Mirror(tmp_path / "missing", uri="sqlite:///mlflow.db", experiment="tacevo")
     mirror.start()
     assert "No such file or directory" in str(mirror.finish(PATIENCE))
 
 
 def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
-    """A mirror that needs longer than it is given is told of, and goes on to its end."""
+    """A mirror that needs longer than the search waits is reported, and continues to its end."""
     mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
     mirror.start()
-    assert "goes on by itself" in str(mirror.finish(0))
+    assert "continues by itself" in str(mirror.finish(0))
     assert mirror.finish(PATIENCE) is None
     assert contents(uri)["parent"][1] == "FINISHED"
 
@@ -540,7 +442,7 @@ def test_cost_of_candidates_and_of_their_generation_reach_mlflow(run_dir: Path, 
 
 
 def test_cost_without_answers_or_price_is_absent() -> None:
-    """Nothing is shown as a cost of zero that is none."""
+    """A cost that is not known is not shown as zero."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=20, usd=0.5)
     assert cost_measures(spent, 3) == tuple(
         Measure(key=key, value=value, step=3)
@@ -553,7 +455,8 @@ def test_cost_without_answers_or_price_is_absent() -> None:
 
 def test_repairs_are_shown_apart() -> None:
     """A repaired candidate says how often it was sent back, and a generation how many trained after that."""
-    line = {**MUTATION, "repairs": [{"answer": "0", "stage": "probe", "reason": "bad_output"}]}
+    repair = RepairedAnswer(answer="0", stage=Stage.probe, reason=Reason.bad_output)
+    line = replace(MUTATION, repairs=(repair,))
     assert candidate_params(line, INSTRUCTIONS)["repairs"] == "1"
-    measures = {measure.key: measure.value for measure in generation_measures({**SECOND_GENERATION, "repaired": 2})}
+    measures = {measure.key: measure.value for measure in generation_measures(replace(SECOND_GENERATION, repaired=2))}
     assert measures["repaired"] == 2

@@ -2,28 +2,30 @@
 
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mirrored import CODE, DATA, ENTRIES, build_run, mirror_once, open_store
+from mirrored import CODE, DATA, LINES, build_run, facts, mirror_once, open_store
 
 from tacevo.environment import checked_out
-from tacevo.records import Json
-from tacevo.tracking.datasets import data_set, source_tags
+from tacevo.errors import RunError
+from tacevo.records import Kind
+from tacevo.tracking.facts import RunFacts, data_set, source_tags
+from tacevo.typed import convert
 
 # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
 pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
 
 
-def described(source: str = "simulated", root: str | None = None, **facts: Json) -> dict[str, Json]:
-    """Give what run.json says of a run's data and code."""
-    data = {**DATA, **facts}
-    return {"task": {"name": "force"}, "config": {"data": {"source": source, "root": root}}, "data": data, "code": CODE}
+def described(source: str = "simulated", root: str | None = None) -> RunFacts:
+    """Return what run.json says of a run's data and code."""
+    return convert(RunFacts, facts(source=source, root=root), place="run.json", error=RunError)
 
 
 def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
     """MLflow's own store gives it back once, with name, digest, schema, profile and context, however often mirrored."""
-    build_run(tmp_path / "run", ENTRIES)
+    build_run(tmp_path / "run", LINES)
     mirror_once(tmp_path / "run", uri)
     mirror_once(tmp_path / "run", uri)
     client, search, _ = open_store(uri)
@@ -31,10 +33,10 @@ def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
     assert inputs is not None
     (given,) = (each.to_dictionary() for each in inputs.dataset_inputs)
     assert given["tags"] == {"mlflow.data.context": "training"}
-    assert (given["dataset"]["name"], given["dataset"]["digest"]) == ("force (simulated)", DATA["fingerprint"][:36])
+    assert (given["dataset"]["name"], given["dataset"]["digest"]) == ("force (simulated)", DATA.fingerprint[:36])
     profile = json.loads(given["dataset"]["profile"])
-    assert (profile["num_rows"], profile["fingerprint"]) == (100, DATA["fingerprint"])
-    digest = DATA["fingerprint"][:36]
+    assert (profile["num_rows"], profile["fingerprint"]) == (100, DATA.fingerprint)
+    digest = DATA.fingerprint[:36]
     assert len(client.search_runs([search.info.experiment_id], f"dataset.digest = '{digest}'")) == 1
 
 
@@ -54,23 +56,21 @@ def test_mlflow_reads_source_and_schema_of_a_data_set(tmp_path: Path, uri: str) 
 
 def test_classes_are_one_column() -> None:
     """A classification has one label, whatever the number of classes."""
-    written = data_set(described(kind="classification", names=["a", "b"]))
+    data = replace(DATA, kind=Kind.classification, names=("a", "b"))
+    written = data_set(replace(described(), data=data))
     columns = json.loads(written.schema)["mlflow_colspec"]
     assert columns == [{"name": "image", "type": "binary"}, {"name": "class", "type": "long"}]
 
 
-def test_source_is_the_root_as_it_was_given_without_a_password() -> None:
+def test_source_is_the_root_as_it_was_given() -> None:
     """Nothing is shown of a data set's place that the param `data.root` does not show."""
     assert json.loads(data_set(described("csv", "images")).source) == {"uri": "images"}
-    assert json.loads(data_set(described("csv", "s3://me:secret@host/images")).source) == {
-        "uri": "s3://***@host/images"
-    }
     assert json.loads(data_set(described("csv", None)).source) == {"uri": ""}
 
 
 def test_search_and_candidates_name_their_code(tmp_path: Path, uri: str) -> None:
     """Their source is the command, their version the commit that run.json has."""
-    build_run(tmp_path / "run", ENTRIES)
+    build_run(tmp_path / "run", LINES)
     mirror_once(tmp_path / "run", uri)
     _, search, candidates = open_store(uri)
     for run in (search, *candidates.values()):
@@ -83,10 +83,9 @@ def test_search_and_candidates_name_their_code(tmp_path: Path, uri: str) -> None
         }
 
 
-@pytest.mark.parametrize("run", [{}, {"code": None}])
-def test_run_without_a_commit_shows_none(run: dict[str, Json]) -> None:
+def test_run_without_a_commit_shows_none() -> None:
     """A run of an earlier version, or of an installed package, has the command only."""
-    assert source_tags(run) == {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
+    assert source_tags(None) == {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
 
 
 def test_checkout_tells_its_commit_and_whether_it_was_changed(tmp_path: Path) -> None:

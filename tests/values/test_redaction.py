@@ -1,0 +1,65 @@
+"""No password is recorded: an address that holds one is rejected, and no part of it is shown."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from refusals import refused
+
+from tacevo.errors import ConfigError
+from tacevo.redaction import check_address, without_password
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "postgresql://user:hunter2@host/db",
+        "postgresql://user:hun@ter2/o?rd@host:5432/db",
+        "https://hunter2@host/mlflow",
+        "postgresql:///db?user=u&password=hunter2",
+        "mssql+pyodbc:///?odbc_connect=UID%3Du%3BPWD%3Dhunter2",
+        "sqlite+pysqlcipher://:hunter2@/file.db",
+    ],
+)
+def test_address_with_a_password_is_rejected(address: str) -> None:
+    """The error names the setting and the other ways, and shows nothing of the address."""
+    with refused(ConfigError, place="tracking.uri", got="one with a password", remedy="MLFLOW_TRACKING_PASSWORD"):
+        check_address(address, "tracking.uri")
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "http://localhost:5000",
+        "postgresql://user@host:5432/db?sslmode=require",
+        "sqlite:////home/me@work/mlflow.db?timeout=9",
+        "file:///home/me@work/mlruns",
+        "/home/me:you@work/mlruns",
+        "",
+        "https://***@host/mlflow",
+    ],
+)
+def test_address_without_a_password_is_accepted(address: str) -> None:
+    """A user's name, a path, and what an earlier version left of an address are not passwords."""
+    check_address(address, "tracking.uri")
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("postgresql://user:p@w/o?rd@host:5432/db", "postgresql://***@host:5432/db"),
+        ("https://token@host/v1", "https://***@host/v1"),
+        ("https://host/v1?key=k", "https://host/v1?***"),
+        ("sqlite:////home/me@work/mlflow.db?timeout=9", "sqlite:////home/me@work/mlflow.db?timeout=9"),
+        ("", ""),
+    ],
+)
+def test_password_of_an_address_is_hidden(address: str, shown: str) -> None:
+    """User info and query are replaced; a plain path stays as it is."""
+    assert without_password(address) == shown
+    assert without_password(shown) == shown
+
+
+@given(st.text(), st.text())
+def test_no_part_of_the_user_info_is_shown(user_info: str, place: str) -> None:
+    """Whatever stands before the last @ of an address makes no difference to what is shown of it."""
+    assert without_password(f"postgresql://{user_info}@{place}") == without_password(f"postgresql://u@{place}")
