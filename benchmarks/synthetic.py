@@ -30,8 +30,10 @@ from tacevo.search.proposals import Task
 from tacevo.training.evaluation import Examples, Run
 from tacevo.training.numerics import environment
 
-#: Images of the data set that is not there; few, since a made-up training predicts values for each.
+#: Images of the data set, which does not exist; few, because a made-up training predicts values for each.
 _TRAINED, _VALIDATED = 32, 8
+
+_IMAGES = _TRAINED + 2 * _VALIDATED
 
 _FINGERPRINT = hashlib.sha256(b"a data set that is not there").hexdigest()
 
@@ -46,7 +48,7 @@ def record_synthetic(folder: Path, generations: int, view: View) -> Result:
     """
     places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
     size = [f"search.generations={generations}", "search.candidates=50", "executor.workers=1", "tracking=none"]
-    config = compose(["experiment=paper_force", "llm=grammar", *size, *places])
+    config = compose(["experiment=paper_force", "llm=grammar", f"data.images={_IMAGES}", *size, *places])
     facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
     task = load_task(config, facts)
     # Nobody is held by anything in a sandbox that is made up, so there is nothing to tell.

@@ -1,6 +1,7 @@
 """How a search went, generation by generation: fitness, trainable candidates, archives, temperature."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -64,18 +65,25 @@ def trainable(generations: Sequence[Progress]) -> Figure:
 
 
 @house_style()
-def growth(run: Run) -> Figure:
+def growth(run: Run, prompt_niches: int, reachable: int) -> Figure:
     """Draw the coverage of both archives and the QD-score of the network archive.
 
     An archive without niches covers its places, and its QD-score is a sum over the best networks.
+
+    Args:
+        run: the run.
+        prompt_niches: how many niches the prompt archive has.
+        reachable: how many of them a trial could reach; only these count. With 0 the prompt archive is not drawn.
     """
     figure, (upper, lower) = new_figure("single", 3.2, rows=2)
     generations = [entry.generation for entry in run.generations]
     networks = [100 * entry.coverage for entry in run.generations]
-    prompts = [100 * entry.prompt_coverage for entry in run.generations]
     held = "networks" if run.has_niches else "networks (of the places for the best)"
     upper.plot(generations, networks, color=BLUE, marker="o", clip_on=False, zorder=3, label=held)
-    upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", clip_on=False, zorder=3, label="prompts")
+    if reachable:
+        prompts = [100 * entry.prompt_coverage * prompt_niches / reachable for entry in run.generations]
+        how: dict[str, Any] = {"linestyle": "--", "marker": "s", "clip_on": False, "zorder": 3}
+        upper.plot(generations, prompts, color=ORANGE, label="prompts (of reachable niches)", **how)
     upper.set(ylabel="niches occupied (%)" if run.has_niches else "occupied (%)", ylim=(0, 100))
     figure.legend(loc="outside upper center", ncols=2)
     lower.plot(

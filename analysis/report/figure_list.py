@@ -38,6 +38,8 @@ class Picture:
 
 def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+    has_prompts = run.config["prompts"]["policy"] != PromptPolicy.none
+    reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
@@ -51,14 +53,18 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
             partial(trainable, progress(run)),
             "First answers that were trained, and what became of the others.",
         ),
-        ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
+        (
+            "archive_growth",
+            partial(growth, run, len(niches.prompts), len(reached)),
+            "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the "
+            "networks.",
+        ),
         ("temperature", partial(temperature, run), f"Temperature of each generation, and of its requests{unsent}."),
     ]
     if _has_map(run):
         words = "The network archive; each cell is a niche."
         drawn.append(("network_map", partial(network_map, run, niches.networks), words))
-    if run.config["prompts"]["policy"] != PromptPolicy.none:
-        reached = reachable_prompt_niches(run, niches.prompts)
+    if has_prompts:
         words = f"The prompt archive; each cell is a niche{unsent}."
         if len(reached) < len(niches.prompts):
             words += (

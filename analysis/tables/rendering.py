@@ -14,6 +14,7 @@ from pathlib import Path
 from analysis.rounding import finite, shown
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.storage.files import write_durably
+from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
 NARROW, WIDE = 52, 112
@@ -51,12 +52,9 @@ _LATEX = str.maketrans(
 
 def as_markdown(table: Table) -> str:
     """Write a table as GitHub's Markdown: caption, aligned columns, notes."""
-    lines = [_escaped(table.columns, _in_markdown), *(_escaped(row, _in_markdown) for row in table.rows)]
-    right = numeric_columns(table)
-    widths = [max(3, *map(len, column)) for column in zip(*lines, strict=True)]
-    rule = ["-" * (width - 1) + (":" if number else "-") for width, number in zip(widths, right, strict=True)]
-    rows = [_padded(lines[0], widths, right), rule, *(_padded(line, widths, right) for line in lines[1:])]
-    body = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    header, *rows = ([_in_markdown(shown(cell)) for cell in line] for line in (table.columns, *table.rows))
+    right = [place for place, number in enumerate(numeric_columns(table)) if number]
+    body = markdown(header, rows, right=right)
     return "\n\n".join([f"**{_in_markdown(table.caption)}**", body, *map(_in_markdown, table.notes)]) + "\n"
 
 
@@ -158,15 +156,6 @@ def _exact(cell: Cell, places: int) -> list[str | int | float]:
         if not isinstance(number, str):
             finite(number)
     return values + [""] * (places - len(values))
-
-
-def _escaped(cells: Sequence[Cell], escape: Callable[[str], str]) -> list[str]:
-    return [escape(shown(cell)) for cell in cells]
-
-
-def _padded(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
-    columns = zip(cells, widths, right, strict=True)
-    return [cell.rjust(width) if number else cell.ljust(width) for cell, width, number in columns]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
-from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, SandboxError
+from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
 
 if TYPE_CHECKING:
     from analysis.report.collection import Collection
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _FORMATS = ("pdf", "svg", "png")
 
 #: What a user who gave a sweep may do.
-_ONE = "give the folder of one of its jobs; a published sweep has its own tables in it"
+_ONE = "compare its arms by `tacevo ablations`, or name the directory of one of its jobs"
 
 
 def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
@@ -261,19 +261,14 @@ def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
 
 
 def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
-    """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing.
-
-    No code of a bundle's candidates runs: its own limits would confine them.
-    """
+    """Return the tables of a run, and why there are none of motifs: a probe is missing, or a network was edited."""
     from analysis.report.collection import tables_of
-    from tacevo.records import Mode
     from tacevo.runs.profiles import recall_profiles
 
     found = gathered.found
-    mode = Mode.replay if gathered.is_bundle else Mode.record
     try:
-        return tables_of(found, recall_profiles(found.run.path, gathered.store, mode=mode)), []
-    except (CacheMissError, RunError, SandboxError) as error:
+        return tables_of(found, recall_profiles(found.run.path, gathered.store)), []
+    except (CacheMissError, RunError) as error:
         return tables_of(found, None), [f"no tables of motifs: {error}"]
 
 

@@ -119,10 +119,9 @@ def _of_sweep(
 
 def _tables(found: "Collection", store: Path) -> dict[str, bytes]:
     from analysis.report.collection import tables_of
-    from tacevo.records import Mode
     from tacevo.runs.profiles import recall_profiles
 
-    return _files(tables_of(found, recall_profiles(found.run.path, str(store), mode=Mode.replay)))
+    return _files(tables_of(found, recall_profiles(found.run.path, str(store))))
 
 
 def _files(tables: "Iterable[Table]") -> dict[str, bytes]:

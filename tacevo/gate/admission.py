@@ -102,10 +102,6 @@ class Gate:
             return Rejection.from_json(answer["rejection"])
         return Admitted(source=source, profile=Profile.from_json(answer["profile"]))
 
-    def is_recorded(self, source: str) -> bool:
-        """Tell whether the store has the probe of a source, sound or not."""
-        return self._store.holds(self._store.key(self._request(source)))
-
     def _request(self, source: str) -> Json:
         """Name everything that a probe's answer depends on."""
         return {

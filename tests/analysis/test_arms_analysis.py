@@ -74,10 +74,10 @@ def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, niches: Nich
 
 def test_growth_names_places() -> None:
     """What is covered are places, and the figure says so."""
-    figure = growth(best_of_all())
+    figure = growth(best_of_all(), 1, 0)
     upper = figure.axes[0]
     assert upper.get_ylabel() == "occupied (%)"
-    assert upper.get_lines()[0].get_label() == "networks (of the places for the best)"
+    assert [line.get_label() for line in upper.get_lines()] == ["networks (of the places for the best)"]
 
 
 @pytest.mark.parametrize(("archive", "networks", "axes"), [({"kind": "best"}, 0, 2), ({"axes": ["arch_div"]}, 3, 1)])

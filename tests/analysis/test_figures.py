@@ -84,7 +84,7 @@ def of_networks(study: Study, count: int) -> Study:
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
     "trainable": (lambda: trainable(progress(RUN)), 3.5),
-    "growth": (lambda: growth(RUN), 3.5),
+    "growth": (lambda: growth(RUN, 9, 6), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
     "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
     "prompt_map": (lambda: prompt_map(RUN, CENTROIDS, range(9)), 3.5),
@@ -308,10 +308,11 @@ def test_bars_add_up_to_the_answers() -> None:
 
 
 def test_growth_shows_both_archives() -> None:
-    """Coverage in per cent above, QD-score below."""
-    upper, lower = growth(RUN).axes
-    assert line(upper, "networks") == [25.0, 25.0, 25.0]
-    assert line(upper, "prompts") == [0.0, 0.0, 0.0]
+    """Coverage in per cent above, of the prompt archive among the niches that could be reached; QD-score below."""
+    run = replace(RUN, generations=[replace(RUN.generations[0], prompt_coverage=0.25)])
+    upper, lower = growth(run, 8, 4).axes
+    assert line(upper, "networks") == [25.0]
+    assert line(upper, "prompts (of reachable niches)") == [50.0]
     assert lower.get_ylabel() == "QD-score"
 
 
@@ -354,7 +355,7 @@ def test_names_of_users_are_no_formulas() -> None:
 def test_single_generation_has_one_tick() -> None:
     """Between generations there is nothing, so no tick stands at 0.03."""
     early = run(SLOTS[:2], [closed(0, 0.6)])
-    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early), fitness_evolution(early, [0.7])):
+    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early, 9, 6), fitness_evolution(early, [0.7])):
         axes = drawn.axes[-1]
         low, high = axes.get_xlim()
         assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0.0]
@@ -362,7 +363,7 @@ def test_single_generation_has_one_tick() -> None:
 
 def test_markers_at_the_ends_of_an_axis_are_whole() -> None:
     """Coverage of 0 and 100 % is drawn over the frame, not cut by it."""
-    assert not any(line.get_clip_on() for axes in growth(RUN).axes for line in axes.lines)
+    assert not any(line.get_clip_on() for axes in growth(RUN, 9, 6).axes for line in axes.lines)
 
 
 def test_long_lineage_shows_its_end_and_says_so() -> None:
