@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from analysis.figures.axes import title_unsent_temperatures
 from analysis.figures.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
 from analysis.runs.niches import Polygon, cells
-from analysis.runs.run import Run
+from analysis.runs.run import Run, descriptors_of
+from tacevo.choices import Scale
 
 #: (low, high) of both axes, in their units.
 Extent = tuple[tuple[float, float], tuple[float, float]]
@@ -38,9 +39,10 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     fitness = {elite.niche: elite.fitness for elite in run.elites}
-    extent = _extent(run)
-    places = {elite.id: _clipped(elite.descriptors, extent) for elite in run.elites}
-    moved = {elite.id for elite in run.elites if places[elite.id] != elite.descriptors}
+    extent, scale = _extent(run), run.config.archive.eff_ratio_scale
+    own = {candidate.id: descriptors_of(candidate, scale) for candidate in run.trained}
+    places = {elite.id: _clipped(own[elite.id], extent) for elite in run.elites}
+    moved = {name for name, place in places.items() if place != own[name]}
     filled = _fill(axes, _placed(centroids, extent), fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
     _points(axes, [place for name, place in places.items() if name not in moved])
     if run.elites:
@@ -56,8 +58,7 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
         outside = [places[name] for name in sorted(moved)]
         marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **_OUTLINED}
         axes.plot(*zip(*outside, strict=True), "X", label="outside the bounds", **marks)
-    scale = run.config["archive"]["eff_ratio_scale"]
-    ratio = "Efficiency Ratio" if scale == "linear" else r"$\log_{10}$ Efficiency Ratio"
+    ratio = "Efficiency Ratio" if scale is Scale.linear else r"$\log_{10}$ Efficiency Ratio"
     axes.set(xlabel="Architectural Diversity", ylabel=ratio)
     _legend(figure, axes)
     return figure
@@ -134,7 +135,8 @@ def _extent(run: Run) -> Extent:
     """Give the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
     if run.bounds is None:
         return (0.0, 1.0), (0.0, 1.0)
-    first, second = ((low, high) if high > low else (low - 0.5, low + 0.5) for low, high in run.bounds)
+    ends = zip(run.bounds.low, run.bounds.high, strict=True)
+    first, second = ((low, high) if high > low else (low - 0.5, low + 0.5) for low, high in ends)
     return first, second
 
 

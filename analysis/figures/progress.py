@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.runs.dynamics import Progress
-from analysis.runs.run import Run
+from analysis.runs.run import Run, sent_temperature
 from tacevo.records import Stage
 
 #: How candidates that a stage turned away are drawn: label, colour, hatching.
@@ -105,7 +105,8 @@ def temperature(run: Run) -> Figure:
     A title says where temperatures were not sent.
     """
     figure, (axes,) = new_figure("single", 2.2)
-    asked = [(entry.generation, entry.temperature) for entry in run.candidates if entry.temperature is not None]
+    sent = [(entry.generation, sent_temperature(entry)) for entry in run.candidates]
+    asked = [(generation, value) for generation, value in sent if value is not None]
     if asked:
         axes.plot(*zip(*asked, strict=True), ".", color=GREY, markersize=2, label="requests")
     generations = [entry.generation for entry in run.generations]

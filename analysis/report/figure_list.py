@@ -38,7 +38,7 @@ class Picture:
 
 def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
-    has_prompts = run.config["prompts"]["policy"] != PromptPolicy.none
+    has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
@@ -89,15 +89,15 @@ def undrawn(run: Run) -> tuple[str, ...]:
     if not run.has_niches:
         said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
     elif not _has_map(run):
-        said.append(f"no network_map: archive.axes has {run.axes[0]} only, and a map needs two axes")
-    if run.config["prompts"]["policy"] == PromptPolicy.none:
+        said.append(f"no network_map: archive.axes has {run.config.archive.axes[0]} only, and a map needs two axes")
+    if run.config.prompts.policy is PromptPolicy.none:
         said.append("no prompt_map: prompts.policy=none keeps no prompt archive")
     return tuple(said)
 
 
 def _has_map(run: Run) -> bool:
     """Say whether the network archive is a map: has niches, over two axes."""
-    return run.has_niches and len(run.axes) == 2
+    return run.has_niches and len(run.config.archive.axes) == 2
 
 
 def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:

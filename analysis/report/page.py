@@ -82,9 +82,8 @@ def as_html(run: Run, tables: Sequence[Table], images: Sequence[Image], remarks:
 
 def _origin(run: Run) -> str:
     """Say what was searched for, who answered, and where the images come from."""
-    model = run.config["llm"]
-    source = run.config["data"]["source"]
-    return f"Task: {run.task}. Model: {model['model']}, provider: {model['provider']}. Data source: {source}."
+    model, source = run.config.llm, run.config.data.source
+    return f"Task: {run.task}. Model: {model.model}, provider: {model.provider}. Data source: {source}."
 
 
 def _figure(image: Image) -> str:

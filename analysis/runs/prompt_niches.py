@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.run import Run
-from tacevo.choices import TemperatureRule
 from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import prompt_point
 from tacevo.search.temperature import next_temperature
@@ -16,14 +15,16 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
     A generation either brings a better best or the same; an archive's best never gets worse. Trials begin with
     generation 1, at T_1; the noise of a request does not enter the prompt archive.
     """
-    settings = run.config["temperature"]
-    rule, step = TemperatureRule(settings["rule"]), settings["step"]
+    settings = run.config.temperature
     found: set[float] = set()
-    current = {float(settings["start"])}
+    current = {settings.start}
     for _ in range(run.generations[-1].generation):
         found |= current
         outcomes = [(before, best) for before in current for best in (0.5, 1.0)]
-        current = {next_temperature(rule, before, best=best, best_before=1.0, step=step) for before, best in outcomes}
+        current = {
+            next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
+            for before, best in outcomes
+        }
     return frozenset(found)
 
 

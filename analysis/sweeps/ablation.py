@@ -13,17 +13,16 @@ from enum import StrEnum
 
 import numpy as np
 
-from analysis.runs.dynamics import improvement
-from analysis.runs.run import Candidate, Run
+from analysis.runs.dynamics import improvement, spending
+from analysis.runs.run import Run, sent_temperature
 from analysis.statistics.effects import Effects, Interval, effects, median
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.warnings import Caution, cautions
 from analysis.sweeps.common_archive import CommonArchive, Filled, filled
 from analysis.sweeps.sweep import REFERENCE, Finished
-from tacevo.costs import Spending, total
 from tacevo.randomness import stream
-from tacevo.records import Operator
 from tacevo.rounding import rounded
+from tacevo.search.lines import CandidateLine
 
 #: The level that cautions are judged at, after Holm's correction.
 ALPHA = 0.05
@@ -66,8 +65,8 @@ class Outcome:
     best: tuple[float | None, ...]
     #: The common archive by generation.
     filled: tuple[Filled, ...]
-    #: What was asked and what came of it, slot by slot, without costs: equal in runs that are one and the same search.
-    slots: tuple[Candidate, ...]
+    #: What was asked and what came of it, slot by slot: equal in runs that are one and the same search.
+    slots: tuple[CandidateLine, ...]
 
 
 class Comparability(StrEnum):
@@ -152,9 +151,9 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
         arm=one.job.arm,
         seed=one.job.seed,
         values=_values(one.run, places[-1]),
-        best=_best_so_far(one.run),
+        best=tuple(line.best for line in one.run.generations),
         filled=places,
-        slots=tuple(replace(candidate, spent=None) for candidate in one.run.candidates),
+        slots=tuple(map(_slot, one.run.candidates)),
     )
 
 
@@ -183,7 +182,7 @@ def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
 
 
 def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
-    found, spent = improvement(run), _spent(run)
+    found, spent = improvement(run), spending(run, run.candidates)
     return {
         Metric.best_fitness: None if found is None else found.last,
         Metric.improvement: None if found is None else rounded(found.over_first),
@@ -197,15 +196,18 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
     }
 
 
-def _best_so_far(run: Run) -> tuple[float | None, ...]:
-    return tuple(line.best for line in run.generations)
-
-
-def _spent(run: Run) -> Spending | None:
-    """Add up what a run's answers cost; a sum with gaps would pass for the whole, so one gap makes it unknown."""
-    asked = [one.spent for one in run.candidates if one.operator is not Operator.baseline]
-    known = [spent for spent in asked if spent is not None]
-    return total(known) if len(known) == len(asked) else None
+def _slot(candidate: CandidateLine) -> CandidateLine:
+    """Leave out what changes no network: texts of requests and answers, and what the prompt archive recorded."""
+    return replace(
+        candidate,
+        temperature=sent_temperature(candidate),
+        request=None,
+        answer=None,
+        repairs=tuple(replace(sent, answer="") for sent in candidate.repairs),
+        curiosity=None,
+        prompt_niche=None,
+        prompt_status=None,
+    )
 
 
 def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], seed: int) -> dict[str, Summary]:

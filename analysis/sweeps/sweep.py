@@ -1,18 +1,13 @@
 """A sweep as records: its finished runs by arm and seed, and what is missing of it."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.runs.run import Run, load_run
+from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
-from tacevo.records import Json
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
-
-#: Hashes what decides the results of a run, from the configuration in its run.json (`tacevo.config.identity`). It is
-#: handed in, for it needs Hydra's side of the house, which the analysis does not know.
-HashOf = Callable[[Mapping[str, Json]], str]
 
 #: The arm that all others are compared with: the search as it is.
 REFERENCE = "none"
@@ -24,8 +19,6 @@ class Finished:
 
     job: Job
     run: Run
-    #: Of Python and packages, by name, as run.json has them.
-    versions: Mapping[str, Json]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,12 +45,8 @@ class Sweep:
         return self.finished[0].run.task
 
 
-def load_sweep(path: Path, hash_of: HashOf) -> Sweep:
+def load_sweep(path: Path) -> Sweep:
     """Read the finished jobs of a sweep, and say of the others why they are missing.
-
-    Args:
-        path: the folder of the sweep.
-        hash_of: gives what sweep.json has as `config` of a job.
 
     Raises:
         RunError: this is no sweep, none of its jobs is finished, an arm has a seed twice or another name than its
@@ -71,7 +60,7 @@ def load_sweep(path: Path, hash_of: HashOf) -> Sweep:
     for job in jobs:
         reason = _absence(directory, job)
         if reason is None:
-            finished.append(_load(directory, job, hash_of))
+            finished.append(_load(directory, job))
         else:
             missing.append(Missing(job=job, reason=reason))
     if not finished:
@@ -93,21 +82,21 @@ def _absence(directory: SweepDirectory, job: Job) -> str | None:
     return "not finished" if (run.path / "run.json").exists() else "not begun"
 
 
-def _load(directory: SweepDirectory, job: Job, hash_of: HashOf) -> Finished:
+def _load(directory: SweepDirectory, job: Job) -> Finished:
     folder = directory.run(job)
     run = load_run(folder.path)
-    if run.config["seed"] != job.seed:
+    if run.config.seed != job.seed:
         raise RunError(
-            f"{folder.path} holds a run of seed {run.config['seed']}, and sweep.json says {job.seed} of it; delete the "
+            f"{folder.path} holds a run of seed {run.config.seed}, and sweep.json says {job.seed} of it; delete the "
             "folder, and the command that began the sweep repeats the job"
         )
-    if hash_of(run.config) != job.config:
+    if config_hash(run.config) != job.config:
         raise RunError(
             f"{folder.path} holds the run of another configuration than sweep.json's job {job.name}, so it may be "
             "that of another arm; put the right folder there, or delete it, and the command that began the sweep "
             "repeats the job"
         )
-    return Finished(job=job, run=run, versions=folder.read_run().get("versions", {}))
+    return Finished(job=job, run=run)
 
 
 def _refuse_twins(path: Path, jobs: tuple[Job, ...]) -> None:

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import IncomparableError
-from tacevo.records import Json
+from tacevo.records import Json, to_json
 from tacevo.rules import eras_in_words
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import canonical, differences, shown, value_at
@@ -59,7 +59,7 @@ def check_sweep(sweep: Sweep) -> None:
 def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
     """Refuse two jobs that differ in temperatures which a model was never sent."""
     idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
-    if idle and one.run.config[TEMPERATURE] != two.run.config[TEMPERATURE]:
+    if idle and one.run.config.temperature != two.run.config.temperature:
         raise IncomparableError(
             f"{sweep.path} compares temperatures that had no effect: {one.job.name} and {two.job.name} differ in them, "
             f"and in {idle[0].job.name} {idle[0].run.not_sent[TEMPERATURE]}. {_REMEDIES[TEMPERATURE]}"
@@ -72,31 +72,31 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
     yield "data", "task.name", one.run.task
     yield "data", "the data's fingerprint", one.run.facts.fingerprint
     yield "data", "the hash of the baseline's source", one.run.baseline.source
-    yield "data", "task.loss", config["task"].get("loss")
+    yield "data", "task.loss", config.task.loss
     yield "budget", "the number of generations", one.run.generations[-1].generation
     for key in ("candidates", "initial"):
-        yield "budget", f"search.{key}", config["search"][key]
+        yield "budget", f"search.{key}", getattr(config.search, key)
     for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", "device"):
-        yield "budget", f"training.{key}", config["training"].get(key)
+        yield "budget", f"training.{key}", getattr(config.training, key)
     yield "versions", "the set of rules", eras_in_words(one.run.eras)
-    yield "versions", "numerics.kind", config["numerics"]["kind"]
+    yield "versions", "numerics.kind", config.numerics.kind
     for name in VERSIONS:
-        yield "versions", f"the version of {name}", one.versions.get(name)
+        yield "versions", f"the version of {name}", one.run.versions.get(name)
 
 
 def _kind_of_archive(one: Finished) -> str:
-    return canonical({key: value for key, value in one.run.config["archive"].items() if key not in _SIZES})
+    return canonical({key: value for key, value in to_json(one.run.config.archive).items() if key not in _SIZES})
 
 
 def _archive_fields(one: Finished) -> Json:
     """Give what decides the niches of networks."""
-    return {"archive": {key: one.run.config["archive"].get(key) for key in ("niches", "samples", "seed")}}
+    return {"archive": {key: getattr(one.run.config.archive, key) for key in ("niches", "samples", "seed")}}
 
 
 def arm_settings(one: Finished) -> Json:
     """Give the settings that must be those of the whole arm."""
-    config = {key: value for key, value in one.run.config.items() if key not in _INDIFFERENT}
-    llm = {key: value for key, value in config.get("llm", {}).items() if key not in _INDIFFERENT_LLM}
+    config = {key: value for key, value in to_json(one.run.config).items() if key not in _INDIFFERENT}
+    llm = {key: value for key, value in config["llm"].items() if key not in _INDIFFERENT_LLM}
     return {**config, "llm": llm}
 
 

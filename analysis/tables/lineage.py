@@ -13,7 +13,7 @@ def lineage_table(run: Run, name: str) -> Table:
             entry.candidate.operator.value,
             entry.instruction,
             ", ".join(entry.candidate.parents) or None,
-            entry.candidate.trained.fitness if entry.candidate.trained else None,
+            entry.candidate.fitness,
             entry.gain,
         )
         for entry in lineage(run, name)

@@ -133,11 +133,11 @@ def _set_up(run: Run) -> tuple[_Setting, ...]:
     images, stated = sum(run.facts.counts), published.IMAGES.get(run.task)
     return (
         _niches(run),
-        _equal("candidates per generation", published.CANDIDATES, config["search"]["candidates"]),
-        _equal("generations", published.GENERATIONS, config["search"]["generations"]),
-        _equal("epochs", published.EPOCHS, config["training"]["epochs"]),
-        _model(config["llm"]["model"]),
-        _data(DataSource(config["data"]["source"])),
+        _equal("candidates per generation", published.CANDIDATES, config.search.candidates),
+        _equal("generations", published.GENERATIONS, config.search.generations),
+        _equal("epochs", published.EPOCHS, config.training.epochs),
+        _model(config.llm.model),
+        _data(config.data.source),
         _Setting(quantity="images", published=stated or NOT_STATED, ours=images, differs=stated not in {None, images}),
         _equal("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),
     )

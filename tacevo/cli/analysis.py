@@ -360,9 +360,8 @@ def _collected_sweep(path: Path, store: Path | None) -> "SweepCollection":
     """Read a sweep from its folder or a bundle; from a bundle's own stores, unless others are named."""
     from analysis.report.sweep_collection import collect_sweep
     from tacevo.bundles.open import opened
-    from tacevo.config.identity import recorded_hash
 
     if not path.is_file():
-        return collect_sweep(path, store, recorded_hash)
+        return collect_sweep(path, store)
     with opened(path) as published:
-        return collect_sweep(published.folder, store or published.store, recorded_hash)
+        return collect_sweep(published.folder, store or published.store)

@@ -23,7 +23,9 @@ def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
     """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
     return [
-        finished(arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9), spent=spent)]))
+        finished(
+            arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9))], {"g01s00": spent})
+        )
         for seed, best in enumerate(bests)
     ]
 

@@ -14,7 +14,7 @@ from analysis.runs.coverage_map import occupation, reachable
 from analysis.runs.dynamics import progress
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches, load_niches
-from analysis.runs.run import Elite, Run
+from analysis.runs.run import Occupant, Run
 from analysis.tables.dynamics import generations_table
 from tacevo.cli.app import main
 from tacevo.errors import RunError
@@ -29,7 +29,7 @@ TENTHS = (np.arange(10).reshape(-1, 1) + 0.5) / 10
 def best_of_all() -> Run:
     """Make a run that keeps the three best of all."""
     candidates = [hand_runs.trained(0, slot, fitness=0.1 * (slot + 1)) for slot in range(3)]
-    elite = Elite(id="g00s00", niche=0, fitness=0.1, descriptors=(0.5, 0.5))
+    elite = Occupant(id="g00s00", niche=0, fitness=0.1)
     lines = [hand_runs.closed(0, 0.1, coverage=2 / 3)]
     archive = {"kind": "best", "kept": 3}
     return hand_runs.run(candidates, lines, elites=[elite], archive=archive, bounds=None)
@@ -45,7 +45,11 @@ def one_axis(*values: float) -> Run:
 def test_run_of_before_has_niches_over_two_axes() -> None:
     """A configuration that knows none of the later settings is read as what it was."""
     run = hand_runs.run([], [])
-    assert (run.has_niches, run.places, [str(axis) for axis in run.axes]) == (True, 4, ["arch_div", "eff_ratio"])
+    assert (run.has_niches, run.places, [str(axis) for axis in run.config.archive.axes]) == (
+        True,
+        4,
+        ["arch_div", "eff_ratio"],
+    )
     assert undrawn(run) == ()
 
 

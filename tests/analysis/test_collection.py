@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained
+from hand_runs import closed, configured, run, trained
 from studies import study_of
 
 from analysis.report.collection import Collection, Compared, pictures_of, tables_of, with_one_study
 from analysis.runs.niches import Niches
-from analysis.runs.run import Elite, Run
+from analysis.runs.run import Occupant, Run
 from analysis.studies.comparison import compare
 from tacevo.records import Kind
 
@@ -20,8 +20,8 @@ SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0
 def searched() -> Run:
     """Give a run with two elites, one a child of the other."""
     elites = [
-        Elite(id="g00s00", niche=0, fitness=0.5, descriptors=(0.3, 0.5)),
-        Elite(id="g01s00", niche=1, fitness=0.4, descriptors=(0.7, 0.5)),
+        Occupant(id="g00s00", niche=0, fitness=0.5),
+        Occupant(id="g01s00", niche=1, fitness=0.4),
     ]
     slots = [trained(0, 0, 0.5), trained(1, 0, 0.4), trained(1, 1, 0.9)]
     return run(slots, [closed(0, 0.5), closed(1, 0.4, candidates=2, trained=2)], elites=elites)
@@ -68,7 +68,7 @@ def test_caption_states_the_rule_of_the_confusion() -> None:
 def test_what_a_run_never_had_is_not_drawn() -> None:
     """No prompt archive, no instruction, no trained network: no figure of it."""
     bare = replace(searched(), elites=(), instructions=(), candidates=())
-    bare = replace(bare, config={**bare.config, "prompts": {"policy": "none"}})
+    bare = replace(bare, config=configured(prompts={"policy": "none"}))
     found = [picture.name for picture in pictures_of(collection(searched=bare))]
     expected = ["fitness_evolution", "trainable", "archive_growth", "temperature", "network_map"]
     assert found == [f"{name}_force" for name in expected]

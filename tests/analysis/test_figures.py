@@ -15,7 +15,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import bounds_of, closed, rejected, run, trained
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import house_style, render
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.runs.run import Elite, PromptTrial
+from analysis.runs.run import Occupant, PromptTrial
 from analysis.studies.scores import Study
 from tacevo.records import Kind, Reason, Stage
 from tacevo.search.archive import find_centroids
@@ -40,15 +40,15 @@ CENTROIDS = np.array(find_centroids(niches=9, dimensions=2, samples=300, seed=0)
 
 SLOTS = [
     trained(0, 0, 0.8),
-    trained(0, 1, 0.6, temperature=0.55),
-    trained(1, 0, 0.4, parents=("g00s01",), prompt=0, temperature=0.62),
+    trained(0, 1, 0.6, temperature=0.55, descriptors=(0.2, 11.0)),
+    trained(1, 0, 0.4, parents=("g00s01",), prompt=0, temperature=0.62, descriptors=(0.4, 14.0)),
     trained(1, 1, 0.5, parents=("g00s00", "g00s01"), prompt=None),
-    turned_away(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
-    turned_away(2, 0, Stage.extract, Reason.no_class),
+    rejected(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
+    rejected(2, 0, Stage.extract, Reason.no_class),
 ]
 ELITES = [
-    Elite(id="g00s01", niche=2, fitness=0.6, descriptors=(0.2, 11.0)),
-    Elite(id="g01s00", niche=7, fitness=0.4, descriptors=(0.4, 14.0)),
+    Occupant(id="g00s01", niche=2, fitness=0.6),
+    Occupant(id="g01s00", niche=7, fitness=0.4),
 ]
 TRIALS = (
     PromptTrial(niche=1, prompt=0, temperature=0.6, inserted=True, curiosity=1.7),
@@ -236,8 +236,8 @@ def test_colours_say_where_they_are_logarithmic() -> None:
 
 def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
     """Its niche is the one at the edge; nothing of the map, the star included, vanishes, and the legend says why."""
-    best = replace(ELITES[1], descriptors=(0.4, 25.0))
-    drawn = network_map(replace(RUN, elites=(ELITES[0], best)), CENTROIDS)
+    slots = [replace(slot, eff_ratio=25.0) if slot.id == "g01s00" else slot for slot in SLOTS]
+    drawn = network_map(replace(RUN, candidates=tuple(slots)), CENTROIDS)
     axes, _ = drawn.axes
     assert points(axes, "X") == points(axes, "*") == [(0.4, 20.0)]
     assert points(axes, "o") == [(0.2, 11.0)]
@@ -258,7 +258,7 @@ def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale:
 
 def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
     """A single elite, an axis without extent, a loss of 0, an empty archive."""
-    one = replace(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=((0.3, 0.3), (10.0, 20.0)))
+    one = replace(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=bounds_of((0.3, 0.3), (10.0, 20.0)))
     axes, _ = network_map(one, CENTROIDS).axes
     assert axes.get_xlim() == pytest.approx((-0.2, 0.8))
     (axes,) = network_map(replace(RUN, elites=(), bounds=None), CENTROIDS).axes
@@ -309,7 +309,7 @@ def test_bars_add_up_to_the_answers() -> None:
 
 def test_growth_shows_both_archives() -> None:
     """Coverage in per cent above, of the prompt archive among the niches that could be reached; QD-score below."""
-    run = replace(RUN, generations=[replace(RUN.generations[0], prompt_coverage=0.25)])
+    run = replace(RUN, generations=(replace(RUN.generations[0], prompt_coverage=0.25),))
     upper, lower = growth(run, 8, 4).axes
     assert line(upper, "networks") == [25.0]
     assert line(upper, "prompts (of reachable niches)") == [50.0]

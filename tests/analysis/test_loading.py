@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 from hand_runs import closed, run, trained
 from motif_cases import baseline
+from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 
 from analysis.motifs.motifs import count_motifs
 from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import load_niches
-from analysis.runs.run import Elite, Run, load_run
+from analysis.runs.run import Occupant, Run, descriptors_of, load_run
 from analysis.tables.motifs import anatomies_table
+from tacevo.choices import Scale
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import Json
@@ -38,13 +40,15 @@ def spoilt(searched: Path, tmp_path: Path) -> Path:
 
 
 def test_elites_are_those_of_the_ledger(searched: Path) -> None:
-    """Each with the fitness and the descriptors of its candidate, and as archive.json has it."""
+    """Each with its niche and fitness, as archive.json has it, and with the descriptors of its candidate."""
     found = load_run(searched / "run")
     recorded = json.loads((searched / "run" / "archive.json").read_text())["elites"]
     assert [(elite.id, elite.niche, elite.fitness) for elite in found.elites] == [
         (entry["id"], entry["niche"], entry["fitness"]) for entry in recorded
     ]
-    assert [list(elite.descriptors) for elite in found.elites] == [entry["descriptors"] for entry in recorded]
+    lines = {line.id: line for line in found.candidates}
+    descriptors = [list(descriptors_of(lines[elite.id], Scale.log)) for elite in found.elites]
+    assert descriptors == [entry["descriptors"] for entry in recorded]
     assert len(found.elites) > 1
     assert found.prompt_trials
 
@@ -109,7 +113,7 @@ def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Pat
     described = json.loads((spoilt / "run.json").read_text())
     edit(described)
     (spoilt / "run.json").write_text(json.dumps(described))
-    with pytest.raises(RunError, match=r"run\.json was edited: its configuration or task is not that of the ledger"):
+    with refused(RunError, place="run.json", expected="the configuration and the task that the ledger begins with"):
         load_run(spoilt)
 
 
@@ -123,9 +127,9 @@ def family() -> Run:
         *(trained(2, slot, 0.3 + slot) for slot in range(4)),
     ]
     elites = [
-        Elite(id=slot.id, niche=niche, fitness=slot.trained.fitness, descriptors=(0.0, 0.0))
+        Occupant(id=slot.id, niche=niche, fitness=slot.fitness)
         for niche, slot in enumerate(slots)
-        if slot.trained
+        if slot.fitness is not None
     ]
     return run(slots, [closed(0), closed(1), closed(2)], elites=elites)
 
@@ -138,7 +142,7 @@ def test_best_networks_are_those_of_a_study() -> None:
             "kind": "candidate",
             "id": slot.id,
             "source": slot.source,
-            "fitness": slot.trained and slot.trained.fitness,
+            "fitness": slot.fitness,
             "parameters": 1,
             "flops": 1,
         }

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import closed, rejected, run, trained
 from motif_cases import CLASSES, LIBRARY, anatomy_of, baseline, built, profile_of
+from refusals import refused
 from statsmodels.stats.multitest import multipletests
 from torch import nn
 
 from analysis.motifs.motifs import MOTIFS, count_motifs, motifs_of, read_anatomies, width_ratio
-from analysis.runs.run import Elite, Run
+from analysis.runs.run import Occupant, Run
 from analysis.table import PValue
 from analysis.tables.motifs import SUPPLEMENT, anatomies_table, motifs_table
 from tacevo.errors import RunError
@@ -128,9 +129,9 @@ def plain(activation: nn.Module, *, dropout: float = 0.0) -> Profile:
 
 def searched() -> tuple[Run, dict[str, Profile]]:
     """Give a run of five trained candidates, three of which are elites, and their profiles."""
-    slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), turned_away(1, 4)]
+    slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), rejected(1, 4)]
     elites = [
-        Elite(id=name, niche=niche, fitness=fitness, descriptors=(0.0, 0.0))
+        Occupant(id=name, niche=niche, fitness=fitness)
         for niche, (name, fitness) in enumerate([("g00s00", 0.9), ("g01s00", 0.1), ("g01s01", 0.2)])
     ]
     profiles = {
@@ -197,7 +198,7 @@ def test_trained_candidate_without_a_profile_is_named() -> None:
     """A count over the others would look complete."""
     hand, profiles = searched()
     del profiles["g01s02"]
-    with pytest.raises(RunError, match=r"g01s02 of runs/hand has no recorded steps"):
+    with refused(RunError, place="runs/hand, g01s02", expected="a recorded probe"):
         read_anatomies(hand, profiles)
 
 

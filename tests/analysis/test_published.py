@@ -22,7 +22,7 @@ from analysis.statistics.published import (
 )
 from analysis.table import Percent
 from analysis.tables.published import beside_published, published_tables
-from tacevo.config.compose import compose, to_plain
+from tacevo.config.compose import compose
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -123,7 +123,7 @@ def run_of(*settings: str, image_size: int = 256) -> Run:
         [hand_runs.closed(0, 0.5), hand_runs.closed(1, 0.4, candidates=50, trained=48, coverage=0.88)],
     )
     facts = replace(bare.facts, counts=(2400, 300, 300), image_size=image_size)
-    return replace(bare, config=to_plain(compose([*FAITHFUL, *settings])), facts=facts)
+    return replace(bare, config=compose([*FAITHFUL, *settings]), facts=facts)
 
 
 def test_runs_stand_beside_the_published_searches() -> None:

@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from hand_runs import closed, run, trained
+from hand_runs import closed, configured, run, trained
 from matplotlib.figure import Figure
 
 from analysis.report.figure_list import Picture
@@ -59,7 +59,7 @@ def test_first_lines_name_task_model_provider_and_data() -> None:
 
 def test_name_of_a_model_cannot_become_markup() -> None:
     """It comes from a configuration, which may be a stranger's."""
-    strange = replace(RUN, config={**RUN.config, "llm": {"provider": "openai", "model": "<b>"}})
+    strange = replace(RUN, config=configured(llm={"provider": "openai", "model": "<b>"}))
     assert "Model: &lt;b&gt;, provider: openai." in as_html(strange, [TABLE], [], [])
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pytest
-from hand_sweeps import SETTINGS, VERSIONS, finished, run_to, sweep_of
+from hand_sweeps import VERSIONS, finished, run_to, sweep_of
 
 from analysis.sweeps.sweep import Finished
 from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
@@ -17,11 +17,6 @@ RUN = run_to(0.5, 0.4)
 
 #: Other rules than those of `RUN`.
 CHANGED = replace(FIRST, static=9)
-
-
-def changed(group: str, **fields: Json) -> Mapping[str, Json]:
-    """Give one group of settings with changes."""
-    return {group: {**SETTINGS[group], **fields}}
 
 
 def beside(other: Finished) -> None:
@@ -38,7 +33,7 @@ def test_arms_may_differ_in_how_they_search() -> None:
                 finished("none", 0, RUN),
                 finished("none", 1, RUN, settings={"store": {"root": "moved"}, "executor": {"workers": 9}}),
                 finished("other", 0, RUN, settings=searches),
-                finished("log", 0, RUN, settings=changed("archive", eff_ratio_scale="log", niches=9)),
+                finished("log", 0, RUN, settings={"archive": {"eff_ratio_scale": "log", "niches": 9}}),
             ]
         )
     )
@@ -47,14 +42,17 @@ def test_arms_may_differ_in_how_they_search() -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (changed("search", candidates=3), r"search\.candidates is 2 in none-seed0 and 3 in a-seed0\. Give all jobs"),
-        (changed("search", initial=9), r"search\.initial is 1 in none-seed0 and 9 in a-seed0"),
-        (changed("training", epochs=9), r"training\.epochs is 1 in none-seed0 and 9 in a-seed0"),
-        (changed("training", device="cuda"), r'training\.device is "cpu" in none-seed0 and "cuda" in a-seed0'),
-        (changed("task", name="grating"), r'task\.name is "force" in none-seed0 and "grating" in a-seed0'),
-        (changed("numerics", kind="fast"), r'numerics\.kind is "portable" in none-seed0 and "fast" in a-seed0'),
-        (changed("archive", niches=9), r"archive\.niches is 4 in none-seed0 and 9 in a-seed0\. Archives of one kind"),
-        (changed("archive", seed=1), r"archive\.seed is 0 in none-seed0 and 1 in a-seed0"),
+        ({"search": {"candidates": 3}}, r"search\.candidates is 2 in none-seed0 and 3 in a-seed0\. Give all jobs"),
+        ({"search": {"initial": 9}}, r"search\.initial is 1 in none-seed0 and 9 in a-seed0"),
+        ({"training": {"epochs": 9}}, r"training\.epochs is 1 in none-seed0 and 9 in a-seed0"),
+        (
+            {"training": {"device": "cuda"}, "sandbox": {"require": "none"}},
+            r'training\.device is "cpu" in none-seed0 and "cuda" in a-seed0',
+        ),
+        ({"task": {"name": "grating"}}, r'task\.name is "force" in none-seed0 and "grating" in a-seed0'),
+        ({"numerics": {"kind": "fast"}}, r'numerics\.kind is "portable" in none-seed0 and "fast" in a-seed0'),
+        ({"archive": {"niches": 9}}, r"archive\.niches is 4 in none-seed0 and 9 in a-seed0\. Archives of one kind"),
+        ({"archive": {"seed": 1}}, r"archive\.seed is 0 in none-seed0 and 1 in a-seed0"),
     ],
 )
 def test_other_settings_are_refused(settings: Mapping[str, Json], words: str) -> None:
@@ -89,7 +87,7 @@ def test_another_number_of_generations_is_refused() -> None:
 @pytest.mark.parametrize("package", CHECKED)
 def test_other_versions_are_refused(package: str) -> None:
     """Of all that can change a result."""
-    other = replace(finished("a", 0, RUN), versions={**VERSIONS, package: "2.0"})
+    other = finished("a", 0, replace(RUN, versions={**VERSIONS, package: "2.0"}))
     with pytest.raises(
         IncomparableError,
         match=rf'version of {package} is "1\.0" in none-seed0 and "2\.0" in a-seed0\. Delete.*store\.root',
@@ -117,7 +115,7 @@ def test_other_rules_are_refused(eras: Sequence[Era], words: str) -> None:
 
 def test_versions_that_change_no_result_may_differ() -> None:
     """A mirror of another version decides nothing."""
-    beside(replace(finished("a", 0, RUN), versions={**VERSIONS, "mlflow": "9.9"}))
+    beside(finished("a", 0, replace(RUN, versions={**VERSIONS, "mlflow": "9.9"})))
 
 
 def test_arm_of_two_configurations_is_refused() -> None:
@@ -125,4 +123,4 @@ def test_arm_of_two_configurations_is_refused() -> None:
     with pytest.raises(
         IncomparableError, match=r'temperature\.rule is "paper" in none-seed0 and "fixed" in none-seed1\. The runs'
     ):
-        beside(finished("none", 1, RUN, settings=changed("temperature", rule="fixed")))
+        beside(finished("none", 1, RUN, settings={"temperature": {"rule": "fixed"}}))

@@ -76,7 +76,7 @@ def test_lost_centroids_are_computed_and_checked(searched: Path, tmp_path: Path)
     run = load_run(tmp_path / "run")
     alone, stored = load_niches(run, tmp_path / "nothing"), load_niches(run)
     assert (alone.networks == stored.networks).all()
-    run.config["archive"]["seed"] = 99
+    run.config.archive.seed = 99
     with pytest.raises(RunError, match=r"not those that .*run was searched with.*--store"):
         load_niches(run, tmp_path / "nothing")
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from smallest import SMALLEST, UNTRACKED
 
+from analysis.runs.run import load_run
 from tacevo.cli.app import main
-from tacevo.config.identity import recorded_hash
+from tacevo.config.identity import config_hash
 from tacevo.records import Json
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
@@ -37,7 +38,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def with_hash(directory: SweepDirectory, job: Job) -> Job:
     """Give a job the hash of its run's configuration, as launching does."""
-    return replace(job, config=recorded_hash(directory.run(job).read_run()["config"]))
+    return replace(job, config=config_hash(load_run(directory.run(job).path).config))
 
 
 @pytest.fixture

@@ -36,11 +36,9 @@ def test_profiles_are_those_of_the_ledger(folder: Path) -> None:
     """Every trained candidate has one, with its parameters, and its anatomy can be read."""
     hand = load_run(folder / "run")
     profiles = recall_profiles(folder / "run", None)
-    trained = [candidate for candidate in hand.candidates if candidate.trained]
-    assert list(profiles) == [candidate.id for candidate in trained]
-    for candidate in trained:
-        assert candidate.measured is not None
-        assert profiles[candidate.id].parameters == candidate.measured.parameters
+    assert [(name, profile.parameters) for name, profile in profiles.items()] == [
+        (candidate.id, candidate.parameters) for candidate in hand.trained
+    ]
     assert read_anatomies(hand, profiles)["g00s00"].head == (512, 3)
 
 

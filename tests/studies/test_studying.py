@@ -91,7 +91,7 @@ def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
         (name, seed) for name in ("baseline", "variant 1") for seed in (0, 1)
     ]
     assert study.recipe.epochs == 2
-    assert study.recipe.learning_rate == run.config["training"]["learning_rate"]
+    assert study.recipe.learning_rate == run.config.training.learning_rate
     assert {"mse", "mae", "rmse", "r2", "mse_Fx", "recorded_mae_Fz"} <= study.scores[0].metrics.keys()
     assert len(set(study.values("baseline", "mse"))) == 2
 
