@@ -70,7 +70,12 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         try:
             study = load_study(directory.path)
             if study.run != run.digest:
-                raise RunError(f"{directory.path} studied the run before it was continued; study it again")
+                raise RunError(
+                    "the run before it was continued",
+                    place=str(directory.path),
+                    expected="a study of the run as it is",
+                    remedy="study it again",
+                )
         except RunError as error:
             refused.append(str(error))
             continue

@@ -90,7 +90,7 @@ def _run(command: list[str], folder: Path) -> None:
     done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode != 0:
         last = (done.stdout + done.stderr).decode(errors="replace").strip()[-600:]
-        raise RunError(f"{command[0]} could not make a PDF of {folder / command[-1]}:\n{last}")
+        raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(folder / command[-1]))
 
 
 def _chapter(chapter: Chapter) -> str:

@@ -71,8 +71,10 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
         if len(centroids) and centroids.shape[1] == 2:
             return one, centroids
     raise IncomparableError(
-        f"no finished job of {sweep.path} has an archive over both descriptors, in whose niches all could be measured; "
-        f"add the arm {REFERENCE} to the sweep"
+        "none",
+        place=str(sweep.path),
+        expected="a finished job with an archive over both descriptors, in whose niches all runs are measured",
+        remedy=f"add the arm {REFERENCE} to the sweep",
     )
 
 

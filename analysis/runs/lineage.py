@@ -27,7 +27,7 @@ def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
     """
     known = {candidate.id: candidate for candidate in run.candidates}
     if name not in known:
-        raise RunError(f"{run.path} has no candidate {name!r}; ids look like g02s03")
+        raise RunError(repr(name), place=str(run.path), expected="the id of a candidate, e.g. g02s03")
     found: dict[str, CandidateLine] = {}
     waiting = [name]
     while waiting:

@@ -43,8 +43,10 @@ def load_niches(run: Run, store: Path | None = None) -> Niches:
     prompts = _centroids(root, archive, archive.prompt_niches, 2)
     if content_hash([networks, prompts]) != run.centroids:
         raise RunError(
-            f"the niches in {root} are not those that {run.path} was searched with, and computing them on this "
-            "machine gives others; name the run's own stores with --store"
+            "others, in the store and computed on this machine",
+            place=str(root),
+            expected=f"the niches that {run.path} was searched with",
+            remedy="name the run's own stores with --store",
         )
     return Niches(networks=np.array(networks).reshape(-1, len(archive.axes)), prompts=np.array(prompts))
 

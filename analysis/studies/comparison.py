@@ -170,15 +170,18 @@ def _verdict(dominance: float, *, lower: bool, differs: bool, equals: bool) -> V
 
 
 def _check_size(study: Study) -> None:
-    """Refuse a study whose result is certain before it is made."""
-    alpha = study.terms.alpha
+    """Check that some outcome of a comparison could be significant."""
+    place = f"the study of {study.task}"
     if len(study.networks) < 2:
-        raise RunError(f"a comparison needs a variant beside the baseline; the study of {study.task} has none")
-    needed = fewest_seeds(alpha)
+        raise RunError("none", place=place, expected="a variant beside the baseline")
+    needed = fewest_seeds(study.terms.alpha)
     if study.seeds < needed:
         raise RunError(
-            f"a comparison at alpha {alpha} needs at least {needed} training seeds of each network, below which no "
-            f"difference is significant; the study of {study.task} has {study.seeds}. Study it with more seeds"
+            str(study.seeds),
+            place=place,
+            expected=f"at least {needed} training seeds, below which no difference is significant at alpha "
+            f"{study.terms.alpha}",
+            remedy="study it with more seeds",
         )
 
 
@@ -187,7 +190,9 @@ def _width(margin: Margin, baseline: Sample, metric: str) -> float:
     width = margin.around(float(np.median(baseline)))
     if width == 0:
         raise RunError(
-            f"the baseline's median {metric} is 0, so a margin relative to it is no margin; state an absolute one "
-            "by the `tacevo study` settings margins.KIND.kind=absolute and margins.KIND.value"
+            "0",
+            place=f"the baseline's median {metric}",
+            expected="a value above 0, of which a relative margin is a part",
+            remedy="study it again with an absolute margin: margins.KIND.kind=absolute and margins.KIND.value",
         )
     return width

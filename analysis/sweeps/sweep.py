@@ -54,8 +54,8 @@ def load_sweep(path: Path) -> Sweep:
     """
     directory = SweepDirectory(path)
     _, jobs = directory.read()
-    _refuse_twins(path, jobs)
-    _refuse_renamed(path, jobs)
+    _check_distinct(path, jobs)
+    _check_names(path, jobs)
     finished, missing = [], []
     for job in jobs:
         reason = _absence(directory, job)
@@ -65,8 +65,10 @@ def load_sweep(path: Path) -> Sweep:
             missing.append(Missing(job=job, reason=reason))
     if not finished:
         raise RunError(
-            f"no job of {path} is finished, so there is nothing to compare; the `tacevo search -m` command that began "
-            "the sweep goes on with it"
+            "none",
+            place=str(path),
+            expected="a finished job",
+            remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
     return Sweep(path=path, finished=tuple(finished), missing=tuple(missing))
 
@@ -83,37 +85,33 @@ def _absence(directory: SweepDirectory, job: Job) -> str | None:
 
 
 def _load(directory: SweepDirectory, job: Job) -> Finished:
-    folder = directory.run(job)
-    run = load_run(folder.path)
+    run = load_run(directory.run(job).path)
+    found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:
-        raise RunError(
-            f"{folder.path} holds a run of seed {run.config.seed}, and sweep.json says {job.seed} of it; delete the "
-            "folder, and the command that began the sweep repeats the job"
-        )
+        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **found)
     if config_hash(run.config) != job.config:
-        raise RunError(
-            f"{folder.path} holds the run of another configuration than sweep.json's job {job.name}, so it may be "
-            "that of another arm; put the right folder there, or delete it, and the command that began the sweep "
-            "repeats the job"
-        )
+        raise RunError("another one", expected=f"the configuration that sweep.json states of job {job.name}", **found)
     return Finished(job=job, run=run)
 
 
-def _refuse_twins(path: Path, jobs: tuple[Job, ...]) -> None:
+def _check_distinct(path: Path, jobs: tuple[Job, ...]) -> None:
     for (arm, seed), times in Counter((job.arm, job.seed) for job in jobs).items():
         if times > 1:
             raise RunError(
-                f"{path}/sweep.json has {times} jobs of arm {arm} with seed {seed}; a seed is one run of an arm. Sweep "
-                "what they differ in, so that each has an arm of its own"
+                f"{times} jobs of arm {arm} with seed {seed}",
+                place=f"{path}/sweep.json",
+                expected="one job for each arm and seed",
+                remedy="sweep the settings in which they differ, so that each job has an arm of its own",
             )
 
 
-def _refuse_renamed(path: Path, jobs: tuple[Job, ...]) -> None:
+def _check_names(path: Path, jobs: tuple[Job, ...]) -> None:
     """Check that arms have the names of what they change; a published sweep has no overrides, and names are labels."""
     for job in jobs:
         if job.overrides and job.arm != name_arm(job.overrides):
             raise RunError(
-                f"{path}/sweep.json calls the arm of job {job.name} {job.arm!r}, and its overrides make it "
-                f"{name_arm(job.overrides)!r}; restore the file, or delete it, and the `tacevo search -m` command that "
-                "began the sweep writes it again"
+                repr(job.arm),
+                place=f"{path}/sweep.json, arm of job {job.name}",
+                expected=f"{name_arm(job.overrides)!r}, the name that follows from its overrides",
+                remedy="restore the file; or delete it, and the command that began the sweep writes it again",
             )

@@ -28,13 +28,14 @@ _INDIFFERENT = frozenset(["seed", "run", "store", "tracking", "executor", "sandb
 _INDIFFERENT_LLM = frozenset(["mode", "base_url", "concurrency", "delivery", "budget_usd", "prices"])
 
 _REMEDIES = {
-    "data": "All jobs must search on the same data, with the same baseline",
-    "budget": "Give all jobs the same; other budgets are a sweep of their own",
-    "versions": "Delete the folders of the older jobs, and repeat the command that began the sweep with another "
-    "store.root: what the old stores recall is not computed anew, and hides the mixture",
-    "archive": "Archives of one kind must have the same niches; other niches are a sweep of their own",
-    TEMPERATURE: "Delete the folders of such arms to compare the others; these need a model that takes temperatures",
-    "arm": "The runs of an arm may differ in their seed only; delete the folder that does not belong to it",
+    "data": "search on the same data in all jobs, with the same baseline",
+    "budget": "use one budget in all jobs, and another sweep for another budget",
+    "versions": "delete the directories of the older jobs, and repeat the command that began the sweep with another "
+    "store.root, because what the old stores hold is not computed again",
+    "archive": "use the same niches in all archives of one kind, and another sweep for other niches",
+    TEMPERATURE: "delete the directories of such arms to compare the others; these need a model that takes "
+    "temperatures",
+    "arm": "delete the directory that does not belong to the arm, whose runs may differ in their seed only",
 }
 
 
@@ -61,8 +62,11 @@ def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
     idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
     if idle and one.run.config.temperature != two.run.config.temperature:
         raise IncomparableError(
-            f"{sweep.path} compares temperatures that had no effect: {one.job.name} and {two.job.name} differ in them, "
-            f"and in {idle[0].job.name} {idle[0].run.not_sent[TEMPERATURE]}. {_REMEDIES[TEMPERATURE]}"
+            f"different ones in {one.job.name} and {two.job.name}, and in {idle[0].job.name} "
+            f"{idle[0].run.not_sent[TEMPERATURE]}",
+            place=f"{sweep.path}, {TEMPERATURE}",
+            expected="temperatures that had an effect",
+            remedy=_REMEDIES[TEMPERATURE],
         )
 
 
@@ -70,18 +74,18 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
     """List what must be equal in all jobs: what it belongs to, its name, its value."""
     config = one.run.config
     yield "data", "task.name", one.run.task
-    yield "data", "the data's fingerprint", one.run.facts.fingerprint
-    yield "data", "the hash of the baseline's source", one.run.baseline.source
+    yield "data", "fingerprint of the data", one.run.facts.fingerprint
+    yield "data", "hash of the baseline's source", one.run.baseline.source
     yield "data", "task.loss", config.task.loss
-    yield "budget", "the number of generations", one.run.generations[-1].generation
+    yield "budget", "number of generations", one.run.generations[-1].generation
     for key in ("candidates", "initial"):
         yield "budget", f"search.{key}", getattr(config.search, key)
     for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", "device"):
         yield "budget", f"training.{key}", getattr(config.training, key)
-    yield "versions", "the set of rules", eras_in_words(one.run.eras)
+    yield "versions", "rules", eras_in_words(one.run.eras)
     yield "versions", "numerics.kind", config.numerics.kind
     for name in VERSIONS:
-        yield "versions", f"the version of {name}", one.run.versions.get(name)
+        yield "versions", f"version of {name}", one.run.versions.get(name)
 
 
 def _kind_of_archive(one: Finished) -> str:
@@ -115,6 +119,8 @@ def _compare_with_first(
 def _refuse(sweep: Sweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]) -> NoReturn:
     (first, was), (second, came) = one, two
     raise IncomparableError(
-        f"{sweep.path} mixes what cannot be compared: {field} is {json.dumps(was)} in {first.job.name} and "
-        f"{json.dumps(came)} in {second.job.name}. {_REMEDIES[kind]}"
+        f"{json.dumps(was)} in {first.job.name} and {json.dumps(came)} in {second.job.name}",
+        place=f"{sweep.path}, {field}",
+        expected="the same in all jobs that are compared",
+        remedy=_REMEDIES[kind],
     )

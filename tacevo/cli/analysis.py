@@ -14,16 +14,15 @@ from typing import TYPE_CHECKING
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
 from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
+from tacevo.text import listed
 
 if TYPE_CHECKING:
     from analysis.report.collection import Collection
     from analysis.report.document import Chapter
     from analysis.report.figure_list import Picture
+    from analysis.report.sweep_collection import SweepCollection
     from analysis.runs.run import Run
     from analysis.table import Table
-
-if TYPE_CHECKING:
-    from analysis.report.sweep_collection import SweepCollection
 
 
 _FORMATS = ("pdf", "svg", "png")
@@ -89,7 +88,11 @@ def _tables(options: argparse.Namespace) -> int:
     if options.paper:
         return _paper_tables(options)
     if options.run is None:
-        raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
+        raise ConfigError(
+            "neither",
+            place="tacevo tables",
+            expected="the directory or bundle of a run, or --paper for the paper's tables",
+        )
     place = _place(options, "tables")
     with _collected(options.run, options.store) as gathered:
         found, folder = gathered.found, output_folder(place)
@@ -159,13 +162,13 @@ def _report(options: argparse.Namespace) -> int:
 def _paper(options: argparse.Namespace) -> int:
     from analysis.report.document import ENGINES, make_pdf, write_document
     from analysis.report.writing import write_chapter
-    from analysis.studies.study import refuse_mixed
+    from analysis.studies.study import check_alike
 
     with contextlib.ExitStack() as open_bundles:
         gathered = [_for_paper(open_bundles.enter_context(_collected(run, options.store))) for run in options.runs]
         found = [one.found for one in gathered]
         _refuse_twice([one.run.name for one in found])
-        refuse_mixed([compared.study for one in found for compared in one.studies])
+        check_alike([compared.study for one in found for compared in one.studies])
         folder = output_folder(options.output)
         published = _published([one.run for one in found])
         chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
@@ -183,7 +186,9 @@ def _refuse_twice(names: Sequence[str]) -> None:
     """See that each run has a name of its own, by which its pages are told apart."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
+        raise ConfigError(
+            f"{listed(twice)} twice", place="tacevo paper", expected="runs with different directory names"
+        )
 
 
 def _for_paper(gathered: "_Gathered") -> "_Gathered":

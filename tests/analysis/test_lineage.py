@@ -2,6 +2,7 @@
 
 import pytest
 from hand_runs import closed, run, trained
+from refusals import refused
 
 from analysis.runs.lineage import ancestors, lineage
 from analysis.runs.run import Run
@@ -49,5 +50,5 @@ def test_table_shows_the_steps() -> None:
 
 def test_unknown_candidate_is_named() -> None:
     """With the form that ids have."""
-    with pytest.raises(RunError, match="has no candidate 'best'; ids look like g02s03"):
+    with refused(RunError, got="'best'", expected="the id of a candidate"):
         ancestors(family(), "best")

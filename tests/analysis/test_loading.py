@@ -84,7 +84,7 @@ def test_edited_archive_is_refused(name: str, edit: Callable[[Json], None], spoi
     content = json.loads((spoilt / name).read_text())
     edit(content)
     (spoilt / name).write_text(json.dumps(content))
-    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+    with pytest.raises(RunError, match=name):
         load_run(spoilt)
 
 
@@ -95,7 +95,7 @@ def test_archive_that_is_no_json_is_refused(name: str, content: str | None, spoi
     (spoilt / name).unlink()
     if content is not None:
         (spoilt / name).write_text(content)
-    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+    with pytest.raises(RunError, match=name):
         load_run(spoilt)
 
 

@@ -194,20 +194,13 @@ def test_archive_smaller_than_the_top_is_counted_whole() -> None:
     assert count_motifs(hand, read_anatomies(hand, profiles)).top == 2
 
 
-def test_trained_candidate_without_a_profile_is_named() -> None:
-    """A count over the others would look complete."""
+def test_missing_profile_and_one_without_steps_are_rejected() -> None:
+    """A profile of an older version shows no motif, which is not the same as having none."""
     hand, profiles = searched()
-    del profiles["g01s02"]
-    with refused(RunError, place="runs/hand, g01s02", expected="a recorded probe"):
-        read_anatomies(hand, profiles)
-
-
-def test_profile_without_steps_is_refused() -> None:
-    """One that an older version recorded shows no motif, which is not the same as having none."""
-    hand, profiles = searched()
-    profiles["g01s02"] = replace(profiles["g01s02"], steps=())
-    with pytest.raises(RunError, match="probe its source anew"):
-        read_anatomies(hand, profiles)
+    without = {name: profile for name, profile in profiles.items() if name != "g01s02"}
+    for faulty in (without, {**profiles, "g01s02": replace(profiles["g01s02"], steps=())}):
+        with refused(RunError, place="runs/hand, g01s02", expected="a recorded probe with its steps"):
+            read_anatomies(hand, faulty)
 
 
 def test_table_stands_beside_the_paper() -> None:

