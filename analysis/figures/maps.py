@@ -80,29 +80,29 @@ def prompt_map(run: Run, centroids: NDArray[np.float64], reachable: Collection[i
     curiosity = {trial.niche: trial.curiosity for trial in run.prompt_trials}
     polygons = _placed(centroids, ((0.0, float(max(len(run.instructions) - 1, 1))), (0.0, 1.0)))
     filled = _fill(axes, polygons, curiosity, Normalize(0.5, 2.0), COLOUR_MAP)
-    told: list[Patch] = []
+    legend: list[Patch] = []
     beyond = [polygon for niche, polygon in enumerate(polygons) if niche not in reachable]
     if beyond:
         shade: dict[str, Any] = {"facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.3, "hatch": "...."}
         axes.add_collection(PolyCollection(beyond, **shade))
-        told.append(Patch(**shade, label="out of reach"))
+        legend.append(Patch(**shade, label="out of reach"))
     fruitless = [trial.niche for trial in run.prompt_trials if not trial.inserted]
     if fruitless:
         marks: dict[str, Any] = {"facecolor": "none", "edgecolor": "white", "linewidth": 0.3, "hatch": "/////"}
         axes.add_collection(PolyCollection([polygons[niche] for niche in fruitless], **marks))
-        told.append(Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted"))
+        legend.append(Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted"))
     _points(axes, [(trial.prompt, trial.temperature) for trial in run.prompt_trials])
     if run.prompt_trials:
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="instruction (index in the library)", ylabel="temperature $T_g$")
     title_unsent_temperatures(axes, run)
-    _legend(figure, axes, told)
+    _legend(figure, axes, legend)
     return figure
 
 
 def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
-    """Give the cells in the units of the axes."""
+    """Return the cells in the units of the axes."""
     low, high = np.array(extent).T
     return [low + polygon * (high - low) for polygon in cells(centroids)]
 
@@ -110,7 +110,7 @@ def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
 def _fill(
     axes: Axes, polygons: Sequence[Polygon], values: Mapping[int, float], scale: Normalize, colours: str
 ) -> PolyCollection:
-    """Draw every niche, pale where nobody holds it; return those that are held."""
+    """Draw every niche, pale where it is empty; return the occupied ones."""
     empty = [polygon for niche, polygon in enumerate(polygons) if niche not in values]
     axes.add_collection(PolyCollection(empty, facecolor=PALE, edgecolor=GREY, linewidth=0.3, label="empty"))
     held = sorted(values)
@@ -132,7 +132,7 @@ def _points(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
 
 
 def _extent(run: Run) -> Extent:
-    """Give the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
+    """Return the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
     if run.bounds is None:
         return (0.0, 1.0), (0.0, 1.0)
     ends = zip(run.bounds.low, run.bounds.high, strict=True)

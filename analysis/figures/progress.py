@@ -15,7 +15,7 @@ from analysis.runs.dynamics import Progress
 from analysis.runs.run import Run, sent_temperature
 from tacevo.records import Stage
 
-#: How candidates that a stage turned away are drawn: label, colour, hatching.
+#: How candidates that a stage rejected are drawn: label, colour, hatching.
 _STAGES = {
     Stage.extract: ("no class found", ORANGE, "////"),
     Stage.policy: ("against the policy", SKY, "\\\\\\\\"),
@@ -47,7 +47,7 @@ def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
 
 @house_style()
 def trainable(generations: Sequence[Progress]) -> Figure:
-    """Draw how many first answers of each generation were trained, and at which stage the others were turned away."""
+    """Draw how many first answers of each generation were trained, and at which stage the others were rejected."""
     figure, (axes,) = new_figure("single", 2.4)
     numbers = [entry.line.generation for entry in generations]
     floor = np.array([entry.line.trained for entry in generations])

@@ -53,7 +53,7 @@ class MotifCounts:
 
     top: int
     archive: int
-    #: Networks that were trained, in whatever generation.
+    #: Networks that were trained, in any generation.
     evaluated: int
     #: How many counts have a p: the family of Holm's correction.
     tested: int

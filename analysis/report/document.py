@@ -65,10 +65,10 @@ def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
         which: finds a program, as `shutil.which` does.
 
     Returns:
-        The PDF; None where there is no LaTeX.
+        The PDF; None without LaTeX.
 
     Raises:
-        RunError: LaTeX refused the document; the message ends with its last words.
+        RunError: LaTeX rejected the document; the message ends with its last words.
     """
     for (program, *options), times in ENGINES:
         found = which(program)

@@ -68,8 +68,7 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         words = f"The prompt archive; each cell is a niche{unsent}."
         if len(reached) < len(niches.prompts):
             words += (
-                " Shaded ones could not be reached, whatever the search found: the temperature rule leads to no "
-                "temperature in them."
+                " No search could reach the shaded ones, because the temperature rule leads to no temperature in them."
             )
         drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
     if run.instructions:
@@ -84,7 +83,7 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
 
 
 def undrawn(run: Run) -> tuple[str, ...]:
-    """Say which figures of a run would mean nothing, and why, a sentence each."""
+    """List the figures that a run cannot have, with the reason, a sentence each."""
     said = []
     if not run.has_niches:
         said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
@@ -96,7 +95,7 @@ def undrawn(run: Run) -> tuple[str, ...]:
 
 
 def _has_map(run: Run) -> bool:
-    """Say whether the network archive is a map: has niches, over two axes."""
+    """Return whether the network archive is a map: has niches, over two axes."""
     return run.has_niches and len(run.config.archive.axes) == 2
 
 

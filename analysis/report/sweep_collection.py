@@ -41,8 +41,8 @@ def collect_sweep(path: Path, store: Path | None) -> SweepCollection:
         store: where the stores of its runs lie, if not where the runs had them.
 
     Raises:
-        IncomparableError: its jobs are no comparison, or none has niches over both descriptors.
-        RunError: this is no sweep with a finished job, or one of them was edited.
+        IncomparableError: its jobs cannot be compared, or none has niches over both descriptors.
+        RunError: it does not hold a sweep with a finished job, or one of them was edited.
     """
     sweep = load_sweep(path)
     check_sweep(sweep)
@@ -64,7 +64,7 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
         The job, and its centroids.
 
     Raises:
-        IncomparableError: there is none.
+        IncomparableError: no job has such niches.
     """
     for one in sorted(sweep.finished, key=lambda one: one.job.arm != REFERENCE):
         centroids = centroids_of(one.run)
@@ -79,7 +79,7 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
 
 
 def tables_of(collected: SweepCollection) -> tuple[Table, ...]:
-    """Give every table of a sweep."""
+    """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
     return ablation_tables(collected.sweep, collected.found, archive)
 

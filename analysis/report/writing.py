@@ -12,8 +12,8 @@ from analysis.tables.rendering import write_table
 from tacevo.storage.files import write_durably
 from tacevo.storage.study_directory import NAME
 
-#: Is told that the file or files of a name are there.
-Told = Callable[[str], object]
+#: Is called with the name of a picture once its files are written.
+OnDrawn = Callable[[str], object]
 
 
 def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> None:
@@ -31,14 +31,14 @@ def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> 
         write_table(table, folder, prefix=prefix)
 
 
-def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], told: Told) -> None:
+def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:
     """Draw pictures into files; older ones of the same names are replaced.
 
     Args:
         pictures: what to draw.
         folder: where to.
         endings: `.pdf`, `.svg`, `.png`: the formats.
-        told: told after each picture.
+        on_drawn: called after each picture.
 
     Raises:
         StoreError: a file cannot be written.
@@ -47,11 +47,11 @@ def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[
         figure = picture.draw()
         for ending in endings:
             write_durably(folder / f"{picture.name}{ending}", render(figure, ending))
-        told(picture.name)
+        on_drawn(picture.name)
 
 
 def remove_outdated(folder: Path, names: Collection[str], *, task: str, endings: Collection[str]) -> list[str]:
-    """Remove what an earlier command wrote there of studies that are gone or refused now, lest it be taken for current.
+    """Remove what an earlier command wrote there of studies that are missing or rejected now.
 
     Args:
         folder: of tables or of figures.
@@ -71,7 +71,7 @@ def remove_outdated(folder: Path, names: Collection[str], *, task: str, endings:
 
 
 def write_chapter(
-    title: str, tables: Sequence[Table], pictures: Sequence[Picture], folder: Path, told: Told
+    title: str, tables: Sequence[Table], pictures: Sequence[Picture], folder: Path, on_drawn: OnDrawn
 ) -> Chapter:
     """Write what a chapter holds into a folder of its own, beside the document; labels begin with the folder's name.
 
@@ -80,7 +80,7 @@ def write_chapter(
     """
     prefix = f"{folder.name}:"
     write_tables(tables, folder, prefix=prefix)
-    write_pictures(pictures, folder, (".pdf",), told)
+    write_pictures(pictures, folder, (".pdf",), on_drawn)
     return Chapter(
         title=title,
         tables=tuple(f"{folder.name}/{table.name}.tex" for table in tables),

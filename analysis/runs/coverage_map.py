@@ -79,7 +79,7 @@ def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[in
 
 
 def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
+    """Return the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
     side = (np.arange(LATTICE) + 0.5) / LATTICE
     if points.shape[1] == 1:
         line: NDArray[np.float64] = side[(side >= points.min()) & (side <= points.max())]
@@ -99,7 +99,7 @@ def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> flo
 
 
 def effective_niches(found: Occupation) -> float:
-    """Give the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
+    """Return the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
     counts = np.unique(found.niches, return_counts=True)[1]
     shares = counts / counts.sum()
     return rounded(2.0 ** -(shares * np.log2(shares)).sum())

@@ -1,6 +1,6 @@
 """How a search went, generation by generation: figures from its ledger, and nothing but counting.
 
-A rate counts first answers, as the paper does: one that was turned away and then repaired counts as turned away.
+A rate counts first answers, as the paper does: one that was rejected and then repaired counts as rejected.
 """
 
 from collections import Counter
@@ -44,7 +44,7 @@ class Progress:
     #: Candidates that found their niche empty, and those that beat its elite.
     new: int
     improved: int
-    #: First answers that were turned away, by stage; every stage has an entry.
+    #: First answers that were rejected, by stage; every stage has an entry.
     rejected: Mapping[Stage, int]
     #: Slots whose evaluation was asked for by an earlier slot of this or an earlier generation.
     repeated: int
@@ -65,7 +65,7 @@ class GateStage:
 
     stage: Stage
     rejected: int
-    #: First answers that passed it and all stages before it; the baseline is nobody's answer.
+    #: First answers that passed it and all stages before it; the baseline is not an answer.
     left: int
     #: Of all first answers, in [0, 1]; None where nothing was asked.
     left_share: float | None
@@ -78,7 +78,7 @@ class Productivity:
     """What came of the mutations that have something in common: their instruction, or their temperature."""
 
     name: str
-    #: Slots that were asked; a child that the gate turned away was tried, too, and inserted nowhere.
+    #: Slots that were asked; a child that the gate rejected was tried, too, and inserted nowhere.
     tried: int
     trained: int
     #: Children that the network archive took: the sum of the paper's r(s).
@@ -106,7 +106,7 @@ class Improvement:
     over_baseline: float
     #: First generation that had `MOST` of the whole improvement over `first`; None without any improvement.
     settled: int | None
-    #: Part of the whole improvement that was had by each of `PUBLISHED_GENERATIONS` that the run reached.
+    #: Part of the whole improvement that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it.
     by_generation: tuple[tuple[int, float], ...]
     #: Mean of the trainable share over generations 1 to G; None where there is generation 0 only.
     trainable: float | None
@@ -115,7 +115,7 @@ class Improvement:
 
 
 def progress(run: Run) -> tuple[Progress, ...]:
-    """Give the figures of every generation, in order."""
+    """Return the figures of every generation, in order."""
     repeated, unchanged = repeats(run), copies(run)
     found: list[Progress] = []
     for line in run.generations:
@@ -140,7 +140,7 @@ def progress(run: Run) -> tuple[Progress, ...]:
 
 
 def first_rejection(candidate: CandidateLine) -> tuple[Stage, Reason] | None:
-    """Say where and why a candidate's first answer was turned away; None where it was trained."""
+    """Return where and why a candidate's first answer was rejected; None where it was trained."""
     if candidate.repairs:
         return candidate.repairs[0].stage, candidate.repairs[0].reason
     if candidate.stage is None or candidate.reason is None:
@@ -171,7 +171,7 @@ def copies(run: Run) -> frozenset[str]:
 
 
 def gate_stages(run: Run) -> tuple[GateStage, ...]:
-    """Count where first answers were turned away; what the last stage leaves was trained."""
+    """Count where first answers were rejected; what the last stage leaves was trained."""
     answers = run.answered
     counts = Counter(first for first in map(first_rejection, answers) if first)
     left = len(answers)
@@ -192,7 +192,7 @@ def gate_stages(run: Run) -> tuple[GateStage, ...]:
 
 
 def by_prompt(run: Run) -> tuple[Productivity, ...]:
-    """Give the productivity of every instruction of the library, tried or not, in the library's order."""
+    """Return the productivity of every instruction of the library, tried or not, in the library's order."""
     asked = _mutations(run)
     return tuple(
         _productivity(name, [candidate for candidate in asked if candidate.prompt == index])
@@ -201,7 +201,7 @@ def by_prompt(run: Run) -> tuple[Productivity, ...]:
 
 
 def by_temperature(run: Run) -> tuple[Productivity, ...]:
-    """Give the productivity of every band of the requests' temperatures in which something was asked, rising."""
+    """Return the productivity of every band of the requests' temperatures in which something was asked, rising."""
     bands: dict[int, list[CandidateLine]] = {}
     for candidate in _mutations(run):
         temperature = sent_temperature(candidate)
@@ -212,7 +212,7 @@ def by_temperature(run: Run) -> tuple[Productivity, ...]:
 
 
 def temperature_follows_age(run: Run) -> bool:
-    """Say whether T is a strictly monotone function of the generation, so that neither's effect can be told apart.
+    """Return whether T is a strictly monotone function of the generation, so that their effects cannot be separated.
 
     Generations that stand at a limit of 0 or 1, beyond which T cannot move, do not count against it.
     """
@@ -244,7 +244,7 @@ def improvement(run: Run) -> Improvement | None:
 
 
 def _mutations(run: Run) -> list[CandidateLine]:
-    """Give the mutations that count for a prompt: those of generation 0 fill an empty archive, whoever asked."""
+    """Return the mutations that count for a prompt: not those of generation 0, which fill an empty archive."""
     return [
         candidate
         for candidate in run.candidates

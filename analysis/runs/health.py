@@ -30,12 +30,12 @@ CROWDED = 0.5
 #: Moves of the bounds in the last half of a search are late: elites were compared under other niches until then.
 LATE = 0.5
 
-#: An axis whose middle nine tenths of candidates fill less than this of it tells hardly any two of them apart.
+#: An axis whose middle nine tenths of candidates fill less than this of it hardly distinguishes any two of them.
 NARROW = 0.05
 
 _MIDDLE = (0.05, 0.95)
 
-#: Where a tenth of an axis holds half of the candidates, the niches of its other nine tenths tell only the rest apart.
+#: Where a tenth of an axis holds half of the candidates, the niches of its other nine tenths distinguish only the rest.
 CONCENTRATED = 0.5
 
 #: Every fourth answer brought what was known already; a quarter of the price is worth a word.
@@ -134,7 +134,7 @@ def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alar
         yield Alarm(
             name=f"constant {AXES[axis]}",
             sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
-            f"{AXES[axis]}, which therefore tells few networks apart.",
+            f"{AXES[axis]}, which therefore distinguishes few networks.",
             figures=(("extent", extent),),
         )
     if share > CONCENTRATED:
@@ -142,13 +142,13 @@ def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alar
         yield Alarm(
             name=f"concentrated {AXES[axis]}",
             sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {AXES[axis]}, "
-            f"where few niches tell them apart; {remedy}.",
+            f"where few niches distinguish them; {remedy}.",
             figures=(("share", share), *figures),
         )
 
 
 def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
-    """Say what would spread the candidates along an axis; of a logarithm, with the share that is left then."""
+    """Return what would spread the candidates along an axis; for a logarithm, with the share that remains then."""
     settings = run.config.archive
     adaptive = settings.bounds is BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
     if adaptive and axis is Axis.eff_ratio and settings.eff_ratio_scale is Scale.linear:
@@ -175,7 +175,7 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
             reason, count = stage.reasons[0]
             yield Alarm(
                 name=f"strict gate: {stage.stage}",
-                sentence=f"The stage {stage.stage} turned away {100 * share:.0f} % of all first answers, most often "
+                sentence=f"The stage {stage.stage} rejected {100 * share:.0f} % of all first answers, most often "
                 f"for {reason} ({count}).",
                 figures=(("rejected", stage.rejected), ("share", share)),
             )

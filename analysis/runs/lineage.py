@@ -20,7 +20,7 @@ class Ancestor:
 
 
 def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
-    """Give a candidate's ancestors in the order of the search, each once, and itself last.
+    """Return a candidate's ancestors in the order of the search, each once, and itself last.
 
     Raises:
         RunError: the run has no such candidate.
@@ -39,7 +39,7 @@ def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
 
 
 def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
-    """Give a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
+    """Return a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
     found = ancestors(run, name)
     fitness = {candidate.id: candidate.fitness for candidate in found if candidate.fitness is not None}
     return tuple(

@@ -10,7 +10,7 @@ from tacevo.search.temperature import next_temperature
 
 
 def reachable_temperatures(run: Run) -> frozenset[float]:
-    """Return every T_g that a trial of the run could have had, whatever its generations found.
+    """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
     A generation either brings a better best or the same; an archive's best never gets worse. Trials begin with
     generation 1, at T_1; the noise of a request does not enter the prompt archive.

@@ -128,7 +128,7 @@ class Run:
 
 
 def was_inserted(candidate: CandidateLine) -> bool:
-    """Say whether the network archive took a candidate when it came."""
+    """Return whether the network archive took a candidate when it came."""
     return candidate.status in {AddStatus.new, AddStatus.improved}
 
 

@@ -37,7 +37,7 @@ def check_study(study: Study) -> None:
 
 
 def _faults(study: Study, network: Network, metrics: Collection[str]) -> Iterator[str]:
-    """Say what is wrong with the scores of a network."""
+    """List the faults of a network's scores."""
     scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
     counts = Counter(score.seed for score in scores)
     expected = range(study.seeds)

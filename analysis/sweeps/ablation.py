@@ -1,6 +1,6 @@
 """The arms of a sweep: what each run came to, what an arm came to over its seeds, and how it differs from `none`.
 
-Every arm is held against the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
+Every arm is compared with the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
 Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
 one seed. A run that is the reference's own, candidate by candidate, says nothing of its arm and enters neither.
 docs/ablation_study.md says why these.
@@ -59,7 +59,7 @@ class Outcome:
     job: str
     arm: str
     seed: int
-    #: Of every metric; None where the run's files do not tell.
+    #: Of every metric; None where the run's files do not have it.
     values: Mapping[Metric, float | None]
     #: Best fitness by generation; None before anything was trained.
     best: tuple[float | None, ...]
@@ -119,7 +119,7 @@ class Summary:
     median: float | None
     #: Of the median; None below two seeds.
     interval: Interval | None
-    #: None of the reference itself, and where there is none.
+    #: None for the reference itself, and without a reference.
     contrast: Contrast | None
 
 
@@ -229,7 +229,7 @@ def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome]
 
 
 def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, float]:
-    """Give an arm's known values by seed, in the order of the seeds."""
+    """Return an arm's known values by seed, in the order of the seeds."""
     values = {one.seed: one.values[metric] for one in outcomes if one.arm == name}
     return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
 
@@ -285,7 +285,7 @@ def _contrasts(
 
 
 def _corrected(p_values: Mapping[str, float]) -> dict[str, float]:
-    """Correct p-values by arm after Holm; of none there are none."""
+    """Correct p-values by arm after Holm; the family may be empty."""
     return dict(zip(p_values, holm(list(p_values.values())), strict=True)) if p_values else {}
 
 
@@ -294,7 +294,7 @@ def _without(sample: Mapping[int, float], seeds: Set[int]) -> Mapping[int, float
 
 
 def _comparability(sample: Mapping[int, float], reference: Mapping[int, float]) -> Comparability:
-    """Say whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
+    """Return whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
     if sample == reference or len({*sample.values(), *reference.values()}) == 1:
         return Comparability.identical
     few = min(len(sample), len(reference)) < FEWEST_SEEDS

@@ -46,10 +46,10 @@ class Sweep:
 
 
 def load_sweep(path: Path) -> Sweep:
-    """Read the finished jobs of a sweep, and say of the others why they are missing.
+    """Read the finished jobs of a sweep, and why the others are missing.
 
     Raises:
-        RunError: this is no sweep, none of its jobs is finished, an arm has a seed twice or another name than its
+        RunError: this is not a sweep, none of its jobs is finished, an arm has a seed twice or another name than its
             overrides give, or a run was damaged or edited or is not that of its job.
     """
     directory = SweepDirectory(path)
@@ -74,7 +74,7 @@ def load_sweep(path: Path) -> Sweep:
 
 
 def _absence(directory: SweepDirectory, job: Job) -> str | None:
-    """Say why a job has no result; None where it has one."""
+    """Return why a job has no result; None where it has one."""
     run = directory.run(job)
     if run.finished_digest() is not None:
         return None

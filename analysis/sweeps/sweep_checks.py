@@ -1,4 +1,4 @@
-"""May the runs of a sweep be compared: one set of data, one budget, one set of versions, and one configuration an arm.
+"""Check that the runs of a sweep can be compared: equal data, budget and versions, and one configuration for each arm.
 
 Arms differ in how they search. What decides how good a network looks, or how many a search may try, must be the same
 in all of them, or a difference between two arms would be one of data, of budget or of software.
@@ -16,13 +16,13 @@ from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 
 #: Python and the packages that can change a request, a verdict of the gate, a niche or a fitness. The others compose
-#: settings, carry answers that are recorded, or mirror what was decided.
+#: settings, deliver answers that are recorded, or track results.
 VERSIONS = ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")
 
-#: What an archive of networks may differ in and still be of the same kind as another.
+#: Settings in which two archives of the same kind may differ.
 _SIZES = ("niches", "prompt_niches", "samples", "seed")
 
-#: Settings that say where, by whom and under whose eyes a run is computed, or that its data's fingerprint covers.
+#: Settings of where and how a run is computed and tracked, and those that its data's fingerprint covers.
 _INDIFFERENT = frozenset(["seed", "run", "store", "tracking", "executor", "sandbox", "data"])
 
 _INDIFFERENT_LLM = frozenset(["mode", "base_url", "concurrency", "delivery", "budget_usd", "prices"])
@@ -40,7 +40,7 @@ _REMEDIES = {
 
 
 def check_sweep(sweep: Sweep) -> None:
-    """Refuse a sweep whose finished jobs are no comparison.
+    """Check that the finished jobs of a sweep can be compared.
 
     Raises:
         IncomparableError: two jobs differ in their data, budget, rules or versions, or in the niches of archives that
@@ -52,13 +52,13 @@ def check_sweep(sweep: Sweep) -> None:
         _check_temperatures(sweep, first, other)
         for (kind, field, one), (_, _, two) in zip(_terms(first), _terms(other), strict=True):
             if one != two:
-                _refuse(sweep, kind, field, (first, one), (other, two))
+                _reject(sweep, kind, field, (first, one), (other, two))
     _compare_with_first(sweep, _kind_of_archive, _archive_fields, "archive")
     _compare_with_first(sweep, lambda one: one.job.arm, arm_settings, "arm")
 
 
 def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
-    """Refuse two jobs that differ in temperatures which a model was never sent."""
+    """Check that two jobs do not differ in temperatures that were never sent to the model."""
     idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
     if idle and one.run.config.temperature != two.run.config.temperature:
         raise IncomparableError(
@@ -93,12 +93,12 @@ def _kind_of_archive(one: Finished) -> str:
 
 
 def _archive_fields(one: Finished) -> Json:
-    """Give what decides the niches of networks."""
+    """Return what decides the niches of networks."""
     return {"archive": {key: getattr(one.run.config.archive, key) for key in ("niches", "samples", "seed")}}
 
 
 def arm_settings(one: Finished) -> Json:
-    """Give the settings that must be those of the whole arm."""
+    """Return the settings that must be those of the whole arm."""
     config = {key: value for key, value in to_json(one.run.config).items() if key not in _INDIFFERENT}
     llm = {key: value for key, value in config["llm"].items() if key not in _INDIFFERENT_LLM}
     return {**config, "llm": llm}
@@ -107,16 +107,16 @@ def arm_settings(one: Finished) -> Json:
 def _compare_with_first(
     sweep: Sweep, group_of: Callable[[Finished], str], fields_of: Callable[[Finished], Json], kind: str
 ) -> None:
-    """Hold each job against the first one of its group."""
+    """Compare each job with the first one of its group."""
     firsts: dict[str, Finished] = {}
     for other in sweep.finished:
         first = firsts.setdefault(group_of(other), other)
         one, two = fields_of(first), fields_of(other)
         for field in differences(one, two):
-            _refuse(sweep, kind, shown(field), (first, value_at(one, field)), (other, value_at(two, field)))
+            _reject(sweep, kind, shown(field), (first, value_at(one, field)), (other, value_at(two, field)))
 
 
-def _refuse(sweep: Sweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]) -> NoReturn:
+def _reject(sweep: Sweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]) -> NoReturn:
     (first, was), (second, came) = one, two
     raise IncomparableError(
         f"{json.dumps(was)} in {first.job.name} and {json.dumps(came)} in {second.job.name}",

@@ -65,13 +65,13 @@ def _filled(occupied: int, reached: int, total: int) -> tuple[Cell, ...]:
 
 
 def _reach(run: Run) -> str:
-    """Say which niches of the prompt archive could be reached."""
+    """Explain which niches of the prompt archive could be reached."""
     temperatures = reachable_temperatures(run)
     if not temperatures:
         return "Prompts: trials begin with generation 1, which the run does not have."
     rule, generations = run.config.temperature.rule, counted(run.generations[-1].generation, "generation")
     return (
         "Prompts: a niche counts as reachable if it holds an instruction at a temperature that "
-        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), whatever "
-        "they find."
+        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), with "
+        "any fitness that they find."
     )

@@ -1,6 +1,6 @@
 """Tables as Markdown, LaTeX and CSV, from the same record.
 
-Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. What is no finite number is refused.
+Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. A number that is not finite is an error.
 """
 
 import csv
@@ -92,7 +92,7 @@ def as_csv(table: Table) -> str:
 
 
 def numeric_columns(table: Table) -> list[bool]:
-    """Say which columns hold numbers; they stand flush right."""
+    """Return whether each column holds numbers, which stand flush right."""
     return [not any(isinstance(row[place], str) for row in table.rows) for place in range(len(table.columns))]
 
 
@@ -142,7 +142,7 @@ def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bo
 
 
 def _exact(cell: Cell, places: int) -> list[str | int | float]:
-    """Give a cell unrounded, filled up to its column's places."""
+    """Return a cell unrounded, filled up to its column's places."""
     match cell:
         case None:
             values: list[str | int | float] = [""]

@@ -19,7 +19,7 @@ HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 
 
 def with_archive(one: Run, **archive: object) -> Run:
-    """Give a run other settings of its archive."""
+    """Return a run other settings of its archive."""
     return replace(one, config=configured(archive=archive))
 
 
@@ -60,14 +60,7 @@ def test_bounds_are_those_of_all_runs() -> None:
     assert filled(far, reference(near, far))[-1].coverage == 1.0
 
 
-def test_quality_is_summed_over_elites_by_hand() -> None:
-    """Left 1 / 1.5, then a better one, 1 / 1.25, and a right one, 1 / 2; what is worse changes nothing."""
-    one = run_to(0.5, 0.25, 1.0, 3.0, descriptors=[(0.0, 1.0), (0.1, 1.0), (1.0, 1.0), (0.9, 1.0)])
-    sums = [after.qd_score for after in filled(one, reference(one))]
-    assert sums == pytest.approx([1 / 1.5, 1 / 1.25, 1 / 1.25 + 0.5, 1 / 1.25 + 0.5])
-
-
-def test_what_was_turned_away_fills_no_niche() -> None:
+def test_what_was_rejected_fills_no_niche() -> None:
     """A generation without a trained candidate leaves the archive as it was."""
     one = run([trained(0, 0, 0.5), rejected(1, 0)], [closed(0), closed(1, trained=0)])
     before, after = filled(one, reference(one))

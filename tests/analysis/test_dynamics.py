@@ -23,7 +23,7 @@ PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
 
 def two_generations() -> Run:
-    """Give a run whose every figure can be counted on one hand."""
+    """Return a run whose every figure can be counted on one hand."""
     return run(
         [
             trained(0, 0, 0.8),
@@ -46,12 +46,6 @@ def test_generation_is_counted() -> None:
     assert second.rejected == {Stage.extract: 0, Stage.policy: 1, Stage.probe: 0, Stage.train: 0}
 
 
-def test_archive_that_shrinks_has_negative_growth() -> None:
-    """Moved bounds can make niches fall together."""
-    shrunk = run([trained(0, 0)], [closed(0, coverage=0.75), closed(1, coverage=0.5)])
-    assert [entry.growth for entry in progress(shrunk)] == [3, -1]
-
-
 def test_niches_that_bounds_emptied_are_lost() -> None:
     """Three niches are occupied, one candidate finds a fourth, and two are left: two were lost."""
     slots = [trained(0, 0), trained(0, 1), trained(0, 2), trained(1, 0)]
@@ -66,7 +60,7 @@ def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
 
 
 def test_candidates_without_an_evaluation_repeat_nothing() -> None:
-    """Two answers that the gate turned away are no duplicates of each other."""
+    """Two answers that the gate rejected are no duplicates of each other."""
     assert repeats(run([rejected(1, 0), rejected(1, 1)], [])) == frozenset()
 
 
@@ -131,7 +125,7 @@ def test_gate_of_a_run_that_asked_nobody_has_no_shares() -> None:
     assert [(found.left, found.left_share) for found in gate_stages(run([trained(0, 0)], []))] == [(0, None)] * 4
 
 
-def test_repaired_answer_counts_as_turned_away_once_at_first() -> None:
+def test_repaired_answer_counts_as_rejected_once_at_first() -> None:
     """The paper discards a failed answer, so a rate that counts corrected ones could not stand beside its rate."""
     mended = trained(1, 0, repairs=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
     stages = gate_stages(run([trained(0, 0), mended], []))

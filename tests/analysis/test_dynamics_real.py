@@ -14,7 +14,7 @@ from tacevo.records import Stage
 
 @pytest.fixture(scope="module")
 def repaired(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Give a finished search, as small as one can be, whose model often slips and is asked again."""
+    """Return a finished search, as small as one can be, whose model often slips and is asked again."""
     folder = tmp_path_factory.mktemp("repaired")
     size = ["search.generations=1", "search.candidates=6", "search.initial=2", "run.dir=run"]
     with pytest.MonkeyPatch.context() as patch:

@@ -69,7 +69,7 @@ FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.00
 
 
 def confused() -> Study:
-    """Give a study of a classification in which every network mistakes one image of class b for a c."""
+    """Return a study of a classification in which every network mistakes one image of class b for a c."""
     networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
     study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
     counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
@@ -100,7 +100,7 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
 
 @pytest.fixture(params=DRAWN)
 def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
-    """Give every figure in turn, with the width it must have."""
+    """Return every figure in turn, with the width it must have."""
     draw, width = DRAWN[request.param]
     return draw(), width
 
@@ -111,7 +111,7 @@ def texts(figure: Figure) -> list[str]:
 
 
 def line(axes: Axes, label: str) -> list[float]:
-    """Give the heights of a labelled line."""
+    """Return the heights of a labelled line."""
     (found,) = (one for one in axes.lines if one.get_label() == label)
     return [float(value) for value in np.asarray(found.get_ydata())]
 
@@ -393,13 +393,6 @@ def test_names_of_networks_are_broken_where_they_would_touch(networks: int, name
     assert [label.get_text() for label in axes.get_xticklabels()][1] == name
 
 
-def test_accuracy_is_shown_in_per_cent() -> None:
-    """0.9 of the test images are 90 %."""
-    (axes,) = seed_boxes(confused(), {}).axes
-    assert {y for _, y in points(axes, "o")} == {90.0}
-    assert axes.get_ylabel() == "test accuracy (%)"
-
-
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
     (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
@@ -423,7 +416,7 @@ def test_confusion_is_a_drawing() -> None:
 
 
 def _diagonal(count: int) -> tuple[tuple[int, ...], ...]:
-    """Give a matrix in which all is right."""
+    """Return a matrix in which all is right."""
     return ((count, 0), (0, count))
 
 

@@ -7,7 +7,7 @@ import pytest
 from hand_runs import closed, configured, rejected, run, trained
 from numpy.typing import NDArray
 
-from analysis.runs.coverage_map import effective_niches, occupation, reachable
+from analysis.runs.coverage_map import occupation, reachable
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.runs.run import Occupant, PromptTrial, Run
@@ -33,7 +33,7 @@ def spread(*points: tuple[float, float], generation: int = 0) -> list[CandidateL
 
 
 def well() -> Run:
-    """Give a run in which nothing is wrong."""
+    """Return a run in which nothing is wrong."""
     later = [trained(1, slot, prompt=slot, descriptors=(0.2 + slot / 2, 0.5)) for slot in (0, 1)]
     return run([*spread(*CORNERS), *later], [closed(0), closed(1)])
 
@@ -83,11 +83,6 @@ def test_crowded_niche_is_told_with_what_is_left() -> None:
     figures = dict(alarm.figures)
     assert figures["share"] == 7 / 8
     assert figures["effective niches"] == pytest.approx((7 / 8) ** (-7 / 8) * (1 / 8) ** (-1 / 8))
-
-
-def test_effective_niches_of_an_even_run_are_all_of_them() -> None:
-    """Four quarters, one candidate each."""
-    assert effective_niches(occupation(run(spread(*CORNERS), [closed(0)]), QUARTERS)) == pytest.approx(4)
 
 
 def test_clipped_descriptors_are_told_under_fixed_bounds() -> None:
@@ -150,7 +145,7 @@ def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Can
 
 
 def concentrated(hand: Run) -> dict[str, tuple[str, dict[str, float]]]:
-    """Give the sentences and figures of the alarms of concentration, by their names."""
+    """Return the sentences and figures of the alarms of concentration, by their names."""
     found = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
     return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in found}
 
@@ -242,14 +237,6 @@ def test_run_that_trained_nothing_has_no_niches_to_look_at() -> None:
     assert rung(hand) == ["strict gate: probe"]
     with pytest.raises(ValueError, match="has no bounds, because nothing was trained"):
         occupation(hand, QUARTERS)
-
-
-def test_table_holds_sentence_and_figures() -> None:
-    """One alarm a row."""
-    hand = run([*spread(*CORNERS), trained(1, 0, prompt=1)], [closed(0), closed(1)])
-    assert health_table(hand, QUARTERS).rows == (
-        ("untried prompts", "Never drawn (prompts=uniform): refine.", "untried: 1, prompts: 2"),
-    )
 
 
 #: Four niches over two instructions, below and above a temperature of 0.5.

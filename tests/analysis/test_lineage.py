@@ -11,7 +11,7 @@ from tacevo.errors import RunError
 
 
 def family() -> Run:
-    """Give a run in which two children of the baseline are crossed, and a fourth network stands apart."""
+    """Return a run in which two children of the baseline are crossed, and a fourth network stands apart."""
     slots = [
         trained(0, 0, 0.8),
         trained(1, 0, 0.6, prompt=0),
@@ -25,11 +25,6 @@ def family() -> Run:
 def test_ancestors_come_once_and_in_order() -> None:
     """The baseline is an ancestor twice over."""
     assert [candidate.id for candidate in ancestors(family(), "g02s00")] == ["g00s00", "g01s00", "g01s01", "g02s00"]
-
-
-def test_baseline_has_no_ancestors() -> None:
-    """It is a lineage of one."""
-    assert [candidate.id for candidate in ancestors(family(), "g00s00")] == ["g00s00"]
 
 
 def test_each_step_says_what_was_asked_and_what_it_brought() -> None:

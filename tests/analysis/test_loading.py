@@ -25,7 +25,7 @@ from tacevo.studies.networks import networks_of
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one tiny search with elites and trials of prompts."""
+    """Return the folder of one tiny search with elites and trials of prompts."""
     folder = tmp_path_factory.mktemp("searched")
     sizes = ["search.generations=1", "search.candidates=4", "search.initial=2"]
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
@@ -35,7 +35,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def spoilt(searched: Path, tmp_path: Path) -> Path:
-    """Give a copy of the run, to be spoilt."""
+    """Return a copy of the run, to be spoilt."""
     return Path(shutil.copytree(searched / "run", tmp_path / "run"))
 
 
@@ -118,7 +118,7 @@ def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Pat
 
 
 def family() -> Run:
-    """Give a run whose baseline is its best elite, with a copy of it, and twins among the others."""
+    """Return a run whose baseline is its best elite, with a copy of it, and twins among the others."""
     slots = [
         trained(0, 0, 0.1),
         trained(1, 0, 0.3, source="twin"),

@@ -116,11 +116,6 @@ def test_width_is_compared_as_far_as_both_reach() -> None:
     assert width_ratio(wider, force) == pytest.approx(256 / 224)
 
 
-def test_network_without_convolutions_is_as_wide() -> None:
-    """There is nothing to compare."""
-    assert width_ratio(replace(baseline("force"), convolutions=()), baseline("force")) == 1
-
-
 def plain(activation: nn.Module, *, dropout: float = 0.0) -> Profile:
     """Trace a small network with one convolution and a hidden layer."""
     head = [nn.Flatten(), nn.Linear(8, 6), activation, nn.Dropout(dropout), nn.Linear(6, 3)]
@@ -128,7 +123,7 @@ def plain(activation: nn.Module, *, dropout: float = 0.0) -> Profile:
 
 
 def searched() -> tuple[Run, dict[str, Profile]]:
-    """Give a run of five trained candidates, three of which are elites, and their profiles."""
+    """Return a run of five trained candidates, three of which are elites, and their profiles."""
     slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), rejected(1, 4)]
     elites = [
         Occupant(id=name, niche=niche, fitness=fitness)

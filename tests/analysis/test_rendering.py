@@ -99,12 +99,6 @@ def test_written_tables_are_the_golden_ones(ending: str, tmp_path: Path) -> None
     assert written[ending] == (GOLDEN / f"study_force{ending}").read_bytes()
 
 
-def test_markdown_columns_stand_below_each_other() -> None:
-    """The bars that part the cells are in the same places in every line."""
-    lines = [line.replace("\\|", "..") for line in as_markdown(TABLE).splitlines() if line.startswith("|")]
-    assert len({tuple(place for place, mark in enumerate(line) if mark == "|") for line in lines}) == 1
-
-
 def test_latex_special_characters_are_escaped() -> None:
     """Whatever text comes, LaTeX sets it and obeys none of it."""
     text = f"\\input{{x}} $a$ & #1 100% a_b ~ ^ < > | {MINUS}1 ± 2 \N{MULTIPLICATION SIGN} R²"

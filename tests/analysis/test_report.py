@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from analysis.report.figure_list import Picture
 from analysis.report.page import Image, as_html, drawn
-from analysis.table import Percent, PValue, Table
+from analysis.table import PValue, Table
 
 TABLE = Table(name="t", caption="a < b", columns=("name", "p"), rows=(("<script>", PValue(0.0001)),), notes=("R & D",))
 RUN = run([trained(0, 0)], [closed(0)])
@@ -61,13 +61,6 @@ def test_name_of_a_model_cannot_become_markup() -> None:
     """It comes from a configuration, which may be a stranger's."""
     strange = replace(RUN, config=configured(llm={"provider": "openai", "model": "<b>"}))
     assert "Model: &lt;b&gt;, provider: openai." in as_html(strange, [TABLE], [], [])
-
-
-def test_numbers_are_rounded_as_in_every_table() -> None:
-    """The rule is that of `analysis.tables.rendering`."""
-    table = Table(name="t", caption="c", columns=("x", "y", "z"), rows=((Percent(0.5), 0.0123456, None),))
-    page = as_html(RUN, [table], [], [])
-    assert "<td class=number>50.0 %</td><td class=number>0.0123</td><td class=number>\N{EN DASH}</td>" in page
 
 
 def test_picture_is_drawn_once_and_told() -> None:

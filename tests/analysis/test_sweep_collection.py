@@ -18,7 +18,7 @@ CENTROIDS = {"best only-seed0": (0, 2), "one axis-seed0": (4, 1), "a-seed0": (4,
 
 
 def centroids_of(run: Run) -> NDArray[np.float64]:
-    """Give the centroids of a run by its name."""
+    """Return the centroids of a run by its name."""
     return np.full(CENTROIDS[run.name], 0.5)
 
 

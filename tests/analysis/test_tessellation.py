@@ -24,7 +24,7 @@ def area(polygon: Polygon) -> float:
 
 
 def holds(polygon: Polygon, point: NDArray[np.float64]) -> bool:
-    """Say whether a point lies inside a convex polygon whose corners go round anticlockwise."""
+    """Return whether a point lies inside a convex polygon whose corners go round anticlockwise."""
     along, towards = np.roll(polygon, -1, axis=0) - polygon, point - polygon
     return bool((along[:, 0] * towards[:, 1] - along[:, 1] * towards[:, 0] > -1e-12).all())
 
@@ -55,7 +55,7 @@ def test_two_niches_meet_half_way() -> None:
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one tiny search."""
+    """Return the folder of one tiny search."""
     folder = tmp_path_factory.mktemp("searched")
     sizes = ["search.generations=1", "search.candidates=2", "search.initial=1"]
     assert main(["search", *SMALLEST, UNTRACKED, *sizes, f"run.dir={folder / 'run'}", f"store.root={folder}"]) == 0

@@ -26,7 +26,7 @@ JOBS = tuple(
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a sweep of two arms and two seeds, each run as small as one can be."""
+    """Return the folder of a sweep of two arms and two seeds, each run as small as one can be."""
     folder = tmp_path_factory.mktemp("swept")
     directory = SweepDirectory(folder / "sweep")
     for job in JOBS:
@@ -37,13 +37,13 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def with_hash(directory: SweepDirectory, job: Job) -> Job:
-    """Give a job the hash of its run's configuration, as launching does."""
+    """Return a job the hash of its run's configuration, as launching does."""
     return replace(job, config=config_hash(load_run(directory.run(job).path).config))
 
 
 @pytest.fixture
 def sweep(swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a copy of the sweep, to be spoilt, and work beside it."""
+    """Return a copy of the sweep, to be spoilt, and work beside it."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(swept / "sweep", tmp_path / "sweep")
     return Path("sweep")

@@ -15,7 +15,7 @@ from tacevo.cli.app import main
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one tiny search and its study."""
+    """Return the folder of one tiny search and its study."""
     folder = tmp_path_factory.mktemp("searched")
     sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
@@ -26,21 +26,21 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a copy of the run, to be spoilt, and work beside it."""
+    """Return a copy of the run, to be spoilt, and work beside it."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(searched / "run", tmp_path / "run")
     return Path("run")
 
 
 def study_of(run: Path) -> Path:
-    """Give the folder of the only study of a run."""
+    """Return the folder of the only study of a run."""
     (path,) = run.glob("studies/*")
     return path
 
 
 @pytest.fixture(scope="module")
 def bundle(searched: Path) -> Path:
-    """Give the run and its study as one published file."""
+    """Return the run and its study as one published file."""
     path = searched / "published.zip"
     assert main(["publish", str(searched / "run"), "-o", str(path)]) == 0
     return path
