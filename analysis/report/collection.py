@@ -18,11 +18,11 @@ from analysis.tables.dynamics import (
     gate_table,
     generations_table,
     improvement_table,
+    lineage_table,
     prompts_table,
     temperatures_table,
 )
 from analysis.tables.health import health_table, niches_table
-from analysis.tables.lineage import lineage_table
 from analysis.tables.motifs import anatomies_table, motifs_table
 from tacevo.errors import RunError
 from tacevo.profile import Profile

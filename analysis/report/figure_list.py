@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
-from analysis.figures.prompts import prompt_productivity
+from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.rounding import shown
 from analysis.runs.archive_history import archive_medians

@@ -8,7 +8,7 @@ from analysis.figures.style import render
 from analysis.report.document import Chapter, Illustration
 from analysis.report.figure_list import Picture
 from analysis.table import Table
-from analysis.tables.rendering import write_table
+from analysis.tables.rendering import table_texts
 from tacevo.storage.files import write_durably
 from tacevo.storage.study_directory import NAME
 
@@ -17,7 +17,7 @@ OnDrawn = Callable[[str], object]
 
 
 def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> None:
-    """Write tables in every format; older ones of the same names are replaced.
+    """Write tables in every format, each file whole; older ones of the same names are replaced.
 
     Args:
         tables: what to write.
@@ -28,7 +28,8 @@ def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> 
         StoreError: a file cannot be written.
     """
     for table in tables:
-        write_table(table, folder, prefix=prefix)
+        for name, text in table_texts(table, prefix=prefix).items():
+            write_durably(folder / name, text)
 
 
 def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:

@@ -1,4 +1,4 @@
-"""Tables of how a search went: generations, gate, prompts, improvement."""
+"""Tables of how a search went: generations, gate, prompts, improvement, and where a network comes from."""
 
 from dataclasses import replace
 
@@ -17,6 +17,7 @@ from analysis.runs.dynamics import (
     progress,
     temperature_follows_age,
 )
+from analysis.runs.lineage import lineage
 from analysis.runs.run import Run
 from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
@@ -155,6 +156,28 @@ def improvement_table(run: Run) -> Table:
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
+    )
+
+
+def lineage_table(run: Run, name: str) -> Table:
+    """Show where a candidate comes from; raises as `analysis.runs.lineage.ancestors` does."""
+    rows = tuple(
+        (
+            entry.candidate.id,
+            entry.candidate.operator.value,
+            entry.instruction,
+            ", ".join(entry.candidate.parents) or None,
+            entry.candidate.fitness,
+            entry.gain,
+        )
+        for entry in lineage(run, name)
+    )
+    return Table(
+        name=f"lineage_{run.task}",
+        caption=f"The ancestors of {name} in {run.name}.",
+        columns=("network", "operator", "instruction", "parents", "fitness", "gain"),
+        rows=rows,
+        notes=("Gain: how much less loss than the better parent.",),
     )
 
 

@@ -9,11 +9,9 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from analysis.rounding import finite, shown
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
-from tacevo.storage.files import write_durably
 from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -117,24 +115,6 @@ def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
     """
     writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
     return {f"{table.name}{ending}": write(table) for ending, write in writers.items()}
-
-
-def write_table(table: Table, folder: Path, *, prefix: str = "") -> tuple[Path, ...]:
-    """Write a table in every format, each file whole; older ones are replaced.
-
-    Args:
-        table: what to write.
-        folder: where to.
-        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
-
-    Raises:
-        StoreError: a file cannot be written.
-        ValueError: a cell is NaN or infinite; nothing was written.
-    """
-    texts = table_texts(table, prefix=prefix)
-    for name, text in texts.items():
-        write_durably(folder / name, text)
-    return tuple(folder / name for name in texts)
 
 
 def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bool]]:

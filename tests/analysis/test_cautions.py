@@ -43,11 +43,6 @@ def test_last_tenth_begins_beyond_nine_tenths(epoch: int, epochs: int, late: int
     assert late_share([epoch], epochs=epochs) == late
 
 
-def test_late_share_is_of_all_trainings() -> None:
-    """Three of four."""
-    assert late_share([20, 19, 20, 3], epochs=20) == 0.75
-
-
 def test_an_approximated_p_is_named() -> None:
     """From 67 values on together."""
     draw = np.random.default_rng(0)

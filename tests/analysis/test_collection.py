@@ -88,20 +88,6 @@ def test_words_above_the_boxes_are_those_of_the_comparison() -> None:
     assert [text.get_text() for text in axes.texts] == ["", "worse\nHolm's p\n= 0.029"]
 
 
-def test_lineage_leads_from_the_baseline_to_the_best() -> None:
-    """Nobody else is in it."""
-    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "lineage_force")
-    (axes,) = drawn.draw().axes
-    assert [text.get_text() for text in axes.texts if text.get_text().startswith("g")] == ["g00s00", "g01s00"]
-
-
-def test_curves_show_the_baseline_once() -> None:
-    """Also where it is an elite itself."""
-    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "training_curves_force")
-    (axes,) = drawn.draw().axes
-    assert [line.get_label() for line in axes.lines] == ["baseline", "g01s00"]
-
-
 def test_largest_study_is_the_one_of_a_paper() -> None:
     """Epochs before seeds before networks; what the studies found does not matter."""
     small, large = collection(Kind.regression, Kind.regression, searched=searched()).studies

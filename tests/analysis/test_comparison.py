@@ -168,12 +168,6 @@ def test_another_variant_changes_no_interval() -> None:
     assert compare(study_of(FOUR), seed=1).variants[3].effects != alone.variants[0].effects
 
 
-def test_order_of_scores_does_not_matter() -> None:
-    """Scores are found by network and seed, not by their place."""
-    study = study_of(FOUR)
-    assert compare(replace(study, scores=study.scores[::-1])) == compare(study)
-
-
 def test_few_seeds_are_named_or_refused() -> None:
     """Three seeds can never be significant; four can alone, and not among four variants."""
     few = {name: values[:4] for name, values in FOUR.items()}

@@ -61,13 +61,6 @@ def test_study_that_cannot_be_compared_keeps_its_scores() -> None:
     assert [table.name for table in study_tables(few, None)] == ["scores_force", "metrics_force"]
 
 
-def test_chosen_epochs_are_told() -> None:
-    """Median and quartiles of 1, 2, 3, 4 and 9."""
-    scores = [replace(one, epoch=epoch) for one, epoch in zip(STUDY.scores[:5], (1, 2, 3, 4, 9), strict=True)]
-    study = replace(STUDY, seeds=5, networks=STUDY.networks[:1], scores=tuple(scores))
-    assert scores_table(study).rows[0][-1] == Between(3, 2, 4)
-
-
 def test_margin_below_a_test_image_is_told() -> None:
     """One point of 9 images; two ninths are more than an image, and need no word."""
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
@@ -127,9 +120,3 @@ def test_what_few_seeds_detect_is_not_denied() -> None:
     note = effects_table(few, compare(few)).notes[-1]
     assert "in a single test: effects near full separation only, since Noether's formula gives none for so few" in note
     assert note.endswith("in the strictest step of Holm's correction: no effect at all.")
-
-
-def test_equal_answers_on_power_are_given_once() -> None:
-    """Five seeds and one variant: the strictest step is the single test."""
-    few = study_of({name: FOUR[name][:5] for name in ("baseline", "variant 1")})
-    assert "in a single test and in the strictest step" in effects_table(few, compare(few)).notes[-1]

@@ -59,11 +59,6 @@ def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
     assert repeats(run(slots, [])) == {"g00s02", "g01s00"}
 
 
-def test_candidates_without_an_evaluation_repeat_nothing() -> None:
-    """Two answers that the gate rejected are no duplicates of each other."""
-    assert repeats(run([rejected(1, 0), rejected(1, 1)], [])) == frozenset()
-
-
 def test_copy_is_the_source_of_a_parent() -> None:
     """A child that equals a candidate which is not its parent is no copy."""
     slots = [trained(0, 0), trained(0, 1), trained(1, 0, source="g00s00"), trained(1, 1, source="g00s01")]
@@ -118,11 +113,6 @@ def test_gate_table_counts_misreporting_candidates() -> None:
     (note,) = gate_table(run(slots, [])).notes
     assert note == "Rejected for misreporting themselves (docs/gate.md): 2 (changes_its_weights 2)."
     assert gate_table(two_generations()).notes == ()
-
-
-def test_gate_of_a_run_that_asked_nobody_has_no_shares() -> None:
-    """There is nothing that could be left."""
-    assert [(found.left, found.left_share) for found in gate_stages(run([trained(0, 0)], []))] == [(0, None)] * 4
 
 
 def test_repaired_answer_counts_as_rejected_once_at_first() -> None:

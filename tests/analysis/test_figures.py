@@ -25,8 +25,7 @@ from studies import study_of
 
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
-from analysis.figures.prompts import prompt_productivity
+from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import house_style, render
 from analysis.runs.dynamics import by_prompt, progress

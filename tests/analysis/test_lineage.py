@@ -6,7 +6,7 @@ from refusals import refused
 
 from analysis.runs.lineage import ancestors, lineage
 from analysis.runs.run import Run
-from analysis.tables.lineage import lineage_table
+from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
 
 

@@ -52,9 +52,3 @@ def test_damaged_description_of_a_run_is_no_missing_job(tmp_path: Path) -> None:
     (tmp_path / "one" / "run.json").write_text("{")
     with pytest.raises(RunError, match=r"one/run\.json"):
         load_sweep(tmp_path)
-
-
-def test_folder_without_a_sweep_is_refused(tmp_path: Path) -> None:
-    """In the words of whoever reads it."""
-    with pytest.raises(RunError, match=r"sweep\.json"):
-        load_sweep(tmp_path)

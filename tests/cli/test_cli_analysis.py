@@ -84,7 +84,7 @@ def test_tables_of_the_paper_stand_beside_a_run(run: Path, capsys: pytest.Captur
 def test_tables_that_cannot_be_written_are_not_printed(
     arguments: list[str], run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The mistake would be lost below them; the file stays as it is."""
+    """The error would be lost below them; the file stays as it is."""
     Path("file").write_text("mine")
     assert main(["tables", *(word.replace("RUN", str(run)) for word in arguments), "-o", "file"]) == 2
     told = capsys.readouterr()
@@ -133,11 +133,11 @@ def test_what_was_written_of_a_study_goes_with_it(
     assert gone
     assert gone == {name for name in before if f"_force_{study_of(run).name}." in name}
     told = capsys.readouterr().err
-    assert all(f"removed {name}: its study is gone or left out" in told for name in gone)
+    assert all(f"removed {name}: its study is missing or left out" in told for name in gone)
 
 
 def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is told of a network that was not trained; the reason is said, and all other tables come."""
+    """The reason is printed, and all other tables are written."""
     path = run / "candidates" / "g00s00.py"
     path.write_text(path.read_text() + "# edited\n")
     assert main(["tables", str(run)]) == 0
@@ -167,7 +167,7 @@ def test_paper_without_latex_is_a_document(
     monkeypatch.setenv("PATH", os.fspath(run))
     assert main(["paper", str(run), "-o", "out"]) == 0
     said = capsys.readouterr().out
-    assert "no PDF: no latexmk or tectonic or pdflatex is installed" in said
+    assert "no PDF: install latexmk or tectonic or pdflatex" in said
     text = Path("out/paper.tex").read_text()
     asked = [part.partition("}")[0] for word in ("\\input{", "graphics{") for part in text.split(word)[1:]]
     assert len(asked) > 20
@@ -199,12 +199,12 @@ def test_paper_refuses_studies_that_were_made_otherwise(
     assert main(["study", f"run={other}", "elites=1", "seeds=5", "epochs=1"]) == 0
     assert main(["paper", str(run), str(other), "-o", "out"]) == 2
     said = capsys.readouterr().err
-    assert "the studies of force differ in seeds: 4 for baseline, variant 1 of run" in said
+    assert "the studies of force, seeds: expected 4 as for baseline, variant 1 of run" in said
     assert not Path("out").exists()
 
 
 def test_two_runs_of_one_name_are_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nobody could tell their chapters apart."""
+    """Their chapters would have one title."""
     assert main(["paper", str(run), f"./{run}"]) == 2
     assert "expected runs with different directory names; got run twice" in capsys.readouterr().err
     assert not Path("build").exists()
