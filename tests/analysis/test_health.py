@@ -155,8 +155,8 @@ def test_concentration_names_axis_share_and_what_helps() -> None:
     hand = run(outlying(1), [closed(0)], bounds=((0.0, 1.0), (1.0, 10_000.0)))
     assert concentrated(hand) == {
         "concentrated EffRatio": (
-            "75 % of the trained candidates lie in a tenth of the range of EffRatio, where few niches distinguish them; "
-            "under archive.eff_ratio_scale=log the fullest tenth would hold 10 %.",
+            "75 % of the trained candidates lie in a tenth of the range of EffRatio, where few niches distinguish "
+            "them; under archive.eff_ratio_scale=log the fullest tenth would hold 10 %.",
             {"share": 0.75, "share under log": 0.1},
         )
     }
