@@ -8,11 +8,11 @@
     U                     counts in halves, so one decimal: 304.5
     percentage            one decimal: 96.0 %
     estimate [low, high]  all three with the decimals that give the largest of them three significant digits;
-                          where that is below 0.0001, each by itself as a number
+                          where that is below 0.0001, each is written as a number
     percentages           one decimal: 96.0 % [94.2, 97.1]
     nothing               an en dash
 
-Halves go the way of the binary number, as Python's `format` rounds. What is no finite number is refused.
+Halves go the way of the binary number, as Python's `format` rounds. A number that is not finite is an error.
 """
 
 import math
@@ -56,13 +56,13 @@ def shown(cell: Cell) -> str:
 
 
 def finite(value: float) -> float:
-    """Give a number back that is one.
+    """Return a number, once it is finite.
 
     Raises:
         ValueError: it is NaN or infinite.
     """
     if not math.isfinite(value):
-        raise ValueError(f"a table's numbers must be finite; got {value}; where there is no value, give None")
+        raise ValueError(f"a table's numbers must be finite; got {value}; use None where there is no value")
     return value
 
 

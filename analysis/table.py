@@ -47,7 +47,7 @@ Cell = str | int | float | PValue | Halves | Percent | Between | PercentBetween 
 
 
 def percent(share: float | None) -> Percent | None:
-    """Show a fraction as a percentage, and nothing where there is none."""
+    """Show a fraction as a percentage, and None as an empty cell."""
     return None if share is None else Percent(share)
 
 

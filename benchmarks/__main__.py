@@ -165,7 +165,7 @@ def _mirror_cpu_seconds(run: Path, uri: str) -> float:
 
 
 def memory() -> str:
-    """Give the peak resident memory of a process that replays, and whether it imported torch."""
+    """Return the peak resident memory of a process that replays, and whether it imported torch."""
     script = (
         "import resource, sys; from tacevo.cli.app import main; main(sys.argv[1:]); "
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, 'torch' in sys.modules)"

@@ -69,7 +69,7 @@ def _outcomes(count: int) -> Iterator[Outcome]:
 
 
 def _profile(sizes: np.ndarray) -> Profile:
-    """Give the profile of a chain of layers with these widths."""
+    """Return the profile of a chain of layers with these widths."""
     widths = tuple(int(size) for size in sizes)
     graph = Graph(
         nodes=tuple(Node(op="conv", weighted=True, width=width) for width in widths),

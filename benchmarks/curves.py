@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.difficulty import SHORT, headline
 
-#: Okabe and Ito's colours, which colour-blind readers tell apart.
+#: Okabe and Ito's colours, which colour-blind readers can distinguish.
 COLOURS = {"force": "#0072B2", "grating": "#D55E00", "hardness": "#009E73"}
 DASHES = {48: ":", 64: "--", 128: "-.", 256: "-"}
 

@@ -105,7 +105,7 @@ class Training:
             self.optimiser.step()
 
     def predict(self, rows: torch.Tensor) -> torch.Tensor:
-        """Give the outputs for `rows`, shape (len(rows), K)."""
+        """Return the outputs for `rows`, shape (len(rows), K)."""
         self.network.eval()
         batches = torch.split(rows, 128)
         with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=self.bfloat16):

@@ -48,7 +48,7 @@ def asking() -> str:
 
 
 def memory_of_many() -> str:
-    """Give the memory that 10,000 requests in flight need, above the process that is about to ask them.
+    """Return the memory that 10,000 requests in flight need, above the process that is about to ask them.
 
     The server answers none of them before it has them all.
     """

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from scipy.stats import entropy
 
-from analysis.runs.run import Candidate, Run, load_run
+from analysis.runs.run import Run, descriptors_of, load_run
 from tacevo.bundles.open import opened
 from tacevo.choices import Scale
 from tacevo.config.compose import compose
@@ -72,14 +72,14 @@ def filled(points: Sequence[Point], fitnesses: Sequence[float], niches: Tessella
 def rows(files: Sequence[Path]) -> Iterator[str]:
     """Write a Markdown table: a row for each file and combination, with the medians over a sweep's runs."""
     runs = {path.name: list(_runs(path)) for path in files}
-    everyone = [candidate for found in runs.values() for run in found for candidate in _trained(run)]
+    everyone = [candidate for found in runs.values() for run in found for candidate in run.trained]
     default = compose([]).archive
     given = tuple(zip(default.arch_div_bounds, default.eff_ratio_bounds, strict=True))
     yield "| runs | axis | bounds | coverage | highest on the way | effective niches | niches lost | fullest tenth |"
     yield "|---|---|---|---|---|---|---|---|"
     for name, found in runs.items():
         for scale in Scale:
-            points = [_point(candidate, scale) for candidate in everyone]
+            points = [descriptors_of(candidate, scale) for candidate in everyone]
             low, high = ((arch_div, scaled(eff_ratio, scale)) for arch_div, eff_ratio in given)
             around = Bounds(low=tuple(map(min, *points)), high=tuple(map(max, *points)))
             for rule, bounds in (
@@ -96,23 +96,12 @@ def _runs(path: Path) -> Iterator[Run]:
         yield from map(load_run, source.runs)
 
 
-def _trained(run: Run) -> list[Candidate]:
-    return [candidate for candidate in run.candidates if candidate.trained]
-
-
-def _point(candidate: Candidate, scale: Scale) -> Point:
-    if candidate.measured is None:
-        raise ValueError(f"{candidate.id} was trained and has no descriptors")
-    return candidate.measured.arch_div, scaled(candidate.measured.eff_ratio, scale)
-
-
 def _filled(run: Run, scale: Scale, bounds: Bounds | None) -> Filled:
     """Put a run's candidates into the niches of its configuration, also where the run itself kept none."""
-    settings = run.config["archive"]
-    niches = _niches(*(settings[key] for key in ("niches", "samples", "seed")))
-    trained = _trained(run)
-    fitnesses = [candidate.trained.fitness for candidate in trained if candidate.trained]
-    return filled([_point(candidate, scale) for candidate in trained], fitnesses, niches, bounds)
+    settings = run.config.archive
+    niches = _niches(settings.niches, settings.samples, settings.seed)
+    fitnesses = [candidate.fitness for candidate in run.trained if candidate.fitness is not None]
+    return filled([descriptors_of(candidate, scale) for candidate in run.trained], fitnesses, niches, bounds)
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""A finished run of any size that nobody trained: real requests, answers, gate and files over a made-up sandbox.
+"""A finished run of any size without training: real requests, answers, gate and files over a made-up sandbox.
 
 The sources are those of the grammar provider. Every probe gives the baseline's measured profile with sizes that follow
 from the source, and every training predicts values that do; so stores and ledger are as large as those of a real run of
@@ -30,8 +30,10 @@ from tacevo.search.proposals import Task
 from tacevo.training.evaluation import Examples
 from tacevo.training.numerics import environment
 
-#: Images of the data set that is not there; few, since a made-up training predicts values for each.
+#: Images of the data set, which does not exist; few, because a made-up training predicts values for each.
 _TRAINED, _VALIDATED = 32, 8
+
+_IMAGES = _TRAINED + 2 * _VALIDATED
 
 _FINGERPRINT = hashlib.sha256(b"a data set that is not there").hexdigest()
 
@@ -42,14 +44,14 @@ def record_synthetic(folder: Path, generations: int, view: View) -> Result:
     Args:
         folder: where to write.
         generations: 20 for the paper's size.
-        view: who is told.
+        view: shows the progress.
     """
     places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
     size = [f"search.generations={generations}", "search.candidates=50", "executor.workers=1", "tracking=none"]
-    config = compose(["experiment=paper_force", "llm=grammar", *size, *places])
+    config = compose(["experiment=paper_force", "llm=grammar", f"data.images={_IMAGES}", *size, *places])
     facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
     task = load_task(config, facts)
-    # Nobody is held by anything in a sandbox that is made up, so there is nothing to tell.
+    # A made-up sandbox confines nothing, so there is no confinement to report.
     return record(config, task, facts, lambda rules, _notice: _made_up(config, task, facts, rules), view)
 
 
@@ -69,7 +71,7 @@ def _profile_of_baseline(config: RunConfig, task: Task) -> Profile:
     with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}) as sandbox:
         judged = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
     if not hasattr(judged, "profile"):
-        raise RuntimeError(f"the baseline was turned away: {judged}")
+        raise RuntimeError(f"the baseline was rejected: {judged}")
     return judged.profile
 
 
@@ -86,7 +88,7 @@ def _sandbox(baseline: Profile, epochs: int, outputs: int) -> Run:
 
 
 def _resized(profile: Profile, rng: np.random.Generator) -> Profile:
-    """Give a profile other sizes, so that candidates spread over the archive."""
+    """Return a profile other sizes, so that candidates spread over the archive."""
     channels = tuple(int(value) for value in rng.integers(8, 256, size=len(profile.graph.channels)))
     return replace(
         profile,
@@ -97,7 +99,7 @@ def _resized(profile: Profile, rng: np.random.Generator) -> Profile:
 
 
 def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Frame]:
-    """Give the frames of a training whose losses fall."""
+    """Return the frames of a training whose losses fall."""
     spread = rng.uniform(0.05, 0.3)
     for epoch in range(epochs):
         values = (0.5 + rng.normal(size=(_VALIDATED, outputs)) * spread / (1 + epoch)).astype(np.float32)
@@ -106,7 +108,7 @@ def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Fr
 
 
 def _examples(facts: DataFacts) -> Examples:
-    """Give labels that are all alike, for images that are not there."""
+    """Return labels that are all alike, for images that are not there."""
     return Examples(
         train=np.arange(_TRAINED),
         validation=np.arange(_TRAINED, _TRAINED + _VALIDATED),

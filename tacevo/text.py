@@ -1,6 +1,6 @@
 """Text that is shown to a person: counted nouns, lists, tables, and control characters made harmless."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from tacevo.records import MISREPORTING
 
@@ -15,9 +15,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def listed(words: Iterable[str], nothing: str = "none") -> str:
-    """Write words with commas: `probe, train`; or another word where there are none."""
-    return ", ".join(words) or nothing
+def listed(words: Iterable[str], nothing: str = "none", *, most: int | None = None) -> str:
+    """Write words one after the other, at most so many: `probe, train, ...`; without words, write `nothing`."""
+    found = list(words)
+    more = ["..."] if most is not None and len(found) > most else []
+    return ", ".join([*found[:most], *more]) or nothing
 
 
 def printable(text: str) -> str:
@@ -46,10 +48,19 @@ def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
     return [f"Rejected for misreporting themselves (docs/gate.md): {sum(counts.values())} ({found})."] if found else []
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Write a Markdown table whose columns line up in plain text, too."""
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    lines = [header, ["-" * width for width in widths], *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in lines
-    )
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:
+    """Write a Markdown table whose columns line up in plain text, too.
+
+    Args:
+        header: names of the columns.
+        rows: each as long as the header.
+        right: positions of the columns that stand flush right.
+    """
+    widths = [max(3, *map(len, column)) for column in zip(header, *rows, strict=True)]
+    rule = ["-" * (width - 1) + (":" if place in right else "-") for place, width in enumerate(widths)]
+
+    def padded(place: int, cell: str) -> str:
+        return cell.rjust(widths[place]) if place in right else cell.ljust(widths[place])
+
+    lines = [[padded(place, cell) for place, cell in enumerate(line)] for line in (header, rule, *rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -110,19 +110,19 @@ def final_values(found: Ablation) -> Figure:
 
 
 def _looks(found: Ablation) -> dict[str, _Look]:
-    """Give every arm a colour, a dash and a marker of its own; the reference is black and solid."""
+    """Return every arm a colour, a dash and a marker of its own; the reference is black and solid."""
     looks = map(_Look, cycle(_COLOURS), cycle(_DASHES), cycle(_MARKERS))
     black = _Look(BLACK, "-", "o")
     return {arm.name: black if arm.name == found.reference else next(looks) for arm in found.arms}
 
 
 def _best(outcomes: Sequence[Outcome]) -> dict[str, _Values]:
-    """Give the best fitness by arm, shape (seeds, generations); NaN, which is not drawn, before the first one."""
+    """Return the best fitness by arm, shape (seeds, generations); NaN, which is not drawn, before the first one."""
     return _by_arm(outcomes, [[np.nan if value is None else value for value in one.best] for one in outcomes])
 
 
 def _of_archive(outcomes: Sequence[Outcome], field: str) -> dict[str, _Values]:
-    """Give a figure of the common archive by arm, shape (seeds, generations); coverage in per cent."""
+    """Return a figure of the common archive by arm, shape (seeds, generations); coverage in per cent."""
     factor = 100 if field == "coverage" else 1
     return _by_arm(outcomes, [[factor * getattr(after, field) for after in one.filled] for one in outcomes])
 

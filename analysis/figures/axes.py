@@ -11,7 +11,7 @@ from tacevo.search.unsent import TEMPERATURE
 #: The longest line of a title over a single column, in characters.
 _TITLE = 40
 
-#: From this ratio of the largest to the smallest loss on, losses stand on a logarithmic axis.
+#: Losses stand on a logarithmic axis where the largest is at least this many times the smallest.
 LOG_FROM = 10.0
 
 
@@ -31,5 +31,5 @@ def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
 
 
 def title_unsent_temperatures(axes: Axes, run: Run) -> None:
-    """Say above the axes of a run's temperatures that the model was not sent them; nothing where it was."""
+    """Write above the axes of temperatures that they were not sent to the model, where that is so."""
     axes.set_title(textwrap.fill(run.not_sent.get(TEMPERATURE, ""), _TITLE))

@@ -12,9 +12,9 @@ from analysis.figures.axes import on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
 from analysis.runs.lineage import Ancestor
-from analysis.runs.run import Candidate
 from tacevo.data.figures import WIDTHS
 from tacevo.records import Operator
+from tacevo.search.lines import CandidateLine
 
 #: Ancestors that a figure shows, at most: the latest.
 ROWS = 45
@@ -64,7 +64,7 @@ def lineage(ancestors: Sequence[Ancestor]) -> Figure:
             axes.plot([before, generation], [above, row], color=colour, linestyle=dashes, linewidth=0.9)
         axes.plot(generation, row, marker, color=colour, zorder=3, clip_on=False)
         made = ancestor.instruction or candidate.operator.value
-        fitness = "" if candidate.trained is None else shown(candidate.trained.fitness)
+        fitness = "" if candidate.fitness is None else shown(candidate.fitness)
         _write(axes, row, candidate.id, made.replace("_", " "), fitness)
     hidden = len(ancestors) - len(rows)
     _write(axes, -1, "network", f"made by ({hidden} left out)" if hidden else "made by", "loss")
@@ -76,7 +76,7 @@ def lineage(ancestors: Sequence[Ancestor]) -> Figure:
 
 
 @house_style()
-def training_curves(networks: Sequence[Candidate]) -> Figure:
+def training_curves(networks: Sequence[CandidateLine]) -> Figure:
     """Draw the validation loss of trained candidates after each epoch of the search's short training.
 
     Args:
@@ -85,7 +85,7 @@ def training_curves(networks: Sequence[Candidate]) -> Figure:
     figure, (axes,) = new_figure("single", 2.4)
     drawn: list[float] = []
     for candidate, (colour, marker, dashes) in zip(networks, _LINES, strict=False):
-        losses = candidate.trained.validation_losses if candidate.trained else ()
+        losses = candidate.validation_losses or ()
         label = candidate.operator.value if candidate.operator is Operator.baseline else candidate.id
         axes.plot(range(1, len(losses) + 1), losses, color=colour, marker=marker, linestyle=dashes, label=label)
         drawn += losses
@@ -102,7 +102,7 @@ def _write(axes: Axes, row: int, *texts: str) -> None:
         axes.text(place, row, text, transform=axes.get_yaxis_transform(), ha=side, va="center", parse_math=False)
 
 
-def _operators(shown: Sequence[Candidate]) -> list[Line2D]:
+def _operators(shown: Sequence[CandidateLine]) -> list[Line2D]:
     """Make the legend of the operators that occur."""
     used = {candidate.operator for candidate in shown}
     return [

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from analysis.figures.axes import title_unsent_temperatures
 from analysis.figures.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
 from analysis.runs.niches import Polygon, cells
-from analysis.runs.run import Run
+from analysis.runs.run import Run, descriptors_of
+from tacevo.choices import Scale
 
 #: (low, high) of both axes, in their units.
 Extent = tuple[tuple[float, float], tuple[float, float]]
@@ -38,9 +39,10 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     fitness = {elite.niche: elite.fitness for elite in run.elites}
-    extent = _extent(run)
-    places = {elite.id: _clipped(elite.descriptors, extent) for elite in run.elites}
-    moved = {elite.id for elite in run.elites if places[elite.id] != elite.descriptors}
+    extent, scale = _extent(run), run.config.archive.eff_ratio_scale
+    own = {candidate.id: descriptors_of(candidate, scale) for candidate in run.trained}
+    places = {elite.id: _clipped(own[elite.id], extent) for elite in run.elites}
+    moved = {name for name, place in places.items() if place != own[name]}
     filled = _fill(axes, _placed(centroids, extent), fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
     _points(axes, [place for name, place in places.items() if name not in moved])
     if run.elites:
@@ -56,8 +58,7 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
         outside = [places[name] for name in sorted(moved)]
         marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **_OUTLINED}
         axes.plot(*zip(*outside, strict=True), "X", label="outside the bounds", **marks)
-    scale = run.config["archive"]["eff_ratio_scale"]
-    ratio = "Efficiency Ratio" if scale == "linear" else r"$\log_{10}$ Efficiency Ratio"
+    ratio = "Efficiency Ratio" if scale is Scale.linear else r"$\log_{10}$ Efficiency Ratio"
     axes.set(xlabel="Architectural Diversity", ylabel=ratio)
     _legend(figure, axes)
     return figure
@@ -79,29 +80,29 @@ def prompt_map(run: Run, centroids: NDArray[np.float64], reachable: Collection[i
     curiosity = {trial.niche: trial.curiosity for trial in run.prompt_trials}
     polygons = _placed(centroids, ((0.0, float(max(len(run.instructions) - 1, 1))), (0.0, 1.0)))
     filled = _fill(axes, polygons, curiosity, Normalize(0.5, 2.0), COLOUR_MAP)
-    told: list[Patch] = []
+    legend: list[Patch] = []
     beyond = [polygon for niche, polygon in enumerate(polygons) if niche not in reachable]
     if beyond:
         shade: dict[str, Any] = {"facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.3, "hatch": "...."}
         axes.add_collection(PolyCollection(beyond, **shade))
-        told.append(Patch(**shade, label="out of reach"))
+        legend.append(Patch(**shade, label="out of reach"))
     fruitless = [trial.niche for trial in run.prompt_trials if not trial.inserted]
     if fruitless:
         marks: dict[str, Any] = {"facecolor": "none", "edgecolor": "white", "linewidth": 0.3, "hatch": "/////"}
         axes.add_collection(PolyCollection([polygons[niche] for niche in fruitless], **marks))
-        told.append(Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted"))
+        legend.append(Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted"))
     _points(axes, [(trial.prompt, trial.temperature) for trial in run.prompt_trials])
     if run.prompt_trials:
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="instruction (index in the library)", ylabel="temperature $T_g$")
     title_unsent_temperatures(axes, run)
-    _legend(figure, axes, told)
+    _legend(figure, axes, legend)
     return figure
 
 
 def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
-    """Give the cells in the units of the axes."""
+    """Return the cells in the units of the axes."""
     low, high = np.array(extent).T
     return [low + polygon * (high - low) for polygon in cells(centroids)]
 
@@ -109,7 +110,7 @@ def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
 def _fill(
     axes: Axes, polygons: Sequence[Polygon], values: Mapping[int, float], scale: Normalize, colours: str
 ) -> PolyCollection:
-    """Draw every niche, pale where nobody holds it; return those that are held."""
+    """Draw every niche, pale where it is empty; return the occupied ones."""
     empty = [polygon for niche, polygon in enumerate(polygons) if niche not in values]
     axes.add_collection(PolyCollection(empty, facecolor=PALE, edgecolor=GREY, linewidth=0.3, label="empty"))
     held = sorted(values)
@@ -131,10 +132,11 @@ def _points(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
 
 
 def _extent(run: Run) -> Extent:
-    """Give the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
+    """Return the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
     if run.bounds is None:
         return (0.0, 1.0), (0.0, 1.0)
-    first, second = ((low, high) if high > low else (low - 0.5, low + 0.5) for low, high in run.bounds)
+    ends = zip(run.bounds.low, run.bounds.high, strict=True)
+    first, second = ((low, high) if high > low else (low - 0.5, low + 0.5) for low, high in ends)
     return first, second
 
 

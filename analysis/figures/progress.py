@@ -1,6 +1,7 @@
-"""How a search went, generation by generation: fitness, trainable candidates, archives, temperature."""
+"""How a search went: fitness, trainable candidates, archives and temperature by generation; children by instruction."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,11 +11,11 @@ from numpy.typing import NDArray
 
 from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
-from analysis.runs.dynamics import Progress
-from analysis.runs.run import Run
+from analysis.runs.dynamics import Productivity, Progress
+from analysis.runs.run import Run, sent_temperature
 from tacevo.records import Stage
 
-#: How candidates that a stage turned away are drawn: label, colour, hatching.
+#: How candidates that a stage rejected are drawn: label, colour, hatching.
 _STAGES = {
     Stage.extract: ("no class found", ORANGE, "////"),
     Stage.policy: ("against the policy", SKY, "\\\\\\\\"),
@@ -46,7 +47,7 @@ def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
 
 @house_style()
 def trainable(generations: Sequence[Progress]) -> Figure:
-    """Draw how many first answers of each generation were trained, and at which stage the others were turned away."""
+    """Draw how many first answers of each generation were trained, and at which stage the others were rejected."""
     figure, (axes,) = new_figure("single", 2.4)
     numbers = [entry.line.generation for entry in generations]
     floor = np.array([entry.line.trained for entry in generations])
@@ -64,18 +65,25 @@ def trainable(generations: Sequence[Progress]) -> Figure:
 
 
 @house_style()
-def growth(run: Run) -> Figure:
+def growth(run: Run, prompt_niches: int, reachable: int) -> Figure:
     """Draw the coverage of both archives and the QD-score of the network archive.
 
     An archive without niches covers its places, and its QD-score is a sum over the best networks.
+
+    Args:
+        run: the run.
+        prompt_niches: how many niches the prompt archive has.
+        reachable: how many of them a trial could reach; only these count. With 0 the prompt archive is not drawn.
     """
     figure, (upper, lower) = new_figure("single", 3.2, rows=2)
     generations = [entry.generation for entry in run.generations]
     networks = [100 * entry.coverage for entry in run.generations]
-    prompts = [100 * entry.prompt_coverage for entry in run.generations]
     held = "networks" if run.has_niches else "networks (of the places for the best)"
     upper.plot(generations, networks, color=BLUE, marker="o", clip_on=False, zorder=3, label=held)
-    upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", clip_on=False, zorder=3, label="prompts")
+    if reachable:
+        prompts = [100 * entry.prompt_coverage * prompt_niches / reachable for entry in run.generations]
+        how: dict[str, Any] = {"linestyle": "--", "marker": "s", "clip_on": False, "zorder": 3}
+        upper.plot(generations, prompts, color=ORANGE, label="prompts (of reachable niches)", **how)
     upper.set(ylabel="niches occupied (%)" if run.has_niches else "occupied (%)", ylim=(0, 100))
     figure.legend(loc="outside upper center", ncols=2)
     lower.plot(
@@ -97,7 +105,8 @@ def temperature(run: Run) -> Figure:
     A title says where temperatures were not sent.
     """
     figure, (axes,) = new_figure("single", 2.2)
-    asked = [(entry.generation, entry.temperature) for entry in run.candidates if entry.temperature is not None]
+    sent = [(entry.generation, sent_temperature(entry)) for entry in run.candidates]
+    asked = [(generation, value) for generation, value in sent if value is not None]
     if asked:
         axes.plot(*zip(*asked, strict=True), ".", color=GREY, markersize=2, label="requests")
     generations = [entry.generation for entry in run.generations]
@@ -107,6 +116,29 @@ def temperature(run: Run) -> Figure:
     title_unsent_temperatures(axes, run)
     _generations(axes)
     figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+@house_style()
+def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
+    """Draw the share of each instruction's children that entered the network archive, with its Wilson interval.
+
+    Args:
+        prompts: in the order of the library; one that was never tried has its line, and no point on it.
+    """
+    figure, (axes,) = new_figure("single", 0.55 + 0.145 * len(prompts))
+    for place, prompt in enumerate(prompts):
+        axes.text(1.03, place, f"{prompt.inserted}/{prompt.tried}", transform=axes.get_yaxis_transform(), va="center")
+        if prompt.rate is not None and prompt.interval is not None:
+            low, high = prompt.interval
+            axes.plot([low, high], [place, place], color=GREY, solid_capstyle="butt")
+            axes.plot(prompt.rate, place, "o", color=BLUE, clip_on=False)
+    names = [prompt.name.replace("_", " ") for prompt in prompts]
+    axes.set_yticks(range(len(prompts)), names, parse_math=False)
+    axes.set(xlim=(0, 1), ylim=(len(prompts) - 0.5, -0.5), xlabel="inserted / tried, with 95 % interval")
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", color="#DDDDDD")
+    axes.set_axisbelow(True)
     return figure
 
 

@@ -97,7 +97,7 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
     totals = counts.sum(axis=1, keepdims=True)
     shares = 100 * counts / np.maximum(totals, 1)
     places = range(len(names))
-    axes.pcolormesh(places, places, shares, shading="nearest", cmap="Blues", vmin=0, vmax=100)  # imshow is no vector
+    axes.pcolormesh(places, places, shares, shading="nearest", cmap="Blues", vmin=0, vmax=100)  # imshow draws pixels
     axes.invert_yaxis()
     axes.set_aspect("equal")
     for (row, column), count in np.ndenumerate(counts):

@@ -1,8 +1,8 @@
 """How every figure looks, and how it becomes a file.
 
-Promises: one or two columns of a paper wide, letters of 7 and 8 points; nothing is told by red and green alone, and
-whatever colours tell, a marker, a dash or a hatching tells too; text is text, with TrueType letters inside a PDF;
-equal records give equal bytes under the same Matplotlib; no window system is needed, and nothing global is changed.
+Promises: one or two columns of a paper wide, letters of 7 and 8 points; a marker, a dash or a hatching repeats what a
+colour shows, and red and green never stand for a difference alone; text is text, with TrueType letters inside a PDF;
+equal records give equal bytes under the same Matplotlib; no window system is needed, and no global state is changed.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from tacevo.data.figures import DOTS_PER_INCH, FORMATS, WIDTHS
 
-#: Okabe and Ito's palette, which people with any colour vision tell apart (jfly.uni-koeln.de/color).
+#: Okabe and Ito's palette, which people with any colour vision can distinguish (jfly.uni-koeln.de/color).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
@@ -29,7 +29,7 @@ COLOUR_MAP = "cividis"
 DARKEST = "#00224E"
 
 _STYLE: list[str | dict[str, Any]] = [
-    "default",  # whatever the user's own matplotlibrc says
+    "default",  # not the user's own matplotlibrc
     {"font.family": "DejaVu Sans", "font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 7}
     | {"xtick.labelsize": 7, "ytick.labelsize": 7, "mathtext.fontset": "dejavusans"}
     | {"axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.1}
@@ -65,7 +65,7 @@ def new_figure(width: str, height: float, *, rows: int = 1, columns: int = 1) ->
 
 @house_style()
 def render(figure: Figure, ending: str) -> bytes:
-    """Give the content of a figure's file.
+    """Return the content of a figure's file.
 
     Args:
         figure: the figure.

@@ -59,7 +59,7 @@ def _attending(flow: Flow, index: int) -> Attending | None:
 
 
 def _spreads(step: Step, gate: int) -> bool:
-    """Say whether a product multiplies fewer weights into a map that keeps its shape, as `nchw,nc->nchw` does."""
+    """Return whether a product multiplies fewer weights into a map that keeps its shape, as `nchw,nc->nchw` does."""
     data, weights = step.operands[1 - gate], step.operands[gate]
     return step.op == "einsum" and step.shape == data and len(weights) < len(data)
 
@@ -70,7 +70,7 @@ def _keys(flow: Flow, index: int) -> int:
     key = step.operands[min(1, len(step.operands) - 1)]
     if step.op == "scaled_dot_product_attention":
         return key[-2]
-    return math.prod(key[:-1])  # the batch is one image, wherever the layer has that dimension
+    return math.prod(key[:-1])  # the batch is one image, at any position of that dimension
 
 
 def _squash(flow: Flow, sources: tuple[int, ...]) -> int | None:
@@ -87,7 +87,7 @@ def _squash(flow: Flow, sources: tuple[int, ...]) -> int | None:
 
 
 def _weighting(flow: Flow, index: int, gate: int, squash: int) -> AttentionKind | None:
-    """Tell by the shapes of a product what its weights are for."""
+    """Find by the shapes of a product what its weights are for."""
     step = flow.steps[index]
     data, weights = step.operands[1 - gate], step.operands[gate]
     if len(data) == 4 and min(data[1], math.prod(data[2:])) > 1:
@@ -105,7 +105,7 @@ def _weighting(flow: Flow, index: int, gate: int, squash: int) -> AttentionKind 
 
 
 def _mixing(flow: Flow, squash: int) -> AttentionKind | None:
-    """Tell by where the weights of a weighted sum come from what they are for."""
+    """Find by the source of the weights of a weighted sum what they are for."""
     step = flow.steps[squash]
     if step.op != "softmax" or math.prod(step.shape) == 1:
         return None

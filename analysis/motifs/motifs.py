@@ -53,7 +53,7 @@ class MotifCounts:
 
     top: int
     archive: int
-    #: Networks that were trained, in whatever generation.
+    #: Networks that were trained, in any generation.
     evaluated: int
     #: How many counts have a p: the family of Holm's correction.
     tested: int
@@ -167,12 +167,11 @@ def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anato
         RunError: a trained candidate has no profile, or one without steps.
     """
     found = {}
-    for candidate in run.candidates:
-        if candidate.trained is not None:
-            profile = profiles.get(candidate.id)
-            if profile is None or not profile.steps:
-                raise RunError(f"{candidate.id} of {run.path} has no recorded steps; probe its source anew")
-            found[candidate.id] = read_anatomy(profile)
+    for candidate in run.trained:
+        profile = profiles.get(candidate.id)
+        if profile is None or not profile.steps:
+            raise RunError("no steps", place=f"{run.path}, {candidate.id}", expected="a recorded probe with its steps")
+        found[candidate.id] = read_anatomy(profile)
     return found
 
 

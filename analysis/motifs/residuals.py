@@ -9,7 +9,7 @@ def find_shortcuts(flow: Flow) -> tuple[tuple[int, int], ...]:
     """Find every residual connection.
 
     Args:
-        flow: the network without the gates of its attentions, so that `x + x * gate(x)` is none.
+        flow: the network without the gates of its attentions, so that `x + x * gate(x)` is not one.
 
     Returns:
         (addition, number of the operand that is the shortcut), in the order of the calls.
@@ -19,7 +19,7 @@ def find_shortcuts(flow: Flow) -> tuple[tuple[int, int], ...]:
 
 
 def _shortcut(flow: Flow, index: int) -> int | None:
-    """Tell which operand of an addition goes past what the other one goes through; None where neither does."""
+    """Return which operand of an addition goes past what the other one goes through; None where neither does."""
     step = flow.steps[index]
     if step.op != "add" or len(step.operands) != 2 or step.sources[0] == step.sources[1]:
         return None
@@ -33,7 +33,7 @@ def _shortcut(flow: Flow, index: int) -> int | None:
 
 
 def _passes(flow: Flow, *, short: Set[int], long: Set[int]) -> bool:
-    """Say whether one way has at most a projection, and the other one layers that this is a way past."""
+    """Return whether one way has at most a projection, and the other one layers that this is a way past."""
     projections = [flow.steps[index] for index in short if flow.steps[index].weighted]
     layers = [flow.steps[index] for index in long if flow.steps[index].weighted]
     looks_around = any(max(step.kernel, default=1) > 1 for step in layers)

@@ -30,12 +30,12 @@ class Flow:
         return replace(less, live=less.reaching(self.ends))
 
     def sources(self, index: int) -> tuple[int, ...]:
-        """Give the steps directly behind a step."""
+        """Return the steps directly behind a step."""
         operands = enumerate(self.steps[index].sources)
         return tuple(source for number, sources in operands if (index, number) not in self.cut for source in sources)
 
     def reaching(self, ends: Iterable[int]) -> frozenset[int]:
-        """Give steps and everything behind them."""
+        """Return steps and everything behind them."""
         found: set[int] = set()
         waiting = list(ends)
         while waiting:
@@ -46,7 +46,7 @@ class Flow:
         return frozenset(found)
 
     def nearest(self, index: int, wanted: Callable[[Step], bool]) -> frozenset[int]:
-        """Give the first wanted step behind a step, on every path."""
+        """Return the first wanted step behind a step, on every path."""
         found: set[int] = set()
         seen: set[int] = set()
         waiting = list(self.sources(index))

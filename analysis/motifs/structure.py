@@ -1,7 +1,7 @@
 """How a network is built, read off the steps that its probe recorded (definitions: docs/motifs.md).
 
 The trunk is what the output comes from when neither the gate of an attention nor a shortcut is followed. Blocks, head,
-norms, dropouts and activations are those of the trunk, so that the convolution inside an attention module is no block.
+norms, dropouts and activations are those of the trunk, so the convolution inside an attention module is not a block.
 No code of a network is read or run here.
 """
 
@@ -61,7 +61,7 @@ class Anatomy:
     residuals: int
     #: (operation, `blocks` or `head`).
     norms: frozenset[tuple[str, str]]
-    #: (`blocks` or `head`, probability), in the order of their calls; a probability of 0 is no dropout.
+    #: (`blocks` or `head`, probability), in the order of their calls; a probability of 0 is not a dropout.
     dropouts: tuple[tuple[str, float], ...]
 
     @property
@@ -159,7 +159,7 @@ def _global_pool(step: Step) -> tuple[str, ...]:
 
 
 def _behind_the_last_layer(trunk: Flow) -> frozenset[int]:
-    """Give the steps between the last layers with weights and the output."""
+    """Return the steps between the last layers with weights and the output."""
     found: set[int] = set()
     waiting = list(trunk.ends)
     while waiting:

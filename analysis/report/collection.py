@@ -18,11 +18,11 @@ from analysis.tables.dynamics import (
     gate_table,
     generations_table,
     improvement_table,
+    lineage_table,
     prompts_table,
     temperatures_table,
 )
 from analysis.tables.health import health_table, niches_table
-from analysis.tables.lineage import lineage_table
 from analysis.tables.motifs import anatomies_table, motifs_table
 from tacevo.errors import RunError
 from tacevo.profile import Profile
@@ -48,13 +48,13 @@ class Collection:
     niches: Niches
     studies: tuple[Compared, ...]
     #: Why other studies of the run, or the comparisons of these, are left out, a sentence each.
-    refused: tuple[str, ...]
+    left_out: tuple[str, ...]
 
 
 def collect(path: Path, store: Path | None = None) -> Collection:
     """Read a finished run and its studies.
 
-    A study that is not finished or has holes is left out, and the reason kept: the search's own results do not
+    A study that is not finished or has holes is left out, and the reason is kept: the search's own results do not
     depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only.
 
     Args:
@@ -62,26 +62,31 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         store: where its stores lie, if not where the run had them.
 
     Raises:
-        RunError: this is no finished run, or it was edited.
+        RunError: the run is not finished, or it was edited.
     """
     run = load_run(path)
-    studies, refused = [], []
+    studies, left_out = [], []
     for directory in studies_of(path):
         try:
             study = load_study(directory.path)
             if study.run != run.digest:
-                raise RunError(f"{directory.path} studied the run before it was continued; study it again")
+                raise RunError(
+                    "the run before it was continued",
+                    place=str(directory.path),
+                    expected="a study of the run as it is",
+                    remedy="study it again",
+                )
         except RunError as error:
-            refused.append(str(error))
+            left_out.append(str(error))
             continue
         comparisons, reasons = _compared(study, directory.path)
         studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
-        refused += reasons
-    return Collection(run=run, niches=load_niches(run, store), studies=tuple(studies), refused=tuple(refused))
+        left_out += reasons
+    return Collection(run=run, niches=load_niches(run, store), studies=tuple(studies), left_out=tuple(left_out))
 
 
 def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
-    """Compare a study; where that cannot be, say why."""
+    """Compare a study; where that fails, return the reason."""
     try:
         return compare(study), []
     except RunError as error:
@@ -98,11 +103,11 @@ def with_one_study(found: Collection) -> Collection:
 
 
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
-    """Give every table of a run and its studies; the names of a study's tables end in its own.
+    """Return every table of a run and its studies; the names of a study's tables end in its own.
 
     Args:
         found: the run.
-        profiles: of its trained candidates, by id; None where they cannot be had, and there are no tables of motifs.
+        profiles: of its trained candidates, by id; None where they are missing; then there are no tables of motifs.
     """
     run = found.run
     tables = [

@@ -65,10 +65,10 @@ def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
         which: finds a program, as `shutil.which` does.
 
     Returns:
-        The PDF; None where there is no LaTeX.
+        The PDF; None without LaTeX.
 
     Raises:
-        RunError: LaTeX refused the document; the message ends with its last words.
+        RunError: LaTeX rejected the document; the message ends with its last words.
     """
     for (program, *options), times in ENGINES:
         found = which(program)
@@ -90,7 +90,7 @@ def _run(command: list[str], folder: Path) -> None:
     done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode != 0:
         last = (done.stdout + done.stderr).decode(errors="replace").strip()[-600:]
-        raise RunError(f"{command[0]} could not make a PDF of {folder / command[-1]}:\n{last}")
+        raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(folder / command[-1]))
 
 
 def _chapter(chapter: Chapter) -> str:

@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
-from analysis.figures.prompts import prompt_productivity
+from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.rounding import shown
 from analysis.runs.archive_history import archive_medians
@@ -38,6 +37,8 @@ class Picture:
 
 def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+    has_prompts = run.config.prompts.policy is not PromptPolicy.none
+    reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
@@ -51,19 +52,22 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
             partial(trainable, progress(run)),
             "First answers that were trained, and what became of the others.",
         ),
-        ("archive_growth", partial(growth, run), "Coverage of both archives, and QD-score of the networks."),
+        (
+            "archive_growth",
+            partial(growth, run, len(niches.prompts), len(reached)),
+            "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the "
+            "networks.",
+        ),
         ("temperature", partial(temperature, run), f"Temperature of each generation, and of its requests{unsent}."),
     ]
     if _has_map(run):
         words = "The network archive; each cell is a niche."
         drawn.append(("network_map", partial(network_map, run, niches.networks), words))
-    if run.config["prompts"]["policy"] != PromptPolicy.none:
-        reached = reachable_prompt_niches(run, niches.prompts)
+    if has_prompts:
         words = f"The prompt archive; each cell is a niche{unsent}."
         if len(reached) < len(niches.prompts):
             words += (
-                " Shaded ones could not be reached, whatever the search found: the temperature rule leads to no "
-                "temperature in them."
+                " No search could reach the shaded ones, because the temperature rule leads to no temperature in them."
             )
         drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
     if run.instructions:
@@ -78,20 +82,20 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
 
 
 def undrawn(run: Run) -> tuple[str, ...]:
-    """Say which figures of a run would mean nothing, and why, a sentence each."""
+    """List the figures that a run cannot have, with the reason, a sentence each."""
     said = []
     if not run.has_niches:
         said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
     elif not _has_map(run):
-        said.append(f"no network_map: archive.axes has {run.axes[0]} only, and a map needs two axes")
-    if run.config["prompts"]["policy"] == PromptPolicy.none:
+        said.append(f"no network_map: archive.axes has {run.config.archive.axes[0]} only, and a map needs two axes")
+    if run.config.prompts.policy is PromptPolicy.none:
         said.append("no prompt_map: prompts.policy=none keeps no prompt archive")
     return tuple(said)
 
 
 def _has_map(run: Run) -> bool:
-    """Say whether the network archive is a map: has niches, over two axes."""
-    return run.has_niches and len(run.axes) == 2
+    """Return whether the network archive is a map: has niches, over two axes."""
+    return run.has_niches and len(run.config.archive.axes) == 2
 
 
 def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:

@@ -52,11 +52,11 @@ class Image:
     png: bytes
 
 
-def drawn(picture: Picture, told: Callable[[str], object]) -> Image:
-    """Draw a picture for a report, and tell its name."""
+def drawn(picture: Picture, on_drawn: Callable[[str], object]) -> Image:
+    """Draw a picture for a report, and report its name."""
     figure = picture.draw()
     image = Image(caption=picture.caption, width=float(figure.get_figwidth()), png=render(figure, ".png"))
-    told(picture.name)
+    on_drawn(picture.name)
     return image
 
 
@@ -81,10 +81,9 @@ def as_html(run: Run, tables: Sequence[Table], images: Sequence[Image], remarks:
 
 
 def _origin(run: Run) -> str:
-    """Say what was searched for, who answered, and where the images come from."""
-    model = run.config["llm"]
-    source = run.config["data"]["source"]
-    return f"Task: {run.task}. Model: {model['model']}, provider: {model['provider']}. Data source: {source}."
+    """Name the task, the model and the source of the images."""
+    model, source = run.config.llm, run.config.data.source
+    return f"Task: {run.task}. Model: {model.model}, provider: {model.provider}. Data source: {source}."
 
 
 def _figure(image: Image) -> str:

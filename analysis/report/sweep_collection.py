@@ -14,7 +14,7 @@ from analysis.runs.niches import load_niches
 from analysis.runs.run import Run
 from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive, extents
-from analysis.sweeps.sweep import REFERENCE, Finished, HashOf, Sweep, load_sweep
+from analysis.sweeps.sweep import REFERENCE, Finished, Sweep, load_sweep
 from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
@@ -33,19 +33,18 @@ class SweepCollection:
     extents: tuple[Extent, ...]
 
 
-def collect_sweep(path: Path, store: Path | None, hash_of: HashOf) -> SweepCollection:
+def collect_sweep(path: Path, store: Path | None) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
         path: the folder of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
-        hash_of: as `analysis.sweeps.sweep.load_sweep` takes it.
 
     Raises:
-        IncomparableError: its jobs are no comparison, or none has niches over both descriptors.
-        RunError: this is no sweep with a finished job, or one of them was edited.
+        IncomparableError: its jobs cannot be compared, or none has niches over both descriptors.
+        RunError: it does not hold a sweep with a finished job, or one of them was edited.
     """
-    sweep = load_sweep(path, hash_of)
+    sweep = load_sweep(path)
     check_sweep(sweep)
     measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks)
     runs = [one.run for one in sweep.finished]
@@ -65,20 +64,22 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
         The job, and its centroids.
 
     Raises:
-        IncomparableError: there is none.
+        IncomparableError: no job has such niches.
     """
     for one in sorted(sweep.finished, key=lambda one: one.job.arm != REFERENCE):
         centroids = centroids_of(one.run)
         if len(centroids) and centroids.shape[1] == 2:
             return one, centroids
     raise IncomparableError(
-        f"no finished job of {sweep.path} has an archive over both descriptors, in whose niches all could be measured; "
-        f"add the arm {REFERENCE} to the sweep"
+        "none",
+        place=str(sweep.path),
+        expected="a finished job with an archive over both descriptors, in whose niches all runs are measured",
+        remedy=f"add the arm {REFERENCE} to the sweep",
     )
 
 
 def tables_of(collected: SweepCollection) -> tuple[Table, ...]:
-    """Give every table of a sweep."""
+    """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
     return ablation_tables(collected.sweep, collected.found, archive)
 

@@ -8,16 +8,16 @@ from analysis.figures.style import render
 from analysis.report.document import Chapter, Illustration
 from analysis.report.figure_list import Picture
 from analysis.table import Table
-from analysis.tables.rendering import write_table
+from analysis.tables.rendering import table_texts
 from tacevo.storage.files import write_durably
 from tacevo.storage.study_directory import NAME
 
-#: Is told that the file or files of a name are there.
-Told = Callable[[str], object]
+#: Is called with the name of a picture once its files are written.
+OnDrawn = Callable[[str], object]
 
 
 def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> None:
-    """Write tables in every format; older ones of the same names are replaced.
+    """Write tables in every format, each file whole; older ones of the same names are replaced.
 
     Args:
         tables: what to write.
@@ -28,17 +28,18 @@ def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> 
         StoreError: a file cannot be written.
     """
     for table in tables:
-        write_table(table, folder, prefix=prefix)
+        for name, text in table_texts(table, prefix=prefix).items():
+            write_durably(folder / name, text)
 
 
-def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], told: Told) -> None:
+def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:
     """Draw pictures into files; older ones of the same names are replaced.
 
     Args:
         pictures: what to draw.
         folder: where to.
         endings: `.pdf`, `.svg`, `.png`: the formats.
-        told: told after each picture.
+        on_drawn: called after each picture.
 
     Raises:
         StoreError: a file cannot be written.
@@ -47,11 +48,11 @@ def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[
         figure = picture.draw()
         for ending in endings:
             write_durably(folder / f"{picture.name}{ending}", render(figure, ending))
-        told(picture.name)
+        on_drawn(picture.name)
 
 
 def remove_outdated(folder: Path, names: Collection[str], *, task: str, endings: Collection[str]) -> list[str]:
-    """Remove what an earlier command wrote there of studies that are gone or refused now, lest it be taken for current.
+    """Remove what an earlier command wrote there of studies that are missing or rejected now.
 
     Args:
         folder: of tables or of figures.
@@ -71,7 +72,7 @@ def remove_outdated(folder: Path, names: Collection[str], *, task: str, endings:
 
 
 def write_chapter(
-    title: str, tables: Sequence[Table], pictures: Sequence[Picture], folder: Path, told: Told
+    title: str, tables: Sequence[Table], pictures: Sequence[Picture], folder: Path, on_drawn: OnDrawn
 ) -> Chapter:
     """Write what a chapter holds into a folder of its own, beside the document; labels begin with the folder's name.
 
@@ -80,7 +81,7 @@ def write_chapter(
     """
     prefix = f"{folder.name}:"
     write_tables(tables, folder, prefix=prefix)
-    write_pictures(pictures, folder, (".pdf",), told)
+    write_pictures(pictures, folder, (".pdf",), on_drawn)
     return Chapter(
         title=title,
         tables=tuple(f"{folder.name}/{table.name}.tex" for table in tables),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.run import Run
 from tacevo.choices import BoundsRule
-from tacevo.search.archive import Archive, Bounds, Elite, NetworkArchive, Placed, Places, Tessellation
+from tacevo.search.archive import Archive, Elite, NetworkArchive, Placed, Places, Tessellation
 
 
 def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:
@@ -27,8 +27,8 @@ def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, 
     archive, found = _empty(run), []
     for line in run.generations:
         for candidate in run.candidates:
-            if candidate.generation == line.generation and candidate.trained:
-                elite = Elite(name=candidate.id, objective=-candidate.trained.fitness)
+            if candidate.generation == line.generation and candidate.fitness is not None:
+                elite = Elite(name=candidate.id, objective=-candidate.fitness)
                 archive, _, _ = archive.offer(niches, Placed(elite=elite, point=tuple(next(arrivals))))
         found.append(archive.archive)
     return tuple(found)
@@ -47,7 +47,6 @@ def archive_medians(run: Run, centroids: NDArray[np.float64]) -> tuple[float | N
 
 def _empty(run: Run) -> NetworkArchive:
     """Make the archive that the search began with."""
-    if run.bounds is None or run.config["archive"]["bounds"] != BoundsRule.fixed:
+    if run.bounds is None or run.config.archive.bounds is not BoundsRule.fixed:
         return NetworkArchive()
-    low, high = zip(*run.bounds, strict=True)
-    return NetworkArchive(bounds=Bounds(low=low, high=high), fixed=True)
+    return NetworkArchive(bounds=run.bounds, fixed=True)

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from analysis.runs.run import Run
-from tacevo.choices import Axis, BoundsRule, Scale
+from analysis.runs.run import Run, descriptors_of
+from tacevo.choices import Axis, BoundsRule
 from tacevo.rounding import rounded
-from tacevo.search.archive import Bounds, Tessellation
-from tacevo.search.descriptors import scaled
+from tacevo.search.archive import Tessellation
 
 #: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
 LATTICE = 200
@@ -46,25 +45,22 @@ def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
     if run.bounds is None:
         raise ValueError(f"{run.path} has no bounds, because nothing was trained or there are no niches")
     raw = descriptors(run)
-    low, high = zip(*run.bounds, strict=True)
-    bounds = Bounds(low=low, high=high)
-    points = np.array([bounds.normalise(tuple(point)) for point in raw.tolist()])
-    outside = ((raw < np.array(low)) | (raw > np.array(high))).any(axis=1)
+    points = np.array([run.bounds.normalise(tuple(point)) for point in raw.tolist()])
+    outside = ((raw < np.array(run.bounds.low)) | (raw > np.array(run.bounds.high))).any(axis=1)
     tessellation = Tessellation(centroids)
     return Occupation(
         points=points,
         niches=np.array([tessellation.niche_of(point) for point in points.tolist()], dtype=np.int64),
         clipped=float(outside.mean()),
-        moved=() if run.config["archive"]["bounds"] == BoundsRule.fixed else _moves(run, raw),
+        moved=() if run.config.archive.bounds is BoundsRule.fixed else _moves(run, raw),
     )
 
 
 def descriptors(run: Run) -> NDArray[np.float64]:
-    """Give the descriptors of the trained candidates as the archive's axes have them, shape (candidates, axes)."""
-    scale = Scale(run.config["archive"]["eff_ratio_scale"])
-    measured = [candidate.measured for candidate in run.candidates if candidate.trained]
-    both = np.array([(it.arch_div, scaled(it.eff_ratio, scale)) for it in measured if it is not None]).reshape(-1, 2)
-    return both[:, [list(Axis).index(axis) for axis in run.axes]]
+    """Return the descriptors of the trained candidates as the archive's axes have them, shape (candidates, axes)."""
+    scale = run.config.archive.eff_ratio_scale
+    both = np.array([descriptors_of(candidate, scale) for candidate in run.trained]).reshape(-1, 2)
+    return both[:, [list(Axis).index(axis) for axis in run.config.archive.axes]]
 
 
 def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[int]:
@@ -83,7 +79,7 @@ def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[in
 
 
 def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
+    """Return the points of the lattice that lie in the convex hull of points, shape (found, axes)."""
     side = (np.arange(LATTICE) + 0.5) / LATTICE
     if points.shape[1] == 1:
         line: NDArray[np.float64] = side[(side >= points.min()) & (side <= points.max())]
@@ -103,7 +99,7 @@ def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> flo
 
 
 def effective_niches(found: Occupation) -> float:
-    """Give the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
+    """Return the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
     counts = np.unique(found.niches, return_counts=True)[1]
     shares = counts / counts.sum()
     return rounded(2.0 ** -(shares * np.log2(shares)).sum())
@@ -111,7 +107,7 @@ def effective_niches(found: Occupation) -> float:
 
 def _moves(run: Run, raw: NDArray[np.float64]) -> tuple[int, ...]:
     """Find the candidates outside all before them; each rebuilt the archive."""
-    generations = [candidate.generation for candidate in run.candidates if candidate.trained]
+    generations = [candidate.generation for candidate in run.trained]
     low, high = np.minimum.accumulate(raw), np.maximum.accumulate(raw)
     moved = ((low[1:] != low[:-1]) | (high[1:] != high[:-1])).any(axis=1)
     return tuple(generation for generation, moves in zip(generations[1:], moved.tolist(), strict=True) if moves)

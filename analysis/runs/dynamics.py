@@ -1,6 +1,6 @@
 """How a search went, generation by generation: figures from its ledger, and nothing but counting.
 
-A rate counts first answers, as the paper does: one that was turned away and then repaired counts as turned away.
+A rate counts first answers, as the paper does: one that was rejected and then repaired counts as rejected.
 """
 
 from collections import Counter
@@ -10,10 +10,12 @@ from itertools import pairwise
 
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.runs.run import Candidate, Generation, Run
+from analysis.runs.run import Run, sent_temperature, was_inserted
 from tacevo.costs import Spending, total
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rounding import DIGITS
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import CandidateLine, GenerationLine
 
 #: Confidence of every interval here.
 LEVEL = 0.95
@@ -34,7 +36,7 @@ class Progress:
     """One generation."""
 
     #: What its ledger line says: temperature, best, median, coverage, QD-score.
-    line: Generation
+    line: GenerationLine
     #: Occupied niches, or places, after it.
     elites: int
     #: How many more these are than before it; negative where moved bounds made niches fall together.
@@ -42,7 +44,7 @@ class Progress:
     #: Candidates that found their niche empty, and those that beat its elite.
     new: int
     improved: int
-    #: First answers that were turned away, by stage; every stage has an entry.
+    #: First answers that were rejected, by stage; every stage has an entry.
     rejected: Mapping[Stage, int]
     #: Slots whose evaluation was asked for by an earlier slot of this or an earlier generation.
     repeated: int
@@ -63,7 +65,7 @@ class GateStage:
 
     stage: Stage
     rejected: int
-    #: First answers that passed it and all stages before it; the baseline is nobody's answer.
+    #: First answers that passed it and all stages before it; the baseline is not an answer.
     left: int
     #: Of all first answers, in [0, 1]; None where nothing was asked.
     left_share: float | None
@@ -76,7 +78,7 @@ class Productivity:
     """What came of the mutations that have something in common: their instruction, or their temperature."""
 
     name: str
-    #: Slots that were asked; a child that the gate turned away was tried, too, and inserted nowhere.
+    #: Slots that were asked; a child that the gate rejected was tried, too, and inserted nowhere.
     tried: int
     trained: int
     #: Children that the network archive took: the sum of the paper's r(s).
@@ -104,7 +106,7 @@ class Improvement:
     over_baseline: float
     #: First generation that had `MOST` of the whole improvement over `first`; None without any improvement.
     settled: int | None
-    #: Part of the whole improvement that was had by each of `PUBLISHED_GENERATIONS` that the run reached.
+    #: Part of the whole improvement that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it.
     by_generation: tuple[tuple[int, float], ...]
     #: Mean of the trainable share over generations 1 to G; None where there is generation 0 only.
     trainable: float | None
@@ -113,34 +115,34 @@ class Improvement:
 
 
 def progress(run: Run) -> tuple[Progress, ...]:
-    """Give the figures of every generation, in order."""
+    """Return the figures of every generation, in order."""
     repeated, unchanged = repeats(run), copies(run)
     found: list[Progress] = []
     for line in run.generations:
         slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]
         elites = round(line.coverage * run.places)
-        statuses = Counter(candidate.trained.status for candidate in slots if candidate.trained)
+        statuses = Counter(candidate.status for candidate in slots)
         stages = Counter(first[0] for first in map(first_rejection, slots) if first)
         found.append(
             Progress(
                 line=line,
                 elites=elites,
                 growth=elites - (found[-1].elites if found else 0),
-                new=statuses["new"],
-                improved=statuses["improved"],
+                new=statuses[AddStatus.new],
+                improved=statuses[AddStatus.improved],
                 rejected={stage: stages[stage] for stage in Stage},
                 repeated=sum(candidate.id in repeated for candidate in slots),
                 unchanged=sum(candidate.id in unchanged for candidate in slots),
-                spent=_spent(slots),
+                spent=spending(run, slots),
             )
         )
     return tuple(found)
 
 
-def first_rejection(candidate: Candidate) -> tuple[Stage, Reason] | None:
-    """Say where and why a candidate's first answer was turned away; None where it was trained."""
-    if candidate.sent_back:
-        return candidate.sent_back[0]
+def first_rejection(candidate: CandidateLine) -> tuple[Stage, Reason] | None:
+    """Return where and why a candidate's first answer was rejected; None where it was trained."""
+    if candidate.repairs:
+        return candidate.repairs[0].stage, candidate.repairs[0].reason
     if candidate.stage is None or candidate.reason is None:
         return None
     return candidate.stage, candidate.reason
@@ -169,8 +171,8 @@ def copies(run: Run) -> frozenset[str]:
 
 
 def gate_stages(run: Run) -> tuple[GateStage, ...]:
-    """Count where first answers were turned away; what the last stage leaves was trained."""
-    answers = [candidate for candidate in run.candidates if candidate.operator is not Operator.baseline]
+    """Count where first answers were rejected; what the last stage leaves was trained."""
+    answers = run.answered
     counts = Counter(first for first in map(first_rejection, answers) if first)
     left = len(answers)
     found = []
@@ -190,7 +192,7 @@ def gate_stages(run: Run) -> tuple[GateStage, ...]:
 
 
 def by_prompt(run: Run) -> tuple[Productivity, ...]:
-    """Give the productivity of every instruction of the library, tried or not, in the library's order."""
+    """Return the productivity of every instruction of the library, tried or not, in the library's order."""
     asked = _mutations(run)
     return tuple(
         _productivity(name, [candidate for candidate in asked if candidate.prompt == index])
@@ -199,17 +201,18 @@ def by_prompt(run: Run) -> tuple[Productivity, ...]:
 
 
 def by_temperature(run: Run) -> tuple[Productivity, ...]:
-    """Give the productivity of every band of the requests' temperatures in which something was asked, rising."""
-    bands: dict[int, list[Candidate]] = {}
+    """Return the productivity of every band of the requests' temperatures in which something was asked, rising."""
+    bands: dict[int, list[CandidateLine]] = {}
     for candidate in _mutations(run):
-        if candidate.temperature is not None:
-            band = min(int(candidate.temperature * BANDS), BANDS - 1)  # the last band holds its upper end
+        temperature = sent_temperature(candidate)
+        if temperature is not None:
+            band = min(int(temperature * BANDS), BANDS - 1)  # the last band holds its upper end
             bands.setdefault(band, []).append(candidate)
     return tuple(_productivity(f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
 
 
 def temperature_follows_age(run: Run) -> bool:
-    """Say whether T is a strictly monotone function of the generation, so that neither's effect can be told apart.
+    """Return whether T is a strictly monotone function of the generation, so that their effects cannot be separated.
 
     Generations that stand at a limit of 0 or 1, beyond which T cannot move, do not count against it.
     """
@@ -221,9 +224,10 @@ def temperature_follows_age(run: Run) -> bool:
 def improvement(run: Run) -> Improvement | None:
     """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
-    if run.baseline.trained is None or not bests:
+    baseline = run.baseline.fitness
+    if baseline is None or not bests:
         return None
-    baseline, first, last = run.baseline.trained.fitness, bests[0][1], bests[-1][1]
+    first, last = bests[0][1], bests[-1][1]
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
     later = [line for line in run.generations if line.generation > 0]
     return Improvement(
@@ -234,13 +238,13 @@ def improvement(run: Run) -> Improvement | None:
         over_baseline=(baseline - last) / baseline if baseline else 0.0,
         settled=next((generation for generation, share in gained.items() if share >= MOST), None),
         by_generation=tuple((number, gained[number]) for number in PUBLISHED_GENERATIONS if number in gained),
-        trainable=sum(line.trainable for line in later) / len(later) if later else None,
+        trainable=sum(line.trained / line.candidates for line in later) / len(later) if later else None,
         coverage=run.generations[-1].coverage,
     )
 
 
-def _mutations(run: Run) -> list[Candidate]:
-    """Give the mutations that count for a prompt: those of generation 0 fill an empty archive, whoever asked."""
+def _mutations(run: Run) -> list[CandidateLine]:
+    """Return the mutations that count for a prompt: not those of generation 0, which fill an empty archive."""
     return [
         candidate
         for candidate in run.candidates
@@ -248,8 +252,8 @@ def _mutations(run: Run) -> list[Candidate]:
     ]
 
 
-def _productivity(name: str, asked: list[Candidate]) -> Productivity:
-    inserted = sum(candidate.trained is not None and candidate.trained.inserted for candidate in asked)
+def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
+    inserted = sum(map(was_inserted, asked))
     interval = None
     if asked:
         low, high = proportion_confint(inserted, len(asked), alpha=1 - LEVEL, method="wilson")
@@ -257,14 +261,14 @@ def _productivity(name: str, asked: list[Candidate]) -> Productivity:
     return Productivity(
         name=name,
         tried=len(asked),
-        trained=sum(candidate.trained is not None for candidate in asked),
+        trained=sum(candidate.fitness is not None for candidate in asked),
         inserted=inserted,
         interval=interval,
     )
 
 
-def _spent(slots: Iterable[Candidate]) -> Spending | None:
-    """Add up what answers cost; a sum with gaps would pass for the whole, so one gap makes it unknown."""
-    asked = [candidate.spent for candidate in slots if candidate.operator is not Operator.baseline]
-    known = [spent for spent in asked if spent is not None]
+def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:
+    """Add up what the answers of some slots cost; None where one is unknown, because a sum with gaps would mislead."""
+    asked = [candidate.id for candidate in slots if candidate.operator is not Operator.baseline]
+    known = [run.spent[name] for name in asked if name in run.spent]
     return total(known) if len(known) == len(asked) else None

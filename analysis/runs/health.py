@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, Occupation, effective_niches, fullest_tenth, occupation, reachable
 from analysis.runs.dynamics import by_prompt, copies, gate_stages, progress, repeats
-from analysis.runs.run import Run
-from tacevo.choices import Axis, BoundsRule, PromptPolicy, Scale, TemperatureRule
-from tacevo.search.descriptors import scaled
+from analysis.runs.run import Run, descriptors_of
+from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.text import counted
 
@@ -31,12 +30,12 @@ CROWDED = 0.5
 #: Moves of the bounds in the last half of a search are late: elites were compared under other niches until then.
 LATE = 0.5
 
-#: An axis whose middle nine tenths of candidates fill less than this of it tells hardly any two of them apart.
+#: An axis whose middle nine tenths of candidates fill less than this of it hardly distinguishes any two of them.
 NARROW = 0.05
 
 _MIDDLE = (0.05, 0.95)
 
-#: Where a tenth of an axis holds half of the candidates, the niches of its other nine tenths tell only the rest apart.
+#: Where a tenth of an axis holds half of the candidates, the niches of its other nine tenths distinguish only the rest.
 CONCENTRATED = 0.5
 
 #: Every fourth answer brought what was known already; a quarter of the price is worth a word.
@@ -123,7 +122,7 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
             ),
         )
     if len(placed.points) > 1:
-        for axis, values in zip(run.axes, placed.points.T, strict=True):
+        for axis, values in zip(run.config.archive.axes, placed.points.T, strict=True):
             yield from _of_axis(run, axis, values)
 
 
@@ -135,7 +134,7 @@ def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alar
         yield Alarm(
             name=f"constant {AXES[axis]}",
             sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
-            f"{AXES[axis]}, which therefore tells few networks apart.",
+            f"{AXES[axis]}, which therefore distinguishes few networks.",
             figures=(("extent", extent),),
         )
     if share > CONCENTRATED:
@@ -143,18 +142,17 @@ def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alar
         yield Alarm(
             name=f"concentrated {AXES[axis]}",
             sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {AXES[axis]}, "
-            f"where few niches tell them apart; {remedy}.",
+            f"where few niches distinguish them; {remedy}.",
             figures=(("share", share), *figures),
         )
 
 
 def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
-    """Say what would spread the candidates along an axis; of a logarithm, with the share that is left then."""
-    settings = run.config["archive"]
-    adaptive = settings["bounds"] == BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
-    if adaptive and axis is Axis.eff_ratio and settings["eff_ratio_scale"] == Scale.linear:
-        measured = [candidate.measured for candidate in run.candidates if candidate.trained]
-        logarithms = np.array([scaled(it.eff_ratio, Scale.log) for it in measured if it is not None])
+    """Return what would spread the candidates along an axis; for a logarithm, with the share that remains then."""
+    settings = run.config.archive
+    adaptive = settings.bounds is BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
+    if adaptive and axis is Axis.eff_ratio and settings.eff_ratio_scale is Scale.linear:
+        logarithms = np.array([descriptors_of(candidate, Scale.log)[1] for candidate in run.trained])
         after = fullest_tenth(logarithms, (logarithms.min(), logarithms.max()))
         if after <= CONCENTRATED:
             words = f"under archive.eff_ratio_scale=log the fullest tenth would hold {100 * after:.0f} %"
@@ -177,7 +175,7 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
             reason, count = stage.reasons[0]
             yield Alarm(
                 name=f"strict gate: {stage.stage}",
-                sentence=f"The stage {stage.stage} turned away {100 * share:.0f} % of all first answers, most often "
+                sentence=f"The stage {stage.stage} rejected {100 * share:.0f} % of all first answers, most often "
                 f"for {reason} ({count}).",
                 figures=(("rejected", stage.rejected), ("share", share)),
             )
@@ -190,10 +188,9 @@ def _of_prompts(run: Run) -> Iterator[Alarm]:
         return
     untried = [prompt.name for prompt in found if not prompt.tried]
     if untried:
-        policy = PromptPolicy(run.config["prompts"]["policy"])
         yield Alarm(
             name="untried prompts",
-            sentence=f"Never drawn (prompts={policy}): {', '.join(untried)}.",
+            sentence=f"Never drawn (prompts={run.config.prompts.policy}): {', '.join(untried)}.",
             figures=(("untried", len(untried)), ("prompts", len(found))),
         )
     inserted, tried = sum(prompt.inserted for prompt in found), sum(prompt.tried for prompt in found)
@@ -219,7 +216,7 @@ def _of_temperature(run: Run) -> Iterator[Alarm]:
             figures=(("requests", missed),),
         )
         return
-    if run.config["temperature"]["rule"] == TemperatureRule.fixed:
+    if run.config.temperature.rule is TemperatureRule.fixed:
         return
     for limit, count in Counter(line.temperature for line in run.generations if line.temperature in (0, 1)).items():
         if count >= STUCK and run.generations[-1].temperature == limit:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from analysis.runs.run import Candidate, Run
+from analysis.runs.run import Run
 from tacevo.errors import RunError
+from tacevo.search.lines import CandidateLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -11,23 +12,23 @@ class Ancestor:
     """One network of a lineage."""
 
     #: With its id, generation, operator, prompt, parents and fitness.
-    candidate: Candidate
+    candidate: CandidateLine
     #: Id of its instruction; None for the baseline and a crossover.
     instruction: str | None
     #: How much less loss it has than the better of its parents; negative where it has more, None without parents.
     gain: float | None
 
 
-def ancestors(run: Run, name: str) -> tuple[Candidate, ...]:
-    """Give a candidate's ancestors in the order of the search, each once, and itself last.
+def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
+    """Return a candidate's ancestors in the order of the search, each once, and itself last.
 
     Raises:
         RunError: the run has no such candidate.
     """
     known = {candidate.id: candidate for candidate in run.candidates}
     if name not in known:
-        raise RunError(f"{run.path} has no candidate {name!r}; ids look like g02s03")
-    found: dict[str, Candidate] = {}
+        raise RunError(repr(name), place=str(run.path), expected="the id of a candidate, e.g. g02s03")
+    found: dict[str, CandidateLine] = {}
     waiting = [name]
     while waiting:
         candidate = known[waiting.pop()]
@@ -38,9 +39,9 @@ def ancestors(run: Run, name: str) -> tuple[Candidate, ...]:
 
 
 def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
-    """Give a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
+    """Return a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
     found = ancestors(run, name)
-    fitness = {candidate.id: candidate.trained.fitness for candidate in found if candidate.trained}
+    fitness = {candidate.id: candidate.fitness for candidate in found if candidate.fitness is not None}
     return tuple(
         Ancestor(
             candidate=candidate,
@@ -51,7 +52,7 @@ def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
     )
 
 
-def _gain(candidate: Candidate, fitness: dict[str, float]) -> float | None:
-    if candidate.trained is None or not candidate.parents:
+def _gain(candidate: CandidateLine, fitness: dict[str, float]) -> float | None:
+    if candidate.fitness is None or not candidate.parents:
         return None
-    return min(fitness[parent] for parent in candidate.parents) - candidate.trained.fitness
+    return min(fitness[parent] for parent in candidate.parents) - candidate.fitness

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
 from analysis.runs.run import Run
+from tacevo.config.archive import ArchiveConfig
 from tacevo.errors import RunError
-from tacevo.records import Json
 from tacevo.search.archive import find_centroids
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store
@@ -37,16 +37,18 @@ def load_niches(run: Run, store: Path | None = None) -> Niches:
         RunError: they are not those of the run's ledger.
         StoreError: the store's entry is damaged.
     """
-    root = store or Path(run.config["store"]["root"])
-    archive = run.config["archive"]
-    networks = _centroids(root, archive, archive["niches"], len(run.axes)) if run.has_niches else []
-    prompts = _centroids(root, archive, archive["prompt_niches"], 2)
+    root = store or Path(run.config.store.root)
+    archive = run.config.archive
+    networks = _centroids(root, archive, archive.niches, len(archive.axes)) if run.has_niches else []
+    prompts = _centroids(root, archive, archive.prompt_niches, 2)
     if content_hash([networks, prompts]) != run.centroids:
         raise RunError(
-            f"the niches in {root} are not those that {run.path} was searched with, and computing them on this "
-            "machine gives others; name the run's own stores with --store"
+            "others, in the store and computed on this machine",
+            place=str(root),
+            expected=f"the niches that {run.path} was searched with",
+            remedy="name the run's own stores with --store",
         )
-    return Niches(networks=np.array(networks).reshape(-1, len(run.axes)), prompts=np.array(prompts))
+    return Niches(networks=np.array(networks).reshape(-1, len(archive.axes)), prompts=np.array(prompts))
 
 
 def cells(centroids: NDArray[np.float64]) -> tuple[Polygon, ...]:
@@ -78,8 +80,8 @@ _MIRRORS = [
 ]
 
 
-def _centroids(root: Path, archive: Json, niches: int, dimensions: int) -> list[list[float]]:
-    shape = {"niches": niches, "dimensions": dimensions, "samples": archive["samples"], "seed": archive["seed"]}
+def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int) -> list[list[float]]:
+    shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
     found: list[list[float]] | None = Store(root, "centroids").read(shape)
     return find_centroids(**shape) if found is None else found
 

@@ -4,26 +4,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.run import Run
-from tacevo.choices import TemperatureRule
 from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import prompt_point
 from tacevo.search.temperature import next_temperature
 
 
 def reachable_temperatures(run: Run) -> frozenset[float]:
-    """Return every T_g that a trial of the run could have had, whatever its generations found.
+    """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
     A generation either brings a better best or the same; an archive's best never gets worse. Trials begin with
     generation 1, at T_1; the noise of a request does not enter the prompt archive.
     """
-    settings = run.config["temperature"]
-    rule, step = TemperatureRule(settings["rule"]), settings["step"]
+    settings = run.config.temperature
     found: set[float] = set()
-    current = {float(settings["start"])}
+    current = {settings.start}
     for _ in range(run.generations[-1].generation):
         found |= current
         outcomes = [(before, best) for before in current for best in (0.5, 1.0)]
-        current = {next_temperature(rule, before, best=best, best_before=1.0, step=step) for before, best in outcomes}
+        current = {
+            next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
+            for before, best in outcomes
+        }
     return frozenset(found)
 
 

@@ -32,7 +32,7 @@ class Interval:
 class Effects:
     """How a first sample x differs from a second one y."""
 
-    #: P(x > y) + P(x = y) / 2, in [0, 1]; 0.5 is no difference.
+    #: P(x > y) + P(x = y) / 2, in [0, 1]; at 0.5 there is no difference.
     a12: Interval
     #: P(x > y) - P(x < y), in [-1, 1]; twice A12 less one.
     cliffs_delta: Interval
@@ -59,7 +59,7 @@ def a12(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def median_difference(x: ArrayLike, y: ArrayLike) -> float:
-    """Give the median of x less the median of y; arguments as of `cliffs_delta`."""
+    """Return the median of x less the median of y; arguments as of `cliffs_delta`."""
     return float(np.median(checked(x, name="x")) - np.median(checked(y, name="y")))
 
 
@@ -83,7 +83,7 @@ def median(x: ArrayLike) -> Interval:
 
 
 def median_confidence(n: int) -> float:
-    """Give the chance that `median`'s interval of n >= 2 values holds the median; of tied values it is higher."""
+    """Return the chance that `median`'s interval of n >= 2 values holds the median; of tied values it is higher."""
     return _confidence(n, _cut(n))
 
 
@@ -93,7 +93,7 @@ def _cut(n: int) -> int:
 
 
 def _confidence(n: int, cut: int) -> float:
-    """Give the chance that more than `cut` of n values lie on either side of the median."""
+    """Return the chance that more than `cut` of n values lie on either side of the median."""
     outside: int = 2 * sum(math.comb(n, below) for below in range(cut + 1))
     return float(1 - outside / 2**n)
 
@@ -101,7 +101,7 @@ def _confidence(n: int, cut: int) -> float:
 def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: int = RESAMPLES) -> Effects:
     """Estimate all effects with their 95 % intervals.
 
-    Values are drawn anew within each sample, n of x and m of y, as its seeds were drawn. An interval's ends are
+    Values are drawn again within each sample, n of x and m of y, as its seeds were drawn. An interval's ends are
     resampled estimates themselves, so nothing is interpolated.
 
     Args:
@@ -133,7 +133,7 @@ def _check_resamples(resamples: int) -> None:
 
 
 def _dominance(x: Sample, y: Sample) -> NDArray[np.int8]:
-    """Say of each pair whether x is above (1), at (0) or below (-1) y, shape (n, m)."""
+    """Return for each pair whether x is above (1), at (0) or below (-1) y, shape (n, m)."""
     above, below = x[:, None] > y[None, :], x[:, None] < y[None, :]
     return above.astype(np.int8) - below.astype(np.int8)
 

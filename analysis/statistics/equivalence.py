@@ -1,6 +1,6 @@
 """Is there no difference that matters: two one-sided tests (Schuirmann 1987) against a margin stated beforehand.
 
-A large p of a test for a difference is no evidence of equality. Here the burden is turned round: a shift as large
+A large p of a test for a difference is not evidence of equality. Here the burden of proof is reversed: a shift as large
 as the margin, in either direction, has to be rejected. Each side is a Mann-Whitney test, as the comparison itself
 is, so outliers among the seeds do not decide, and no normality is assumed.
 """

@@ -23,7 +23,7 @@ class Detectable:
 
 
 def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | None:
-    """Give the smallest effect that a two-sided Mann-Whitney test detects.
+    """Return the smallest effect that a two-sided Mann-Whitney test detects.
 
     Noether approximates the deviation of U by the one it has without any effect. Of a shifted normal distribution a
     large effect makes U vary less, so the true power is somewhat higher than stated; under unequal spreads U may vary

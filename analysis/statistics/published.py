@@ -1,9 +1,9 @@
-"""The figures that the paper prints, as data, and Holm's correction held against its tables.
+"""The figures that the paper prints, as data, and Holm's correction compared with its tables.
 
 AbuSadeh, Wei & Zhang (docs/references.bib). P-values are kept as they are printed, because a printed number stands for
 an interval: 0.0018 for everything that rounds to it, `<0.001` for everything below. Holm's corrected values never
 fall when a p rises, so the correction of the intervals' ends bounds what a table may print, and a printed value
-below that is too small whatever the rounding hid.
+below that is too small for any rounding.
 """
 
 from collections.abc import Sequence
@@ -153,7 +153,7 @@ SCORES = (
 
 
 def corrected(test: PrintedTest) -> tuple[Corrected, ...]:
-    """Correct a table's printed p-values after Holm, and hold the printed corrections against that."""
+    """Correct a table's printed p-values after Holm, and compare the printed corrections with the result."""
     lows = holm([_range(row.p)[0] for row in test.rows])
     nominal = holm([_nominal(row.p) for row in test.rows])
     highs = holm([_range(row.p)[1] for row in test.rows])
@@ -185,12 +185,12 @@ def _is_bound(printed: str) -> bool:
 
 
 def _nominal(printed: str) -> float:
-    """Give the number that is printed; of a bound, the bound."""
+    """Return the number that is printed; of a bound, the bound."""
     return float(printed.removeprefix("<"))
 
 
 def _range(printed: str) -> tuple[float, float]:
-    """Give the ends of what a printed probability may have been before it was rounded."""
+    """Return the ends of what a printed probability may have been before it was rounded."""
     value = _nominal(printed)
     if _is_bound(printed):
         return 0.0, value

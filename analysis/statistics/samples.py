@@ -9,7 +9,7 @@ Sample = NDArray[np.float64]
 
 
 def checked(values: ArrayLike, *, name: str) -> Sample:
-    """Give a sample as an array, once it is one.
+    """Return a sample as an array, once it is one.
 
     Args:
         values: one number for each seed, shape (n,), n >= 2.

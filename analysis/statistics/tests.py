@@ -1,6 +1,6 @@
 """Is there a difference: the tests of Mann and Whitney (1947) and of a hypergeometric count, Holm's (1979) correction.
 
-Pure functions; docs/statistics.md says why these. The distribution of U is exact wherever it can be counted, with
+Pure functions; docs/statistics.md says why these. The distribution of U is exact where it can be counted, with
 ties too; the result says how its p came about.
 """
 
@@ -82,7 +82,7 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
         In the given order, each in [0, 1].
 
     Raises:
-        ValueError: there is none, or one is not in [0, 1].
+        ValueError: the list is empty, or a p-value is not in [0, 1].
     """
     if not p_values or not all(0 <= p <= 1 for p in p_values):
         raise ValueError(f"Holm's correction needs one or more p-values in [0, 1]; got {list(p_values)}")
@@ -104,7 +104,7 @@ def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) ->
         In (0, 1].
 
     Raises:
-        ValueError: there is no such draw.
+        ValueError: no draw has these counts.
     """
     if not max(0, drawn + marked - population) <= found <= min(drawn, marked) <= max(drawn, marked) <= population:
         raise ValueError(
@@ -114,7 +114,7 @@ def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) ->
 
 
 def smallest_p(n: int, m: int) -> float:
-    """Give the smallest two-sided p that samples of n and m values can reach: the two extreme orders of all."""
+    """Return the smallest two-sided p that samples of n and m values can reach: the two extreme orders of all."""
     return rounded(2 / math.comb(n + m, n))
 
 

@@ -33,12 +33,12 @@ class Verdict(StrEnum):
     worse = "worse"
     #: No difference was shown, and one as large as the margin was ruled out: it matches the baseline.
     equivalent = "equivalent"
-    #: Neither was shown; more seeds may tell.
+    #: Neither was shown; more seeds may show one.
     undecided = "undecided"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+class VariantComparison:
     """A variant against the baseline in one metric."""
 
     network: str
@@ -63,15 +63,15 @@ class Comparisons:
     seeds: int
     terms: Terms
     baseline_median: float
-    #: The smallest effect that one test at alpha detects with a power of 80 %; None where it detects none so often.
+    #: The smallest effect that one test at alpha detects with a power of 80 %; None without such an effect.
     detectable: Detectable | None
     #: The same for the strictest step of Holm's correction, at alpha divided by the number of variants.
     detectable_holm: Detectable | None
     #: In the order of the study; one family.
-    variants: tuple[Comparison, ...]
+    variants: tuple[VariantComparison, ...]
     #: The same on each output of a regression of several, by its name; one family over variants and outputs. An output
     #: on which the baseline's median is 0 has no relative margin, and is left out.
-    outputs: Mapping[str, tuple[Comparison, ...]]
+    outputs: Mapping[str, tuple[VariantComparison, ...]]
     #: Of each network, the baseline too: part of its trainings whose best epoch lies in the last tenth, in [0, 1].
     late: Mapping[str, float]
     #: What one test image adds to an accuracy, in (0, 1]; None of a regression.
@@ -86,7 +86,7 @@ def compare(study: Study, *, seed: int = 0) -> Comparisons:
         seed: of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
 
     Raises:
-        RunError: there is no variant, the margin is none, or there are so few seeds that no outcome at all could be
+        RunError: there is no variant, the margin is 0, or there are so few seeds that no outcome at all could be
             significant.
     """
     metric, alpha = study.primary, study.terms.alpha
@@ -126,7 +126,7 @@ def _image(study: Study) -> float | None:
     return None if confusion is None else rounded(1 / sum(map(sum, confusion)))
 
 
-def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Comparison, ...]]:
+def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[VariantComparison, ...]]:
     """Compare every variant by each metric, and correct all p-values as one family of each kind.
 
     Returns:
@@ -145,7 +145,7 @@ def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Com
     differ, equal = holm([test.p for test in tests]), holm([found.p for found in equivalences])
     least = holm([smallest_p(study.seeds, study.seeds)] * len(pairs))
     found = [
-        Comparison(
+        VariantComparison(
             network=name,
             median=rounded(float(np.median(samples[at][0]))),
             test=tests[at],
@@ -163,31 +163,36 @@ def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Com
 
 
 def _verdict(dominance: float, *, lower: bool, differs: bool, equals: bool) -> Verdict:
-    """Give the word for a variant whose values lie above the baseline's with this probability."""
+    """Return the word for a variant whose values lie above the baseline's with this probability."""
     if differs:
         return Verdict.better if (dominance < 0.5) == lower else Verdict.worse
     return Verdict.equivalent if equals else Verdict.undecided
 
 
 def _check_size(study: Study) -> None:
-    """Refuse a study whose result is certain before it is made."""
-    alpha = study.terms.alpha
+    """Check that some outcome of a comparison could be significant."""
+    place = f"the study of {study.task}"
     if len(study.networks) < 2:
-        raise RunError(f"a comparison needs a variant beside the baseline; the study of {study.task} has none")
-    needed = fewest_seeds(alpha)
+        raise RunError("none", place=place, expected="a variant beside the baseline")
+    needed = fewest_seeds(study.terms.alpha)
     if study.seeds < needed:
         raise RunError(
-            f"a comparison at alpha {alpha} needs at least {needed} training seeds of each network, below which no "
-            f"difference is significant; the study of {study.task} has {study.seeds}. Study it with more seeds"
+            str(study.seeds),
+            place=place,
+            expected=f"at least {needed} training seeds, below which no difference is significant at alpha "
+            f"{study.terms.alpha}",
+            remedy="study it with more seeds",
         )
 
 
 def _width(margin: Margin, baseline: Sample, metric: str) -> float:
-    """Give the margin in the unit of the metric."""
+    """Return the margin in the unit of the metric."""
     width = margin.around(float(np.median(baseline)))
     if width == 0:
         raise RunError(
-            f"the baseline's median {metric} is 0, so a margin relative to it is no margin; state an absolute one "
-            "by the `tacevo study` settings margins.KIND.kind=absolute and margins.KIND.value"
+            "0",
+            place=f"the baseline's median {metric}",
+            expected="a value above 0, of which a relative margin is a part",
+            remedy="study it again with an absolute margin: margins.KIND.kind=absolute and margins.KIND.value",
         )
     return width

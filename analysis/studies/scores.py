@@ -58,7 +58,7 @@ class Study:
     kind: Kind
     #: Names of the regressed values or classes.
     names: tuple[str, ...]
-    #: Of the recording, one for each regressed value, empty where nobody states one; () of a classification.
+    #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
     #: Of the data set.
     fingerprint: str
@@ -78,7 +78,7 @@ class Study:
         return PRIMARY[self.kind]
 
     def values(self, network: str, metric: str) -> NDArray[np.float64]:
-        """Give a metric of a network, shape (S,), in the order of the seeds."""
+        """Return a metric of a network, shape (S,), in the order of the seeds."""
         return np.array([score.metrics[metric] for score in self._of(network)], dtype=np.float64)
 
     def median_seed(self, network: str) -> int:

@@ -1,42 +1,99 @@
-"""Finished studies as records; what is not whole is refused with the rows named."""
+"""Finished studies as records; one that is not whole is rejected, with the rows named."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.studies.scores import Network, Score, Study
 from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Json, Recipe
+from tacevo.records import DataFacts, Reason, Recipe
 from tacevo.storage.study_directory import StudyDirectory
 from tacevo.studies.terms import Terms
+from tacevo.text import listed
+from tacevo.typed import convert
 
 #: Rows that a message names.
 MOST = 6
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Header:
+    """What is read of the first line of scores.jsonl."""
+
+    run: str
+    task: str
+    data: DataFacts
+    recipe: Recipe
+    numerics: str
+    terms: Terms
+    seeds: int
+    networks: tuple[Network, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Failed:
+    """A training that failed."""
+
+    network: str
+    seed: int
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Files:
+    """What is read of a study's directory."""
+
+    header: _Header
+    scores: tuple[Score | _Failed, ...]
+    units: tuple[str, ...]
+
+
 def load_study(path: Path) -> Study:
-    """Read the folder of a finished study, `RUN/studies/NAME`.
+    """Read the directory of a finished study, `RUN/studies/NAME`.
 
     Raises:
-        RunError: it is no study, is not finished, was edited, or is not one score for each network and seed; the
-            message names the rows.
+        RunError: it does not hold a study, is not finished, was edited, or is not one score for each network and seed;
+            the message names the rows.
     """
     directory = StudyDirectory(path)
     described = directory.read()
     header, *lines = directory.read_scores()
     if described.get("digest") != (header, *lines)[-1]["hash"]:
-        raise RunError(f"{path} is not finished, or its digest was edited; `tacevo study` continues it")
-    try:
-        _refuse_failed(path, lines)
-        study = _study(header, lines, described["units"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+        raise RunError(
+            "another digest, or none",
+            place=f"{path}/study.json",
+            expected="the digest that scores.jsonl ends with",
+            remedy="continue the study by `tacevo study`",
+        )
+    content = {"header": header, "scores": lines, "units": described.get("units")}
+    files = convert(_Files, content, place=str(path), error=RunError, remedy="restore the directory")
+    _check_failed(path, [row for row in files.scores if isinstance(row, _Failed)])
+    found, facts = files.header, files.header.data
+    if len(files.units) not in {0, len(facts.names)}:
+        raise RunError(
+            listed(files.units), place=f"{path}/study.json, units", expected=f"one for each of {listed(facts.names)}"
+        )
+    study = Study(
+        run=found.run,
+        task=found.task,
+        kind=facts.kind,
+        names=facts.names,
+        units=files.units,
+        fingerprint=facts.fingerprint,
+        recipe=found.recipe,
+        numerics=found.numerics,
+        terms=found.terms,
+        seeds=found.seeds,
+        networks=found.networks,
+        scores=tuple(row for row in files.scores if isinstance(row, Score)),
+    )
     check_study(study)
     return study
 
 
-def refuse_mixed(studies: Sequence[Study]) -> None:
-    """Refuse to put studies of one task together that were trained otherwise or on other data.
+def check_alike(studies: Sequence[Study]) -> None:
+    """Check that studies of one task were trained alike and on the same data.
 
     Args:
         studies: of one task or of several; each task is compared with itself.
@@ -51,54 +108,25 @@ def refuse_mixed(studies: Sequence[Study]) -> None:
             ours, theirs = getattr(other, field), getattr(study, field)
             if ours != theirs:
                 raise RunError(
-                    f"the studies of {study.task} differ in {field}: {ours} for {_networks(other)} of run "
-                    f"{other.run[:12]}, {theirs} for {_networks(study)} of run {study.run[:12]}; study both runs alike"
+                    f"{theirs} for {_networks(study)}",
+                    place=f"the studies of {study.task}, {field}",
+                    expected=f"{ours} as for {_networks(other)}",
+                    remedy="study both runs alike",
                 )
 
 
 def _networks(study: Study) -> str:
-    return ", ".join(network.name for network in study.networks)
+    return f"{listed(network.name for network in study.networks)} of run {study.run[:12]}"
 
 
-def _refuse_failed(path: Path, lines: Sequence[Mapping[str, Json]]) -> None:
-    """Refuse trainings that came to no end."""
-    failed = [line for line in lines if "reason" in line]
+def _check_failed(path: Path, failed: Sequence[_Failed]) -> None:
+    """Check that no training failed."""
     if failed:
-        rows = [f"{line['network']}, seed {line['seed']}" for line in failed]
-        named = "; ".join(rows[:MOST]) + (f" and {len(rows) - MOST} more" if len(rows) > MOST else "")
-        reasons = ", ".join(sorted({line["reason"] for line in failed}))
+        rows = listed((f"{row.network} with seed {row.seed}" for row in failed), most=MOST)
+        reasons = listed(sorted({row.reason for row in failed}))
         raise RunError(
-            f"{path} is incomplete: {named} came to no end ({reasons}); no statistics are right without them. "
-            "Study again with more seconds= or memory_mib=, or with fewer elites="
+            f"{len(failed)} that failed ({reasons}): {rows}",
+            place=str(path),
+            expected="a training of every network with every seed, without which no statistics are right",
+            remedy="study again with more seconds= or memory_mib=, or with fewer elites=",
         )
-
-
-def _study(header: Mapping[str, Json], lines: Sequence[Mapping[str, Json]], units: Sequence[str]) -> Study:
-    facts = DataFacts.from_json(header["data"])
-    if len(units) not in {0, len(facts.names)}:
-        raise ValueError(f"study.json needs a unit for each of {list(facts.names)}, or none; got {units}")
-    return Study(
-        run=header["run"],
-        task=header["task"],
-        kind=facts.kind,
-        names=facts.names,
-        units=tuple(units),
-        fingerprint=facts.fingerprint,
-        recipe=Recipe.from_json(header["recipe"]),
-        numerics=header["numerics"],
-        terms=Terms.from_json(header["terms"]),
-        seeds=header["seeds"],
-        networks=tuple(Network(**network) for network in header["networks"]),
-        scores=tuple(_score(line) for line in lines),
-    )
-
-
-def _score(line: Mapping[str, Json]) -> Score:
-    counts = line["confusion"]
-    return Score(
-        network=line["network"],
-        seed=line["seed"],
-        epoch=line["epoch"],
-        metrics=line["metrics"],
-        confusion=None if counts is None else tuple(tuple(row) for row in counts),
-    )

@@ -1,4 +1,4 @@
-"""Is a study whole: every network with every seed, once, and with numbers; otherwise the rows are named."""
+"""Check that a study is whole: every network with every seed, once, and with numbers; else the rows are named."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -6,35 +6,38 @@ from collections.abc import Collection, Iterator
 from analysis.statistics.samples import not_finite
 from analysis.studies.scores import Network, Study
 from tacevo.errors import RunError
-from tacevo.text import counted
+from tacevo.text import counted, listed
 
 BASELINE = "baseline"
 
 
 def check_study(study: Study) -> None:
-    """Refuse a study that statistics cannot be made of.
+    """Check that statistics can be made of a study.
 
     Raises:
-        RunError: the baseline is not the first network, or scores are missing, there twice, of no network, not finite,
-            or of unlike metrics; the message names the rows.
+        RunError: the baseline is not the first network, or scores are missing, twice there, of an unknown network, not
+            finite, or of different metrics; the message names the rows.
     """
+    place = f"the study of {study.task}"
     names = [network.name for network in study.networks]
     if names[:1] != [BASELINE] or len(set(names)) < len(names):
-        raise RunError(f"a study needs the baseline, then variants of different names; got {names}")
-    strangers = sorted({score.network for score in study.scores} - set(names))
-    if strangers:
-        raise RunError(f"the study of {study.task} has scores of {strangers}, which are none of its networks {names}")
+        raise RunError(listed(names), place=place, expected="the baseline, then variants of different names")
+    unknown = sorted({score.network for score in study.scores} - set(names))
+    if unknown:
+        raise RunError(f"scores of {listed(unknown)}", place=place, expected=f"only scores of {listed(names)}")
     metrics = {metric for score in study.scores for metric in score.metrics}
     faults = [fault for network in study.networks for fault in _faults(study, network, sorted(metrics))]
     if faults:
         raise RunError(
-            f"the study of {study.task} is not whole, {counted(len(faults), 'fault')}: {'; '.join(faults)}. "
-            "Delete its folder, and `tacevo study` writes it anew from the store"
+            f"{counted(len(faults), 'fault')}: {'; '.join(faults)}",
+            place=place,
+            expected="one finite score for every network and seed",
+            remedy="delete its directory; `tacevo study` writes it again from the store",
         )
 
 
 def _faults(study: Study, network: Network, metrics: Collection[str]) -> Iterator[str]:
-    """Say what is wrong with the scores of a network."""
+    """List the faults of a network's scores."""
     scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
     counts = Counter(score.seed for score in scores)
     expected = range(study.seeds)

@@ -1,6 +1,6 @@
 """The arms of a sweep: what each run came to, what an arm came to over its seeds, and how it differs from `none`.
 
-Every arm is held against the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
+Every arm is compared with the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
 Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
 one seed. A run that is the reference's own, candidate by candidate, says nothing of its arm and enters neither.
 docs/ablation_study.md says why these.
@@ -13,17 +13,16 @@ from enum import StrEnum
 
 import numpy as np
 
-from analysis.runs.dynamics import improvement
-from analysis.runs.run import Candidate, Run
+from analysis.runs.dynamics import improvement, spending
+from analysis.runs.run import Run, sent_temperature
 from analysis.statistics.effects import Effects, Interval, effects, median
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.warnings import Caution, cautions
 from analysis.sweeps.common_archive import CommonArchive, Filled, filled
 from analysis.sweeps.sweep import REFERENCE, Finished
-from tacevo.costs import Spending, total
 from tacevo.randomness import stream
-from tacevo.records import Operator
 from tacevo.rounding import rounded
+from tacevo.search.lines import CandidateLine
 
 #: The level that cautions are judged at, after Holm's correction.
 ALPHA = 0.05
@@ -60,14 +59,14 @@ class Outcome:
     job: str
     arm: str
     seed: int
-    #: Of every metric; None where the run's files do not tell.
+    #: Of every metric; None where the run's files do not have it.
     values: Mapping[Metric, float | None]
     #: Best fitness by generation; None before anything was trained.
     best: tuple[float | None, ...]
     #: The common archive by generation.
     filled: tuple[Filled, ...]
-    #: What was asked and what came of it, slot by slot, without costs: equal in runs that are one and the same search.
-    slots: tuple[Candidate, ...]
+    #: What was asked and what came of it, slot by slot: equal in runs that are one and the same search.
+    slots: tuple[CandidateLine, ...]
 
 
 class Comparability(StrEnum):
@@ -120,7 +119,7 @@ class Summary:
     median: float | None
     #: Of the median; None below two seeds.
     interval: Interval | None
-    #: None of the reference itself, and where there is none.
+    #: None for the reference itself, and without a reference.
     contrast: Contrast | None
 
 
@@ -152,9 +151,9 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
         arm=one.job.arm,
         seed=one.job.seed,
         values=_values(one.run, places[-1]),
-        best=_best_so_far(one.run),
+        best=tuple(line.best for line in one.run.generations),
         filled=places,
-        slots=tuple(replace(candidate, spent=None) for candidate in one.run.candidates),
+        slots=tuple(map(_slot, one.run.candidates)),
     )
 
 
@@ -183,7 +182,7 @@ def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
 
 
 def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
-    found, spent = improvement(run), _spent(run)
+    found, spent = improvement(run), spending(run, run.candidates)
     return {
         Metric.best_fitness: None if found is None else found.last,
         Metric.improvement: None if found is None else rounded(found.over_first),
@@ -197,15 +196,18 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
     }
 
 
-def _best_so_far(run: Run) -> tuple[float | None, ...]:
-    return tuple(line.best for line in run.generations)
-
-
-def _spent(run: Run) -> Spending | None:
-    """Add up what a run's answers cost; a sum with gaps would pass for the whole, so one gap makes it unknown."""
-    asked = [one.spent for one in run.candidates if one.operator is not Operator.baseline]
-    known = [spent for spent in asked if spent is not None]
-    return total(known) if len(known) == len(asked) else None
+def _slot(candidate: CandidateLine) -> CandidateLine:
+    """Leave out what changes no network: texts of requests and answers, and what the prompt archive recorded."""
+    return replace(
+        candidate,
+        temperature=sent_temperature(candidate),
+        request=None,
+        answer=None,
+        repairs=tuple(replace(sent, answer="") for sent in candidate.repairs),
+        curiosity=None,
+        prompt_niche=None,
+        prompt_status=None,
+    )
 
 
 def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], seed: int) -> dict[str, Summary]:
@@ -227,7 +229,7 @@ def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome]
 
 
 def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, float]:
-    """Give an arm's known values by seed, in the order of the seeds."""
+    """Return an arm's known values by seed, in the order of the seeds."""
     values = {one.seed: one.values[metric] for one in outcomes if one.arm == name}
     return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
 
@@ -283,7 +285,7 @@ def _contrasts(
 
 
 def _corrected(p_values: Mapping[str, float]) -> dict[str, float]:
-    """Correct p-values by arm after Holm; of none there are none."""
+    """Correct p-values by arm after Holm; the family may be empty."""
     return dict(zip(p_values, holm(list(p_values.values())), strict=True)) if p_values else {}
 
 
@@ -292,7 +294,7 @@ def _without(sample: Mapping[int, float], seeds: Set[int]) -> Mapping[int, float
 
 
 def _comparability(sample: Mapping[int, float], reference: Mapping[int, float]) -> Comparability:
-    """Say whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
+    """Return whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
     if sample == reference or len({*sample.values(), *reference.values()}) == 1:
         return Comparability.identical
     few = min(len(sample), len(reference)) < FEWEST_SEEDS

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.runs.run import Candidate, Run
+from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import BoundsRule, Scale
 from tacevo.rounding import rounded
 from tacevo.search.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score, quality
-from tacevo.search.descriptors import scaled
+from tacevo.search.lines import CandidateLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,15 +66,12 @@ def common_archive(runs: Sequence[Run], reference: Run, centroids: NDArray[np.fl
             they are the least and greatest descriptors of all runs.
         centroids: of its network archive, shape (niches, 2), in [0, 1].
     """
-    settings = reference.config["archive"]
-    scale = Scale(settings["eff_ratio_scale"])
-    given = reference.bounds if settings["bounds"] == BoundsRule.fixed else None
-    if given is not None:
-        low, high = zip(*given, strict=True)
-    else:
-        points = [_point(candidate, scale) for run in runs for candidate in run.candidates if candidate.trained]
-        low, high = (tuple(map(end, zip(*points, strict=True))) for end in (min, max))
-    bounds = Bounds(low=low, high=high)
+    settings = reference.config.archive
+    scale = settings.eff_ratio_scale
+    given = reference.bounds if settings.bounds is BoundsRule.fixed else None
+    points = [descriptors_of(candidate, scale) for run in runs for candidate in run.trained]
+    low, high = (tuple(map(end, zip(*points, strict=True))) for end in (min, max))
+    bounds = given or Bounds(low=low, high=high)
     return CommonArchive(tessellation=Tessellation(centroids), bounds=bounds, scale=scale, fixed=given is not None)
 
 
@@ -84,9 +81,7 @@ def extents(runs: Sequence[Run], common: CommonArchive) -> tuple[Extent, ...]:
     Bounds stay those from the least to the greatest, as in the archives of the searches; no quantile has to be chosen,
     and none hides what a search found. So one outlier can decide the coverage of all: this says which, and how much.
     """
-    places = {
-        f"{run.name}/{one.id}": _point(one, common.scale) for run in runs for one in run.candidates if one.trained
-    }
+    places = {f"{run.name}/{one.id}": descriptors_of(one, common.scale) for run in runs for one in run.trained}
     names = ("architecture diversity", f"efficiency ratio ({common.scale.value})")
     return tuple(_extent(names[axis], axis, places, common) for axis in range(2))
 
@@ -119,17 +114,10 @@ def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
     return tuple(found)
 
 
-def _with(archive: Archive, candidates: Iterable[Candidate], common: CommonArchive) -> Archive:
+def _with(archive: Archive, candidates: Iterable[CandidateLine], common: CommonArchive) -> Archive:
     """Offer trained candidates to an archive, in their order."""
     for candidate in candidates:
-        if candidate.trained is not None:
-            niche = common.tessellation.niche_of(common.bounds.normalise(_point(candidate, common.scale)))
-            archive, _ = insert(archive, niche, Elite(name=candidate.id, objective=-candidate.trained.fitness))
+        if candidate.fitness is not None:
+            niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(candidate, common.scale)))
+            archive, _ = insert(archive, niche, Elite(name=candidate.id, objective=-candidate.fitness))
     return archive
-
-
-def _point(candidate: Candidate, scale: Scale) -> tuple[float, float]:
-    """Give the descriptors of a trained candidate as the common axes have them."""
-    if candidate.measured is None:
-        raise ValueError(f"{candidate.id} was trained and has no descriptors")
-    return candidate.measured.arch_div, scaled(candidate.measured.eff_ratio, scale)

@@ -1,18 +1,13 @@
 """A sweep as records: its finished runs by arm and seed, and what is missing of it."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.runs.run import Run, load_run
+from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
-from tacevo.records import Json
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
-
-#: Hashes what decides the results of a run, from the configuration in its run.json (`tacevo.config.identity`). It is
-#: handed in, for it needs Hydra's side of the house, which the analysis does not know.
-HashOf = Callable[[Mapping[str, Json]], str]
 
 #: The arm that all others are compared with: the search as it is.
 REFERENCE = "none"
@@ -24,8 +19,6 @@ class Finished:
 
     job: Job
     run: Run
-    #: Of Python and packages, by name, as run.json has them.
-    versions: Mapping[str, Json]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,38 +45,36 @@ class Sweep:
         return self.finished[0].run.task
 
 
-def load_sweep(path: Path, hash_of: HashOf) -> Sweep:
-    """Read the finished jobs of a sweep, and say of the others why they are missing.
-
-    Args:
-        path: the folder of the sweep.
-        hash_of: gives what sweep.json has as `config` of a job.
+def load_sweep(path: Path) -> Sweep:
+    """Read the finished jobs of a sweep, and why the others are missing.
 
     Raises:
-        RunError: this is no sweep, none of its jobs is finished, an arm has a seed twice or another name than its
+        RunError: this is not a sweep, none of its jobs is finished, an arm has a seed twice or another name than its
             overrides give, or a run was damaged or edited or is not that of its job.
     """
     directory = SweepDirectory(path)
     _, jobs = directory.read()
-    _refuse_twins(path, jobs)
-    _refuse_renamed(path, jobs)
+    _check_distinct(path, jobs)
+    _check_names(path, jobs)
     finished, missing = [], []
     for job in jobs:
         reason = _absence(directory, job)
         if reason is None:
-            finished.append(_load(directory, job, hash_of))
+            finished.append(_load(directory, job))
         else:
             missing.append(Missing(job=job, reason=reason))
     if not finished:
         raise RunError(
-            f"no job of {path} is finished, so there is nothing to compare; the `tacevo search -m` command that began "
-            "the sweep goes on with it"
+            "none",
+            place=str(path),
+            expected="a finished job",
+            remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
     return Sweep(path=path, finished=tuple(finished), missing=tuple(missing))
 
 
 def _absence(directory: SweepDirectory, job: Job) -> str | None:
-    """Say why a job has no result; None where it has one."""
+    """Return why a job has no result; None where it has one."""
     run = directory.run(job)
     if run.finished_digest() is not None:
         return None
@@ -93,38 +84,34 @@ def _absence(directory: SweepDirectory, job: Job) -> str | None:
     return "not finished" if (run.path / "run.json").exists() else "not begun"
 
 
-def _load(directory: SweepDirectory, job: Job, hash_of: HashOf) -> Finished:
-    folder = directory.run(job)
-    run = load_run(folder.path)
-    if run.config["seed"] != job.seed:
-        raise RunError(
-            f"{folder.path} holds a run of seed {run.config['seed']}, and sweep.json says {job.seed} of it; delete the "
-            "folder, and the command that began the sweep repeats the job"
-        )
-    if hash_of(run.config) != job.config:
-        raise RunError(
-            f"{folder.path} holds the run of another configuration than sweep.json's job {job.name}, so it may be "
-            "that of another arm; put the right folder there, or delete it, and the command that began the sweep "
-            "repeats the job"
-        )
-    return Finished(job=job, run=run, versions=folder.read_run().get("versions", {}))
+def _load(directory: SweepDirectory, job: Job) -> Finished:
+    run = load_run(directory.run(job).path)
+    found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
+    if run.config.seed != job.seed:
+        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **found)
+    if config_hash(run.config) != job.config:
+        raise RunError("another one", expected=f"the configuration that sweep.json states of job {job.name}", **found)
+    return Finished(job=job, run=run)
 
 
-def _refuse_twins(path: Path, jobs: tuple[Job, ...]) -> None:
+def _check_distinct(path: Path, jobs: tuple[Job, ...]) -> None:
     for (arm, seed), times in Counter((job.arm, job.seed) for job in jobs).items():
         if times > 1:
             raise RunError(
-                f"{path}/sweep.json has {times} jobs of arm {arm} with seed {seed}; a seed is one run of an arm. Sweep "
-                "what they differ in, so that each has an arm of its own"
+                f"{times} jobs of arm {arm} with seed {seed}",
+                place=f"{path}/sweep.json",
+                expected="one job for each arm and seed",
+                remedy="sweep the settings in which they differ, so that each job has an arm of its own",
             )
 
 
-def _refuse_renamed(path: Path, jobs: tuple[Job, ...]) -> None:
+def _check_names(path: Path, jobs: tuple[Job, ...]) -> None:
     """Check that arms have the names of what they change; a published sweep has no overrides, and names are labels."""
     for job in jobs:
         if job.overrides and job.arm != name_arm(job.overrides):
             raise RunError(
-                f"{path}/sweep.json calls the arm of job {job.name} {job.arm!r}, and its overrides make it "
-                f"{name_arm(job.overrides)!r}; restore the file, or delete it, and the `tacevo search -m` command that "
-                "began the sweep writes it again"
+                repr(job.arm),
+                place=f"{path}/sweep.json, arm of job {job.name}",
+                expected=f"{name_arm(job.overrides)!r}, the name that follows from its overrides",
+                remedy="restore the file; or delete it, and the command that began the sweep writes it again",
             )

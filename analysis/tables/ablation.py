@@ -45,7 +45,7 @@ _MEANINGS = {
 
 
 def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table, ...]:
-    """Give all tables of a sweep.
+    """Return all tables of a sweep.
 
     Args:
         sweep: what was compared, and what is missing of it.
@@ -132,7 +132,7 @@ def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
 
 
 def common_note(niches_of: str) -> str:
-    """Say what coverage and QD-score were counted in."""
+    """Name the archive that coverage and QD-score were counted in."""
     return (
         "QD-score and coverage are those of one common archive: every trained candidate of a run, in order, in the "
         f"niches of {niches_of} under bounds common to all runs. They are not those of a run's own ledger."
@@ -140,14 +140,14 @@ def common_note(niches_of: str) -> str:
 
 
 def extents_note(extents: Sequence[Extent]) -> str:
-    """Say who decided the bounds of the common archive, and how close together they leave the candidates."""
-    told = (
+    """Name the candidates that decide the bounds of the common archive, and how close these leave all others."""
+    axes = (
         f"{one.axis} from {_end(one.low, one.lowest)} to {_end(one.high, one.highest)}, with "
         f"{shown(Percent(one.fullest))} of all candidates in the fullest tenth"
         for one in extents
     )
     return (
-        f"Its bounds: {'; '.join(told)}. A single candidate may decide a bound, and with it how many niches all fill."
+        f"Its bounds: {'; '.join(axes)}. A single candidate may decide a bound, and with it how many niches all fill."
     )
 
 
@@ -220,7 +220,7 @@ def _pairs(found: Ablation, metric: Metric) -> list[int]:
 
 
 def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
-    """Say what the intervals of medians are, by the numbers of values that there are, and of differences by seed."""
+    """Explain the intervals of medians, by the numbers of known values and of differences by seed."""
     words = (
         "Median over the seeds whose value is known; in brackets two of their values, equally far from either end. The "
         f"median of all seeds lies between them with a chance of {100 * LEVEL:g} % at least"
@@ -239,7 +239,7 @@ def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
 
 
 def _test_notes(found: Ablation, metric: Metric) -> list[str]:
-    """Say how the columns beside the median came about; nothing where there is no reference."""
+    """Explain the columns beside the median; nothing without a reference."""
     contrasts = {arm.name: contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None}
     if not contrasts:
         return []
@@ -248,8 +248,8 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
     notes = [
         f"Runs that differ: those that are not the run of {REFERENCE} of the same seed, candidate by candidate. All "
-        "columns behind are of these runs, as far as their values are known: what is one and the same run in both "
-        "arms says nothing of the arm.",
+        "further columns are of these runs, as far as their values are known: what is one and the same run in both "
+        "arms shows nothing of the arm.",
         f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
         f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
@@ -281,8 +281,8 @@ def _missing_note(missing: Sequence[Missing]) -> list[str]:
         return []
     names = listed(one.job.name for one in missing)
     return [
-        f"Missing, {counted(len(missing), 'job')}: {names}. When they are there, the family of Holm's correction "
-        "may be larger, and every value of the common archive another.",
+        f"Missing, {counted(len(missing), 'job')}: {names}. Once they are finished, the family of Holm's "
+        "correction may be larger, and every value of the common archive may change.",
     ]
 
 

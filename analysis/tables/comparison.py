@@ -7,7 +7,7 @@ from analysis.statistics.effects import LEVEL, RESAMPLES, Interval
 from analysis.statistics.power import Detectable
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import smallest_p
-from analysis.studies.comparison import Comparison, Comparisons
+from analysis.studies.comparison import Comparisons, VariantComparison
 from analysis.studies.metrics import SHARES, metric_name, named_metrics
 from analysis.studies.scores import LOWER_IS_BETTER, Network, Study
 from analysis.studies.warnings import caution_notes
@@ -19,7 +19,7 @@ from tacevo.text import counted, listed
 
 
 def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
-    """Give all tables of a study.
+    """Return all tables of a study.
 
     Args:
         study: whole, as `analysis.studies.study.load_study` gives it.
@@ -167,7 +167,7 @@ def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell
     ]
 
 
-def _verdict_cells(variant: Comparison, metric: str) -> tuple[Cell, ...]:
+def _verdict_cells(variant: VariantComparison, metric: str) -> tuple[Cell, ...]:
     return (
         variant.network,
         _value(metric, variant.median),
@@ -216,7 +216,7 @@ def _between(interval: Interval, factor: int = 1) -> Between:
 
 
 def _scale_note(study: Study) -> tuple[str, ...]:
-    """Say what an error is counted in; a share of images needs no unit."""
+    """Name the unit of errors; a share of images needs none."""
     if study.kind is Kind.classification:
         return ()
     return ("Errors without a unit are in the scaled units of training.",)

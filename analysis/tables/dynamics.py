@@ -1,4 +1,4 @@
-"""Tables of how a search went: generations, gate, prompts, improvement."""
+"""Tables of how a search went: generations, gate, prompts, improvement, and where a network comes from."""
 
 from dataclasses import replace
 
@@ -17,6 +17,7 @@ from analysis.runs.dynamics import (
     progress,
     temperature_follows_age,
 )
+from analysis.runs.lineage import lineage
 from analysis.runs.run import Run
 from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
@@ -75,7 +76,7 @@ def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
 
 
 def _statuses(run: Run) -> str:
-    """Say what `new` and `improved` count."""
+    """Explain `new` and `improved`."""
     if run.has_niches:
         return "New: found their niche empty; improved: beat its elite."
     return f"New: found a place empty among the best {run.places}; improved: took the place of the worst of them."
@@ -89,12 +90,12 @@ def costs_table(run: Run) -> Table:
         caption=f"What the answers of {run.name} cost when they were recorded.",
         columns=("generation", "answers", "input tokens", "output tokens", "USD"),
         rows=rows,
-        notes=("A place without a value is one that the run's timings do not tell.",),
+        notes=("A cell is empty where the run's timings lack the cost of an answer.",),
     )
 
 
 def gate_table(run: Run) -> Table:
-    """Show where first answers were turned away, and how many for misreporting themselves."""
+    """Show where first answers were rejected, and how many for misreporting themselves."""
     stages = gate_stages(run)
     rows = tuple(
         (
@@ -145,8 +146,8 @@ def improvement_table(run: Run) -> Table:
             ("best fitness at the end", found.last),
             ("improvement over the best of generation 0", Percent(found.over_first)),
             ("improvement over the baseline", Percent(found.over_baseline)),
-            (f"generation by which {100 * MOST:g} % of the improvement over generation 0 was had", found.settled),
-            *((f"part of it that was had by generation {at}", Percent(share)) for at, share in found.by_generation),
+            (f"generation by which {100 * MOST:g} % of the improvement over generation 0 was reached", found.settled),
+            *((f"part of it that was reached by generation {at}", Percent(share)) for at, share in found.by_generation),
             ("trainable candidates, mean over generations", percent(found.trainable)),
             ("coverage at the end", Percent(found.coverage)),
         ]
@@ -155,6 +156,28 @@ def improvement_table(run: Run) -> Table:
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
+    )
+
+
+def lineage_table(run: Run, name: str) -> Table:
+    """Show where a candidate comes from; raises as `analysis.runs.lineage.ancestors` does."""
+    rows = tuple(
+        (
+            entry.candidate.id,
+            entry.candidate.operator.value,
+            entry.instruction,
+            ", ".join(entry.candidate.parents) or None,
+            entry.candidate.fitness,
+            entry.gain,
+        )
+        for entry in lineage(run, name)
+    )
+    return Table(
+        name=f"lineage_{run.task}",
+        caption=f"The ancestors of {name} in {run.name}.",
+        columns=("network", "operator", "instruction", "parents", "fitness", "gain"),
+        rows=rows,
+        notes=("Gain: how much less loss than the better parent.",),
     )
 
 
@@ -176,7 +199,7 @@ def _between(entry: Productivity) -> Between | None:
 
 
 def _cost_cells(spent: Spending | None) -> tuple[int | float | None, ...]:
-    """Give the cells of a spending; dollars only where every answer has a price."""
+    """Return the cells of a spending; dollars only where every answer has a price."""
     if spent is None:
         return (None,) * 4
     dollars = None if spent.unpriced else spent.usd

@@ -46,7 +46,7 @@ def niches_table(run: Run, niches: Niches) -> Table:
             "Effective: exp of the entropy of the trained candidates over the niches; so many equally full niches "
             "would be as uneven. Lost: niches that emptied as bounds moved, less those that filled so.",
         ]
-    if run.config["prompts"]["policy"] != PromptPolicy.none:
+    if run.config.prompts.policy is not PromptPolicy.none:
         reached = len(reachable_prompt_niches(run, niches.prompts))
         rows.append(("prompts", *_filled(len(run.prompt_trials), reached, len(niches.prompts)), None, None))
         notes.append(_reach(run))
@@ -65,13 +65,13 @@ def _filled(occupied: int, reached: int, total: int) -> tuple[Cell, ...]:
 
 
 def _reach(run: Run) -> str:
-    """Say which niches of the prompt archive could be reached."""
+    """Explain which niches of the prompt archive could be reached."""
     temperatures = reachable_temperatures(run)
     if not temperatures:
         return "Prompts: trials begin with generation 1, which the run does not have."
-    rule, generations = run.config["temperature"]["rule"], counted(run.generations[-1].generation, "generation")
+    rule, generations = run.config.temperature.rule, counted(run.generations[-1].generation, "generation")
     return (
         "Prompts: a niche counts as reachable if it holds an instruction at a temperature that "
-        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), whatever "
-        "they find."
+        f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), with "
+        "any fitness that they find."
     )

@@ -65,7 +65,7 @@ def motifs_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) 
             *((name, *(None,) * 8, _variants(numbers)) for name, numbers in published.items() if name not in ours),
         ),
         notes=(
-            f"Evaluated: the {counts.evaluated} different networks that were trained, in whatever generation. Archive: "
+            f"Evaluated: the {counts.evaluated} different networks that were trained, in any generation. Archive: "
             f"the {counts.archive} of them that are elites. Top {counts.top}: the elites of the lowest validation "
             "loss. The baseline is not counted.",
             "p: the chance of at least as many networks with the motif if the top, or the archive, were drawn at "

@@ -21,7 +21,7 @@ NOT_STATED = "not stated"
 
 
 def published_tables() -> tuple[Table, ...]:
-    """Give all tables that need no run: both tests, the searches, the scores."""
+    """Return all tables that need no run: both tests, the searches, the scores."""
     return (*(_test_table(test) for test in published.TESTS), _searches_table(), _scores_table())
 
 
@@ -32,7 +32,7 @@ def beside_published(runs: Sequence[Run]) -> Table:
         runs: one or more, of any task; of a task without a published search only ours is shown.
 
     Raises:
-        ValueError: there is no run.
+        ValueError: the list is empty.
     """
     if not runs:
         raise ValueError("a table beside the published figures needs at least one run; got none")
@@ -101,12 +101,12 @@ def _scores_table() -> Table:
 
 
 def _rows(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
-    """Give quantity, published and own value of all that is set beside each other."""
+    """Return quantity, published and own value of all that is set beside each other."""
     return (*_results(run), *((one.quantity, one.published, one.ours) for one in _set_up(run)))
 
 
 def _results(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
-    """Give quantity, published and own value of what a search found."""
+    """Return quantity, published and own value of what a search found."""
     printed = next((search for search in published.SEARCHES if search.task == run.task), None)
     found = improvement(run)
     theirs = printed and (printed.trainable, printed.improvement, printed.improvement, printed.coverage)
@@ -128,16 +128,16 @@ class _Setting:
 
 
 def _set_up(run: Run) -> tuple[_Setting, ...]:
-    """List how a search was set up; what the paper does not state cannot be held against it."""
+    """List how a search was set up; what the paper does not state counts as no difference."""
     config = run.config
     images, stated = sum(run.facts.counts), published.IMAGES.get(run.task)
     return (
         _niches(run),
-        _equal("candidates per generation", published.CANDIDATES, config["search"]["candidates"]),
-        _equal("generations", published.GENERATIONS, config["search"]["generations"]),
-        _equal("epochs", published.EPOCHS, config["training"]["epochs"]),
-        _model(config["llm"]["model"]),
-        _data(DataSource(config["data"]["source"])),
+        _equal("candidates per generation", published.CANDIDATES, config.search.candidates),
+        _equal("generations", published.GENERATIONS, config.search.generations),
+        _equal("epochs", published.EPOCHS, config.training.epochs),
+        _model(config.llm.model),
+        _data(config.data.source),
         _Setting(quantity="images", published=stated or NOT_STATED, ours=images, differs=stated not in {None, images}),
         _equal("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),
     )

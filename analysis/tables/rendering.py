@@ -1,6 +1,6 @@
 """Tables as Markdown, LaTeX and CSV, from the same record.
 
-Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. What is no finite number is refused.
+Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. A number that is not finite is an error.
 """
 
 import csv
@@ -9,11 +9,10 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from analysis.rounding import finite, shown
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
-from tacevo.storage.files import write_durably
+from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
 NARROW, WIDE = 52, 112
@@ -51,12 +50,9 @@ _LATEX = str.maketrans(
 
 def as_markdown(table: Table) -> str:
     """Write a table as GitHub's Markdown: caption, aligned columns, notes."""
-    lines = [_escaped(table.columns, _in_markdown), *(_escaped(row, _in_markdown) for row in table.rows)]
-    right = numeric_columns(table)
-    widths = [max(3, *map(len, column)) for column in zip(*lines, strict=True)]
-    rule = ["-" * (width - 1) + (":" if number else "-") for width, number in zip(widths, right, strict=True)]
-    rows = [_padded(lines[0], widths, right), rule, *(_padded(line, widths, right) for line in lines[1:])]
-    body = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    header, *rows = ([_in_markdown(shown(cell)) for cell in line] for line in (table.columns, *table.rows))
+    right = [place for place, number in enumerate(numeric_columns(table)) if number]
+    body = markdown(header, rows, right=right)
     return "\n\n".join([f"**{_in_markdown(table.caption)}**", body, *map(_in_markdown, table.notes)]) + "\n"
 
 
@@ -94,7 +90,7 @@ def as_csv(table: Table) -> str:
 
 
 def numeric_columns(table: Table) -> list[bool]:
-    """Say which columns hold numbers; they stand flush right."""
+    """Return whether each column holds numbers, which stand flush right."""
     return [not any(isinstance(row[place], str) for row in table.rows) for place in range(len(table.columns))]
 
 
@@ -121,30 +117,12 @@ def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
     return {f"{table.name}{ending}": write(table) for ending, write in writers.items()}
 
 
-def write_table(table: Table, folder: Path, *, prefix: str = "") -> tuple[Path, ...]:
-    """Write a table in every format, each file whole; older ones are replaced.
-
-    Args:
-        table: what to write.
-        folder: where to.
-        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
-
-    Raises:
-        StoreError: a file cannot be written.
-        ValueError: a cell is NaN or infinite; nothing was written.
-    """
-    texts = table_texts(table, prefix=prefix)
-    for name, text in texts.items():
-        write_durably(folder / name, text)
-    return tuple(folder / name for name in texts)
-
-
 def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bool]]:
     return list(zip(cells, spread, strict=True))
 
 
 def _exact(cell: Cell, places: int) -> list[str | int | float]:
-    """Give a cell unrounded, filled up to its column's places."""
+    """Return a cell unrounded, filled up to its column's places."""
     match cell:
         case None:
             values: list[str | int | float] = [""]
@@ -158,15 +136,6 @@ def _exact(cell: Cell, places: int) -> list[str | int | float]:
         if not isinstance(number, str):
             finite(number)
     return values + [""] * (places - len(values))
-
-
-def _escaped(cells: Sequence[Cell], escape: Callable[[str], str]) -> list[str]:
-    return [escape(shown(cell)) for cell in cells]
-
-
-def _padded(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
-    columns = zip(cells, widths, right, strict=True)
-    return [cell.rjust(width) if number else cell.ljust(width) for cell, width, number in columns]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,6 +67,8 @@ def opened(path: Path) -> Iterator[Opened]:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
         RunError: it is neither a run's or a sweep's folder nor a file.
     """
+    if not path.exists():
+        raise RunError("it does not exist", place=str(path), remedy="name the directory of a run, or a bundle")
     if not path.is_file():
         yield located(path)
         return

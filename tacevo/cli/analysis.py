@@ -1,4 +1,4 @@
-"""The commands that show what a run found: `tacevo tables | figures | report | paper`.
+"""The commands that show what runs found: `tacevo tables | figures | report | paper | ablations`.
 
 What they do is imported when they run, so that help is quick.
 """
@@ -13,23 +13,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
-from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, SandboxError
+from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
+from tacevo.text import listed
 
 if TYPE_CHECKING:
     from analysis.report.collection import Collection
     from analysis.report.document import Chapter
     from analysis.report.figure_list import Picture
+    from analysis.report.sweep_collection import SweepCollection
     from analysis.runs.run import Run
     from analysis.table import Table
-
-if TYPE_CHECKING:
-    from analysis.report.sweep_collection import SweepCollection
 
 
 _FORMATS = ("pdf", "svg", "png")
 
-#: What a user who gave a sweep may do.
-_ONE = "give the folder of one of its jobs; a published sweep has its own tables in it"
+#: The remedy where one run is needed and a sweep was named.
+_ONE = "compare its arms by `tacevo ablations`, or name the directory of one of its jobs"
 
 
 def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
@@ -39,12 +38,15 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="every table of a run, in LaTeX, Markdown and CSV",
         description="Print every table of a finished run and its studies, and write them as .tex, .md and .csv.",
     )
+    tables.add_argument("run", metavar="RUN", nargs="?", help="the directory or bundle of a run; optional with --paper")
     tables.add_argument(
-        "run", metavar="RUN", nargs="?", help="a run's folder or bundle; with --paper it may be left out"
+        "--paper", action="store_true", help="the paper's own tables beside corrected values, and beside RUN"
     )
-    tables.add_argument("--paper", action="store_true", help="the paper's own tables, beside corrected values and RUN")
     tables.add_argument(
-        "-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/tables; with --paper: nowhere)"
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="where to write them (default for a directory: RUN/tables; with --paper nothing is written)",
     )
     tables.set_defaults(command=_tables)
 
@@ -53,8 +55,10 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="every figure of a run, for a paper",
         description="Draw every figure of a finished run and its studies.",
     )
-    figures.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
-    figures.add_argument("-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/figures)")
+    figures.add_argument("run", metavar="RUN", help="the directory or bundle of a run")
+    figures.add_argument(
+        "-o", "--output", metavar="DIR", help="where to write them (default for a directory: RUN/figures)"
+    )
     figures.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
     figures.set_defaults(command=_figures)
 
@@ -63,8 +67,8 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         help="one page with every table and figure of a run",
         description="Write one HTML file that holds every table and figure of a finished run and its studies.",
     )
-    report.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
-    report.add_argument("-o", "--output", metavar="FILE", help="default of a folder: RUN/report.html")
+    report.add_argument("run", metavar="RUN", help="the directory or bundle of a run")
+    report.add_argument("-o", "--output", metavar="FILE", help="default for a directory: RUN/report.html")
     report.set_defaults(command=_report)
 
     paper = commands.add_parser(
@@ -73,13 +77,13 @@ def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
         description="Write every table and figure of finished runs and their studies, a LaTeX document that holds "
         "them all, and its PDF where LaTeX is installed.",
     )
-    paper.add_argument("runs", metavar="RUN", nargs="+", help="the folder of a run, or the file of a published one")
+    paper.add_argument("runs", metavar="RUN", nargs="+", help="the directory or bundle of a run")
     paper.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
     paper.set_defaults(command=_paper)
 
     for parser in (tables, figures, report, paper):
-        parser.add_argument("--store", metavar="DIR", help="where the stores of a run lie, if they were moved")
-        parser.set_defaults(interrupted="each file that was written is whole, and the same command makes the rest")
+        parser.add_argument("--store", metavar="DIR", help="directory of the run's stores, if it was moved")
+        parser.set_defaults(interrupted="every written file is complete; run the same command again for the rest")
 
 
 def _tables(options: argparse.Namespace) -> int:
@@ -89,7 +93,11 @@ def _tables(options: argparse.Namespace) -> int:
     if options.paper:
         return _paper_tables(options)
     if options.run is None:
-        raise ConfigError("tacevo tables needs the folder of a run; or --paper, for the paper's own tables")
+        raise ConfigError(
+            "neither",
+            place="tacevo tables",
+            expected="the directory or bundle of a run, or --paper for the paper's tables",
+        )
     place = _place(options, "tables")
     with _collected(options.run, options.store) as gathered:
         found, folder = gathered.found, output_folder(place)
@@ -103,7 +111,7 @@ def _tables(options: argparse.Namespace) -> int:
 
 
 def _paper_tables(options: argparse.Namespace) -> int:
-    """Print the paper's own tables; beside them a run, whose studies they do not speak of."""
+    """Print the paper's own tables, and one that compares a run with them; studies are not read."""
     from analysis.report.writing import write_tables
     from analysis.runs.run import load_run
     from analysis.tables.rendering import as_markdown
@@ -130,8 +138,8 @@ def _figures(options: argparse.Namespace) -> int:
         found, folder = gathered.found, output_folder(place)
         pictures, remarks = _pictures(gathered)
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
-    with _shown("figures", len(pictures)) as told:
-        write_pictures(pictures, folder, endings, told)
+    with _shown("figures", len(pictures)) as on_drawn:
+        write_pictures(pictures, folder, endings, on_drawn)
     names = {picture.name for picture in pictures}
     gone = remove_outdated(folder, names, task=found.run.task, endings=[f".{name}" for name in _FORMATS])
     _say([*remarks, *map(_removed, gone)])
@@ -146,12 +154,12 @@ def _report(options: argparse.Namespace) -> int:
     path = _place(options, "report.html")
     with _collected(options.run, options.store) as gathered:
         found = gathered.found
-        tables, untold = _own_tables(gathered)
+        tables, missing = _own_tables(gathered)
         pictures, undrawn = _pictures(gathered)
-    with _shown("figures", len(pictures)) as told:
-        images = [drawn(picture, told) for picture in pictures]
-    write_durably(path, as_html(found.run, tables, images, [*_remarks(gathered), *untold, *undrawn]))
-    _say([*untold, *undrawn])
+    with _shown("figures", len(pictures)) as on_drawn:
+        images = [drawn(picture, on_drawn) for picture in pictures]
+    write_durably(path, as_html(found.run, tables, images, [*_remarks(gathered), *missing, *undrawn]))
+    _say([*missing, *undrawn])
     print(f"report: {path}")
     return _status([found])
 
@@ -159,35 +167,37 @@ def _report(options: argparse.Namespace) -> int:
 def _paper(options: argparse.Namespace) -> int:
     from analysis.report.document import ENGINES, make_pdf, write_document
     from analysis.report.writing import write_chapter
-    from analysis.studies.study import refuse_mixed
+    from analysis.studies.study import check_alike
 
     with contextlib.ExitStack() as open_bundles:
         gathered = [_for_paper(open_bundles.enter_context(_collected(run, options.store))) for run in options.runs]
         found = [one.found for one in gathered]
-        _refuse_twice([one.run.name for one in found])
-        refuse_mixed([compared.study for one in found for compared in one.studies])
+        _check_names([one.run.name for one in found])
+        check_alike([compared.study for one in found for compared in one.studies])
         folder = output_folder(options.output)
         published = _published([one.run for one in found])
-        chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _nobody)]
+        chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _ignore)]
         # LaTeX reads no file whose name holds certain characters, so runs are numbered.
         chapters += [_chapter(one, folder / f"run{number}") for number, one in enumerate(gathered, start=1)]
     document = write_document(chapters, folder)
     print(f"document: {document}")
     pdf = make_pdf(document, shutil.which)
     engines = " or ".join(command[0] for command, _ in ENGINES)
-    print(f"PDF: {pdf}" if pdf else f"no PDF: no {engines} is installed; with one, this command makes it")
+    print(f"PDF: {pdf}" if pdf else f"no PDF: install {engines}, and run the same command again")
     return _status(found)
 
 
-def _refuse_twice(names: Sequence[str]) -> None:
-    """See that each run has a name of its own, by which its pages are told apart."""
+def _check_names(names: Sequence[str]) -> None:
+    """Check that the runs have different names, which distinguish their pages."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
+        raise ConfigError(
+            f"{listed(twice)} twice", place="tacevo paper", expected="runs with different directory names"
+        )
 
 
 def _for_paper(gathered: "_Gathered") -> "_Gathered":
-    """Take one study of a run, and say which are passed over."""
+    """Keep one study of a run, and print which are passed over."""
     from analysis.report.collection import with_one_study
 
     chosen = with_one_study(gathered.found)
@@ -204,27 +214,27 @@ def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
     from analysis.report.writing import write_chapter
 
     name = gathered.found.run.name
-    tables, untold = _own_tables(gathered)
+    tables, missing = _own_tables(gathered)
     pictures, undrawn = _pictures(gathered)
-    with _shown(name, len(pictures)) as told:
-        chapter = write_chapter(name, tables, pictures, folder, told)
-    _say([*untold, *undrawn])
+    with _shown(name, len(pictures)) as on_drawn:
+        chapter = write_chapter(name, tables, pictures, folder, on_drawn)
+    _say([*missing, *undrawn])
     return chapter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Gathered:
-    """A run with its studies, wherever they lie."""
+    """A run with its studies, from a directory or a bundle."""
 
     found: "Collection"
-    #: The folder of the stores that it is read with; None for the run's own.
+    #: The directory of the stores that it is read with; None for the run's own.
     store: str | None
     is_bundle: bool
 
 
 @contextlib.contextmanager
 def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
-    """Read a run and its studies, from its folder or a bundle, and say what is missing."""
+    """Read a run and its studies from a directory or a bundle, and print what is missing."""
     from analysis.report.collection import collect
     from tacevo.bundles.open import opened
 
@@ -239,46 +249,41 @@ def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
 
 
 def _place(options: argparse.Namespace, name: str) -> Path:
-    """Say where the results of a run go."""
+    """Return where the results of a run are written."""
     return place_of_results(options.output, options.run, name, f"the {name} of a published run")
 
 
 def _remarks(gathered: _Gathered) -> list[str]:
-    """Say what the model refused to be sent, and which studies a run lacks, and how to have them."""
+    """List the settings that were not sent, the studies that were left out, and how to make a first one."""
     found = gathered.found
-    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.refused)]
-    if not found.studies and not found.refused:
+    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.left_out)]
+    if not found.studies and not found.left_out:
         make = f"`tacevo study run={found.run.path}` makes one, with its tables and figures"
-        remarks.append(f"no finished study yet: {'it was published without one' if gathered.is_bundle else make}")
+        remarks.append(f"no finished study yet: {'it was published without a study' if gathered.is_bundle else make}")
     return remarks
 
 
 def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
-    """Give the paper's own tables, and with runs the one that sets them beside it."""
+    """Return the paper's own tables, and with runs the table that compares them."""
     from analysis.tables.published import beside_published, published_tables
 
     return (*published_tables(), beside_published(runs)) if runs else published_tables()
 
 
 def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
-    """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing.
-
-    No code of a bundle's candidates runs: its own limits would confine them.
-    """
+    """Return the tables of a run, and why there are none of motifs: a probe is missing, or a network was edited."""
     from analysis.report.collection import tables_of
-    from tacevo.records import Mode
     from tacevo.runs.profiles import recall_profiles
 
     found = gathered.found
-    mode = Mode.replay if gathered.is_bundle else Mode.record
     try:
-        return tables_of(found, recall_profiles(found.run.path, gathered.store, mode=mode)), []
-    except (CacheMissError, RunError, SandboxError) as error:
+        return tables_of(found, recall_profiles(found.run.path, gathered.store)), []
+    except (CacheMissError, RunError) as error:
         return tables_of(found, None), [f"no tables of motifs: {error}"]
 
 
 def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
-    """List the pictures of a run, sample images first; where its data set cannot be had, say why they are missing."""
+    """List the pictures of a run, sample images first; or the reason why they are missing."""
     from rich.console import Console
 
     from analysis.report.collection import pictures_of
@@ -286,18 +291,18 @@ def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
     from tacevo.runs.data_check import samples_of_run
 
     run = gathered.found.run
-    pictures, untold = list(pictures_of(gathered.found)), list(undrawn(run))
+    pictures, missing = list(pictures_of(gathered.found)), list(undrawn(run))
     try:
         figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
     except (ConfigError, DataError) as error:
-        return pictures, [*untold, f"no sample images: {error}"]
+        return pictures, [*missing, f"no sample images: {error}"]
     caption = f"Training images of the data set ({run.name})."
-    return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], untold
+    return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], missing
 
 
 def _status(collections: "Sequence[Collection]") -> int:
-    """Give the exit status: studies that cannot be used are a failed check."""
-    return DIFFERENT if any(found.refused for found in collections) else DONE
+    """Return the exit status: a study that was left out is a failed check."""
+    return DIFFERENT if any(found.left_out for found in collections) else DONE
 
 
 def _say(remarks: Iterable[str]) -> None:
@@ -306,11 +311,11 @@ def _say(remarks: Iterable[str]) -> None:
 
 
 def _removed(name: str) -> str:
-    return f"removed {name}: its study is gone or left out"
+    return f"removed {name}: its study is missing or left out"
 
 
-def _nobody(name: str) -> None:
-    """Take word of a picture, and tell nobody."""
+def _ignore(name: str) -> None:
+    """Report nothing of a picture."""
 
 
 @contextlib.contextmanager
@@ -333,11 +338,13 @@ def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
         description="Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and "
         ".csv, with figures as .pdf.",
     )
-    ablations.add_argument("sweep", metavar="DIR", help="the folder of a sweep, or the file of a published one")
-    ablations.add_argument("-o", "--output", metavar="OUT", help="where they go (default of a folder: DIR/ablations)")
-    ablations.add_argument("--store", metavar="DIR", help="where the stores of the runs lie, if they were moved")
+    ablations.add_argument("sweep", metavar="DIR", help="the directory or bundle of a sweep")
+    ablations.add_argument(
+        "-o", "--output", metavar="OUT", help="where to write them (default for a directory: DIR/ablations)"
+    )
+    ablations.add_argument("--store", metavar="DIR", help="directory of the runs' stores, if it was moved")
     ablations.set_defaults(
-        command=_ablations, interrupted="each file that was written is whole, and the same command makes the rest"
+        command=_ablations, interrupted="every written file is complete; run the same command again for the rest"
     )
 
 
@@ -362,12 +369,11 @@ def _ablations(options: argparse.Namespace) -> int:
 
 
 def _collected_sweep(path: Path, store: Path | None) -> "SweepCollection":
-    """Read a sweep from its folder or a bundle; from a bundle's own stores, unless others are named."""
+    """Read a sweep from a directory or a bundle, a bundle with its own stores unless others are named."""
     from analysis.report.sweep_collection import collect_sweep
     from tacevo.bundles.open import opened
-    from tacevo.config.identity import recorded_hash
 
     if not path.is_file():
-        return collect_sweep(path, store, recorded_hash)
+        return collect_sweep(path, store)
     with opened(path) as published:
-        return collect_sweep(published.folder, store or published.store, recorded_hash)
+        return collect_sweep(published.folder, store or published.store)

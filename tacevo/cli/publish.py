@@ -104,12 +104,11 @@ def _of_sweep(
     from analysis.runs.run import load_run
     from analysis.tables.published import beside_published
     from tacevo.bundles.open import located
-    from tacevo.config.identity import recorded_hash
     from tacevo.errors import IncomparableError
 
     beside = beside_published([load_run(run) for run in located(folder).runs])
     try:
-        found = collect_sweep(folder, store, recorded_hash)
+        found = collect_sweep(folder, store)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
         reason = str(error).replace(str(folder), "the sweep")  # which may lie in a private folder
         say(f"no table or figure compares the arms: {reason}")
@@ -119,10 +118,9 @@ def _of_sweep(
 
 def _tables(found: "Collection", store: Path) -> dict[str, bytes]:
     from analysis.report.collection import tables_of
-    from tacevo.records import Mode
     from tacevo.runs.profiles import recall_profiles
 
-    return _files(tables_of(found, recall_profiles(found.run.path, str(store), mode=Mode.replay)))
+    return _files(tables_of(found, recall_profiles(found.run.path, str(store))))
 
 
 def _files(tables: "Iterable[Table]") -> dict[str, bytes]:

@@ -1,9 +1,6 @@
 """What decides the results of a run, and its hash."""
 
-from collections.abc import Mapping
-
 from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, Axis, Device, OperatorScope
-from tacevo.config.compose import from_plain
 from tacevo.config.schema import RunConfig
 from tacevo.records import Json, to_json
 from tacevo.storage.canonical import content_hash
@@ -41,15 +38,6 @@ def identity(config: RunConfig) -> dict[str, Json]:
 def config_hash(config: RunConfig) -> str:
     """Hash what decides the results of a job: 64 hex digits."""
     return content_hash(decisive(config))
-
-
-def recorded_hash(config: Mapping[str, Json]) -> str:
-    """Hash what decides the results of a run, from the configuration in its run.json: 64 hex digits.
-
-    Raises:
-        ConfigError: it is not a configuration of this version.
-    """
-    return config_hash(from_plain(config))
 
 
 def decisive(config: RunConfig) -> Json:

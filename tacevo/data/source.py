@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+import tacevo.text
 from tacevo.data.splitting import Split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -89,9 +91,8 @@ def shortened(text: str) -> str:
     return repr(text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}...")
 
 
-def listed(names: Sequence[str]) -> str:
-    """Join names for a message, the first few."""
-    return ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else "")
+#: Joins names for a message, the first few.
+listed = partial(tacevo.text.listed, nothing="", most=SHOWN_NAMES)
 
 
 def repeats(named: Iterable[tuple[str, Hashable]]) -> list[str]:

@@ -111,10 +111,6 @@ class Gate:
         source = extract(completion, self._contract)
         return source if isinstance(source, Rejection) else check(source, self._contract) or source
 
-    def is_recorded(self, source: str) -> bool:
-        """Tell whether the store has the probe of a source, sound or not."""
-        return self._store.holds(self._store.key(self._request(source)))
-
     def _request(self, source: str) -> Json:
         """Return everything that a probe's answer depends on."""
         return {

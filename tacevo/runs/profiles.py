@@ -1,40 +1,28 @@
-"""The profiles of a finished run's networks: recalled from its store of probes, or probed anew in the sandbox."""
+"""The profiles of a finished run's networks, from its store of probes."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-from tacevo.choices import Confinement
 from tacevo.config.recorded import read_run
 from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
-from tacevo.records import Mode, Rejection
-from tacevo.rules import CURRENT, Rules, by_rules
+from tacevo.records import Mode
+from tacevo.rules import by_rules
 from tacevo.runs.wiring import open_gate
-from tacevo.sandbox.confinement import require
 from tacevo.storage.run_directory import RunDirectory
 
-#: Insists on a level of confinement.
-Confine = Callable[[Confinement], None]
 
+def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
+    """Return the profile of every trained candidate of a run, by id, in the order of its ledger.
 
-def recall_profiles(
-    path: Path, store: str | None, *, mode: Mode = Mode.record, confine: Confine = require
-) -> dict[str, Profile]:
-    """Give the profile of every trained candidate of a run, by id, in the order of its ledger.
-
-    They are recalled under the rules of the run. A probe that the store lacks is made under the current rules and
-    stored; the code of a candidate runs in a confined process, as in a search.
+    They are read under the rules of the run. The code of no candidate runs, so no sandbox is needed.
 
     Args:
         path: the run directory.
         store: where the stores lie, if not where the run had them.
-        mode: of the store of probes; with `replay`, no candidate's code runs, and a missing probe is an error.
-        confine: raises where candidates cannot be confined as strongly as the run asks; only a missing probe needs it.
 
     Raises:
-        CacheMissError: a probe is missing and the mode is `replay`.
-        RunError: a candidate's file is not what was trained, or its source passes the probe no longer.
-        SandboxError: a probe is missing and the sandbox is broken.
+        CacheMissError: a probe is missing.
+        RunError: a candidate's file is not what was trained, or the limits of the run reject its source.
     """
     directory = RunDirectory(path)
     config, task, _ = read_run(directory, store)
@@ -44,24 +32,13 @@ def recall_profiles(
             for rules, line in by_rules(directory.read_ledger())
             if "fitness" in line
         }
-    sources = {name: (rules, directory.read_source(name, digest)) for name, (rules, digest) in trained.items()}
-    distinct = dict.fromkeys(sources.values())
-    with open_gate(config, task.contract, mode) as (gate_under, executor):
-        current = gate_under(CURRENT)
-        gates = {rules: gate_under(rules) for rules, _ in distinct}
-        missing = {key for key in distinct if mode is not Mode.replay and not gates[key[0]].is_recorded(key[1])}
-        if missing:
-            confine(config.sandbox.require)
-
-        def judge(key: tuple[Rules, str]) -> Admitted | Rejection:
-            rules, source = key
-            return (current if key in missing else gates[rules]).measure(source)
-
-        verdicts = dict(zip(distinct, executor.map(judge, distinct), strict=True))
     found = {}
-    for name, key in sources.items():
-        verdict = verdicts[key]
-        if not isinstance(verdict, Admitted):
-            raise RunError(f"{name} of {path} was trained, but is turned away now: {verdict.reason}: {verdict.detail}")
-        found[name] = verdict.profile
+    with open_gate(config, task.contract, Mode.replay) as (gate_under, _):
+        gates = {rules: gate_under(rules) for rules, _ in trained.values()}
+        for name, (rules, digest) in trained.items():
+            verdict = gates[rules].measure(directory.read_source(name, digest))
+            if not isinstance(verdict, Admitted):
+                detail = f"{name} was trained, and is rejected now: {verdict.reason}: {verdict.detail}"
+                raise RunError(detail, place=str(path), remedy="restore run.json")
+            found[name] = verdict.profile
     return found

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tacevo.config.identity import recorded_hash
+from tacevo.config.compose import from_plain
+from tacevo.config.identity import config_hash
 from tacevo.errors import RunError, TacevoError
 from tacevo.records import Json
 from tacevo.storage.run_directory import RunDirectory
@@ -69,7 +70,7 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> st
     if not lines:
         return ""
     with run.believed():
-        recorded = recorded_hash(run.read_run()["config"])
+        recorded = config_hash(from_plain(run.read_run()["config"]))
     if recorded != job.config:
         raise RunError(
             "another configuration's run",

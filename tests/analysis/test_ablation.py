@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import closed, rejected, run, trained
 from hand_sweeps import finished, run_to
 from scipy.stats import mannwhitneyu
 
@@ -45,7 +45,7 @@ def outcomes(
 
 
 def contrast(found: Ablation, arm: str, metric: Metric = Metric.best_fitness) -> Contrast:
-    """Give an arm's contrast."""
+    """Return an arm's contrast."""
     (it,) = (one.metrics[metric].contrast for one in found.arms if one.name == arm)
     assert it is not None
     return it
@@ -124,11 +124,6 @@ def test_run_that_is_the_references_is_not_compared() -> None:
     assert [len(arm.metrics[Metric.best_fitness].values) for arm in found.arms] == [5, 5]
 
 
-def test_equal_value_of_another_run_is_compared() -> None:
-    """A tie of two searches is a finding; only one search twice is none."""
-    assert contrast(compare_arms(outcomes({"none": NONE, "half": HALF})), "half").differing == 5
-
-
 def test_one_run_that_differs_is_not_tested() -> None:
     """The arm counts in Holm's family as one with p = 1, so the family does not depend on what the runs found."""
     alike = {"none": (0, 1, 2, 3), "once": (0, 1, 2, 3)}
@@ -139,17 +134,11 @@ def test_one_run_that_differs_is_not_tested() -> None:
     assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
 
 
-def test_arm_without_a_run_of_its_own_is_identical() -> None:
-    """Nothing differs on any seed."""
-    alike = {"none": range(5), "same": range(5)}
-    same = contrast(compare_arms(outcomes({"none": NONE, "same": NONE}, alike)), "same")
-    assert (same.comparability, same.differing, same.paired.equal) == (Comparability.identical, 0, 0)
-
-
 def test_costs_do_not_set_runs_apart() -> None:
     """Timings that are lost or were taken twice make no other search of a run."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
-    runs = [run([trained(0, 0), trained(1, 0, spent=some)], [closed(0), closed(1)]) for some in (spent, None)]
+    paid = {"g01s00": spent}
+    runs = [run([trained(0, 0), trained(1, 0)], [closed(0), closed(1)], spent=some) for some in (paid, None)]
     common = common_archive(runs, finished("none", 0, runs[0]).run, np.array([[0.25, 0.5], [0.75, 0.5]]))
     first, second = (outcome(finished("none", 0, one), common).slots for one in runs)
     assert first == second
@@ -243,11 +232,12 @@ def test_run_is_measured_by_hand() -> None:
     spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
     slots = [
         trained(0, 0, 0.8, descriptors=(0.0, 1.0)),
-        trained(0, 1, 0.4, spent=spent),
-        trained(1, 0, 0.1, descriptors=(1.0, 1.0), spent=spent),
-        trained(1, 1, 0.4, source="g00s01", spent=spent),
+        trained(0, 1, 0.4),
+        trained(1, 0, 0.1, descriptors=(1.0, 1.0)),
+        trained(1, 1, 0.4, source="g00s01"),
     ]
-    values = values_of(run(slots, [closed(0, 0.4), closed(1, 0.1, candidates=4, trained=2)]))
+    paid = dict.fromkeys(("g00s01", "g01s00", "g01s01"), spent)
+    values = values_of(run(slots, [closed(0, 0.4), closed(1, 0.1, candidates=4, trained=2)], spent=paid))
     assert values == {
         Metric.best_fitness: 0.1,
         Metric.improvement: 0.75,
@@ -264,8 +254,9 @@ def test_run_is_measured_by_hand() -> None:
 def test_spending_with_a_gap_is_unknown() -> None:
     """One answer that timings do not tell of, or has no price, makes a sum of the rest a lie."""
     known = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
-    gap = run([trained(0, 0), trained(1, 0, spent=known), turned_away(1, 1)], [closed(0), closed(1)])
-    unpriced = run([trained(0, 0), trained(1, 0, spent=Spending(answers=1, unpriced=1))], [closed(0), closed(1)])
+    slots, lines = [trained(0, 0), trained(1, 0)], [closed(0), closed(1)]
+    gap = run([*slots, rejected(1, 1)], lines, spent={"g01s00": known})
+    unpriced = run(slots, lines, spent={"g01s00": Spending(answers=1, unpriced=1)})
     assert (values_of(gap)[Metric.tokens], values_of(gap)[Metric.cost]) == (None, None)
     assert (values_of(unpriced)[Metric.tokens], values_of(unpriced)[Metric.cost]) == (0, None)
 

@@ -23,7 +23,9 @@ def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
     """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
     return [
-        finished(arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9), spent=spent)]))
+        finished(
+            arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9))], {"g01s00": spent})
+        )
         for seed, best in enumerate(bests)
     ]
 
@@ -40,7 +42,7 @@ SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of
 
 
 def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
-    """Give the table of the best fitness."""
+    """Return the table of the best fitness."""
     return metric_table(sweep, found, Metric.best_fitness, ARCHIVE)
 
 
@@ -101,14 +103,6 @@ def test_runs_that_differ_are_counted_without_a_value() -> None:
     table = metric_table(sweep, found, Metric.cost, ARCHIVE)
     row = dict(zip(table.columns, table.rows[1], strict=True))
     assert (row["seeds"], row["runs that differ"]) == (3, 5)
-
-
-def test_single_run_that_differs_is_not_tested() -> None:
-    """The word stands where p would."""
-    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("once", (*NONE[:4], 0.3)))
-    table = best(sweep, found)
-    assert table.rows[1][3:6] == (1, None, "too few runs differ")
-    assert any(note.startswith("Too few runs differ: once. A test needs two in either arm.") for note in table.notes)
 
 
 def test_direction_is_told() -> None:
@@ -184,13 +178,6 @@ def test_missing_jobs_are_told() -> None:
     tables = [table for table in ablation_tables(sweep, FOUND, ARCHIVE) if table.name != "ablation_settings_force"]
     for table in tables:
         assert any(note.startswith("Missing, 1 job: worse-seed5.") for note in table.notes)
-
-
-def test_unknown_cost_is_empty() -> None:
-    """Neither 0 nor a refusal."""
-    sweep, found = compared(finished("none", 0, run_to(0.5, 0.4)), finished("none", 1, run_to(0.5, 0.4)))
-    assert arms_table(sweep, found, "n").rows[0][-2:] == (None, None)
-    assert metric_table(sweep, found, Metric.cost, "n").rows[0][:3] == ("none", 0, None)
 
 
 def test_runs_are_listed_one_by_one() -> None:

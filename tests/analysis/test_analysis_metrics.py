@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from studies import score, study_of
 
-from analysis.studies.metrics import metric_name, named_metrics
-from analysis.studies.scores import LOWER_IS_BETTER, Study
+from analysis.studies.metrics import named_metrics
+from analysis.studies.scores import Study
 from tacevo.records import Kind
 from tacevo.training.metrics import classification_metrics, regression_metrics
 
@@ -15,7 +15,7 @@ NAMES = ("Fx", "Fy", "shear_yaw")
 
 
 def measured(*units: str) -> Study:
-    """Give a regression whose scores have the metrics that the training measures, sorted as a file has them."""
+    """Return a regression whose scores have the metrics that the training measures, sorted as a file has them."""
     values = np.random.default_rng(0).random((2, 5, 3)).astype(np.float32)
     metrics = regression_metrics(values[0], values[1], names=NAMES, scale=(1.0, 2.0, 3.0))
     study = study_of({"baseline": [0.1]})
@@ -56,8 +56,3 @@ def test_metrics_of_a_classification_stand_in_the_order_of_the_docs() -> None:
     metrics = {"cross_entropy": 1.0, "macro_f1": 0.5, "accuracy": 0.5}
     study = replace(study_of({"baseline": [0.1]}, kind=Kind.classification), scores=(score("baseline", 0, metrics),))
     assert [name for _, name in named_metrics(study)] == ["accuracy", "macro-F1", "cross-entropy (nats)"]
-
-
-def test_primary_metrics_have_names() -> None:
-    """What networks are compared by can be written."""
-    assert [metric_name(metric) for metric in LOWER_IS_BETTER] == ["MSE", "accuracy"]

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 from studies import study_of
 
 from analysis.studies.scores import Study
-from analysis.studies.study import load_study, refuse_mixed
+from analysis.studies.study import check_alike, load_study
 from tacevo.choices import MarginKind
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Kind, Limits, Recipe
@@ -105,12 +106,12 @@ def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
             r"baseline has scores beyond the 3 seeds of the study, for seeds \[3\]",
         ),
         (lambda scores: [*scores, scores[2]], r"baseline has more than one score for seeds \[2\]"),
-        (failed, r"is incomplete: baseline, seed 1; variant 1, seed 2 came to no end \(out_of_time\)"),
+        (failed, r"2 that failed \(out_of_time\): baseline with seed 1, variant 1 with seed 2"),
         (
             lambda scores: [*scores[:5], {**scores[5], "metrics": {"mae": 1.0}}],
             r"variant 1 has no mse for seeds \[2\]",
         ),
-        (lambda scores: [{"kind": "score"}, *scores], "is damaged: KeyError"),
+        (lambda scores: [{"kind": "score"}, *scores], r"study, scores\.0.*expected a value; got nothing"),
     ],
 )
 def test_what_is_not_whole_is_refused_with_its_rows(
@@ -125,12 +126,12 @@ def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     """Before its scores are there, and where they were cut off after the digest was written."""
     directory = StudyDirectory(tmp_path / "begun")
     directory.begin({}, {})
-    with pytest.raises(RunError, match=r"begun is not finished: it has no scores.jsonl"):
+    with pytest.raises(RunError, match=r"scores\.jsonl"):
         load_study(directory.path)
     path = written(tmp_path / "cut")
     scores = path / "scores.jsonl"
     scores.write_text("\n".join(scores.read_text().splitlines()[:-1]) + "\n")
-    with pytest.raises(RunError, match="cut is not finished, or its digest was edited"):
+    with refused(RunError, place="cut/study.json", expected="the digest that scores.jsonl ends with"):
         load_study(path)
 
 
@@ -138,7 +139,7 @@ def test_units_that_do_not_fit_the_outputs_are_refused(tmp_path: Path) -> None:
     """Nothing else says which output is in newtons."""
     path = written(tmp_path / "study") / "study.json"
     path.write_text(path.read_text().replace('"mm"', '"mm", "N"'))
-    with pytest.raises(RunError, match=r"study.json needs a unit for each of \['depth'\], or none; got \['mm', 'N'\]"):
+    with refused(RunError, place="study.json, units", expected="one for each of depth", got="mm, N"):
         load_study(path.parent)
 
 
@@ -147,26 +148,28 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "study")
     scores = path / "scores.jsonl"
     scores.write_text(scores.read_text().replace('"mse":1.1', '"mse":NaN'))
-    with pytest.raises(RunError, match="variant 1, seed 1: the line does not match its hash"):
+    with pytest.raises(RunError, match="variant 1, seed 1"):
         load_study(path)
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("change", "field", "values"),
     [
-        (lambda study: replace(study, fingerprint="e" * 64), "differ in fingerprint: f{64} for baseline, variant 1 of"),
-        (lambda study: replace(study, recipe=replace(RECIPE, epochs=9)), "differ in recipe"),
-        (lambda study: replace(study, numerics="fast"), "differ in numerics: portable .* fast for baseline, variant 1"),
-        (lambda study: replace(study, seeds=2), "differ in seeds: 3 .* 2 for baseline, variant 1 of run r{12}"),
+        (lambda study: replace(study, fingerprint="e" * 64), "fingerprint", ("f" * 64, "e" * 64)),
+        (lambda study: replace(study, recipe=replace(RECIPE, epochs=9)), "recipe", ("epochs=2", "epochs=9")),
+        (lambda study: replace(study, numerics="fast"), "numerics", ("portable", "fast")),
+        (lambda study: replace(study, seeds=2), "seeds", ("3", "2")),
     ],
 )
-def test_mixed_studies_are_refused(change: Callable[[Study], Study], named: str, tmp_path: Path) -> None:
+def test_mixed_studies_are_refused(
+    change: Callable[[Study], Study], field: str, values: tuple[str, str], tmp_path: Path
+) -> None:
     """Two studies of one task must have been made alike; those of two tasks need not."""
     study = load_study(written(tmp_path / "study"))
-    refuse_mixed([study, study])
-    refuse_mixed([study, replace(change(study), task="grating")])
-    with pytest.raises(RunError, match=named):
-        refuse_mixed([study, change(study)])
+    check_alike([study, study])
+    check_alike([study, replace(change(study), task="grating")])
+    with refused(RunError, place=f"the studies of force, {field}", expected=values[0], got=values[1]):
+        check_alike([study, change(study)])
 
 
 @pytest.mark.parametrize(

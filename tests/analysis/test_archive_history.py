@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import closed, rejected, run, trained
 
 from analysis.report.collection import collect
 from analysis.runs.archive_history import archive_history, archive_medians
@@ -37,7 +37,7 @@ def test_median_is_that_of_the_elites() -> None:
         trained(0, 1, 0.6, descriptors=(1.0, 1.0)),
         trained(1, 0, 0.4, descriptors=(0.9, 0.5)),
         trained(1, 1, 5.0, descriptors=(0.1, 0.5)),
-        turned_away(1, 2),
+        rejected(1, 2),
     ]
     assert archive_medians(run(slots, [closed(0), closed(1)]), HALVES) == pytest.approx((0.7, 0.6))
 
@@ -63,4 +63,4 @@ def test_archive_without_niches_has_a_median() -> None:
 
 def test_archive_that_nothing_entered_has_no_median() -> None:
     """There is no fitness before the first training."""
-    assert archive_medians(run([turned_away(0, 0)], [closed(0, None, trained=0)], bounds=None), HALVES) == (None,)
+    assert archive_medians(run([rejected(0, 0)], [closed(0, None, trained=0)], bounds=None), HALVES) == (None,)

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained
+from hand_runs import closed, configured, run, trained
 from studies import study_of
 
 from analysis.report.collection import Collection, Compared, pictures_of, tables_of, with_one_study
 from analysis.runs.niches import Niches
-from analysis.runs.run import Elite, Run
+from analysis.runs.run import Occupant, Run
 from analysis.studies.comparison import compare
 from tacevo.records import Kind
 
@@ -18,23 +18,23 @@ SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0
 
 
 def searched() -> Run:
-    """Give a run with two elites, one a child of the other."""
+    """Return a run with two elites, one a child of the other."""
     elites = [
-        Elite(id="g00s00", niche=0, fitness=0.5, descriptors=(0.3, 0.5)),
-        Elite(id="g01s00", niche=1, fitness=0.4, descriptors=(0.7, 0.5)),
+        Occupant(id="g00s00", niche=0, fitness=0.5),
+        Occupant(id="g01s00", niche=1, fitness=0.4),
     ]
     slots = [trained(0, 0, 0.5), trained(1, 0, 0.4), trained(1, 1, 0.9)]
     return run(slots, [closed(0, 0.5), closed(1, 0.4, candidates=2, trained=2)], elites=elites)
 
 
 def collection(*kinds: Kind, searched: Run) -> Collection:
-    """Give a run with a study of each kind."""
+    """Return a run with a study of each kind."""
     studies = [study_of(SCORES, kind=kind) for kind in kinds]
     compared = [
         Compared(name=f"study{number}", study=study, comparisons=compare(study))
         for number, study in enumerate(studies, start=1)
     ]
-    return Collection(run=searched, niches=NICHES, studies=tuple(compared), refused=())
+    return Collection(run=searched, niches=NICHES, studies=tuple(compared), left_out=())
 
 
 def names(found: Collection) -> list[str]:
@@ -53,11 +53,6 @@ def test_run_has_every_picture() -> None:
     assert all(picture.caption.endswith(".") for picture in found)
 
 
-def test_regression_has_no_confusion() -> None:
-    """Its figure of seeds stands alone."""
-    assert not any("confusion" in name for name in names(collection(Kind.regression, searched=searched())))
-
-
 def test_caption_states_the_rule_of_the_confusion() -> None:
     """A reader must know which of twenty trainings is shown, and that nobody chose it by its result."""
     found = pictures_of(collection(Kind.classification, searched=searched()))
@@ -68,7 +63,7 @@ def test_caption_states_the_rule_of_the_confusion() -> None:
 def test_what_a_run_never_had_is_not_drawn() -> None:
     """No prompt archive, no instruction, no trained network: no figure of it."""
     bare = replace(searched(), elites=(), instructions=(), candidates=())
-    bare = replace(bare, config={**bare.config, "prompts": {"policy": "none"}})
+    bare = replace(bare, config=configured(prompts={"policy": "none"}))
     found = [picture.name for picture in pictures_of(collection(searched=bare))]
     expected = ["fitness_evolution", "trainable", "archive_growth", "temperature", "network_map"]
     assert found == [f"{name}_force" for name in expected]
@@ -91,20 +86,6 @@ def test_words_above_the_boxes_are_those_of_the_comparison() -> None:
     (boxes,) = (picture for picture in pictures_of(found) if picture.name == "seed_boxes_force_study1")
     (axes,) = boxes.draw().axes
     assert [text.get_text() for text in axes.texts] == ["", "worse\nHolm's p\n= 0.029"]
-
-
-def test_lineage_leads_from_the_baseline_to_the_best() -> None:
-    """Nobody else is in it."""
-    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "lineage_force")
-    (axes,) = drawn.draw().axes
-    assert [text.get_text() for text in axes.texts if text.get_text().startswith("g")] == ["g00s00", "g01s00"]
-
-
-def test_curves_show_the_baseline_once() -> None:
-    """Also where it is an elite itself."""
-    (drawn,) = (one for one in pictures_of(collection(searched=searched())) if one.name == "training_curves_force")
-    (axes,) = drawn.draw().axes
-    assert [line.get_label() for line in axes.lines] == ["baseline", "g01s00"]
 
 
 def test_largest_study_is_the_one_of_a_paper() -> None:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
-from hand_sweeps import SETTINGS, run_of, run_to
+from hand_runs import bounds_of, closed, configured, rejected, run, trained
+from hand_sweeps import run_of, run_to
 from ribs.archives import CVTArchive
 
-from analysis.runs.run import Run
+from analysis.runs.run import Run, descriptors_of
 from analysis.sweeps.common_archive import CommonArchive, common_archive, extents, filled
 from tacevo.choices import Scale
 from tacevo.randomness import stream
@@ -19,8 +19,8 @@ HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 
 
 def with_archive(one: Run, **archive: object) -> Run:
-    """Give a run other settings of its archive."""
-    return replace(one, config={**SETTINGS, "archive": {**SETTINGS["archive"], **archive}})
+    """Return a run other settings of its archive."""
+    return replace(one, config=configured(archive=archive))
 
 
 def reference(*others: Run, **archive: object) -> CommonArchive:
@@ -39,9 +39,9 @@ def test_two_hundred_candidates_agree_with_pyribs() -> None:
     ]
     one = with_archive(run_of(candidates))
     common = common_archive([one], one, centroids)
-    points = np.array([(found.measured.arch_div, found.measured.eff_ratio) for found in candidates if found.measured])
+    points = np.array([descriptors_of(found, Scale.linear) for found in candidates])
     places = (points - points.min(axis=0)) / np.ptp(points, axis=0)
-    qualities = [quality(-found.trained.fitness) for found in candidates if found.trained]
+    qualities = [quality(-found.fitness) for found in candidates if found.fitness is not None]
     peer = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
     theirs = []
     for first in range(0, 200, 20):
@@ -60,16 +60,9 @@ def test_bounds_are_those_of_all_runs() -> None:
     assert filled(far, reference(near, far))[-1].coverage == 1.0
 
 
-def test_quality_is_summed_over_elites_by_hand() -> None:
-    """Left 1 / 1.5, then a better one, 1 / 1.25, and a right one, 1 / 2; what is worse changes nothing."""
-    one = run_to(0.5, 0.25, 1.0, 3.0, descriptors=[(0.0, 1.0), (0.1, 1.0), (1.0, 1.0), (0.9, 1.0)])
-    sums = [after.qd_score for after in filled(one, reference(one))]
-    assert sums == pytest.approx([1 / 1.5, 1 / 1.25, 1 / 1.25 + 0.5, 1 / 1.25 + 0.5])
-
-
-def test_what_was_turned_away_fills_no_niche() -> None:
+def test_what_was_rejected_fills_no_niche() -> None:
     """A generation without a trained candidate leaves the archive as it was."""
-    one = run([trained(0, 0, 0.5), turned_away(1, 0)], [closed(0), closed(1, trained=0)])
+    one = run([trained(0, 0, 0.5), rejected(1, 0)], [closed(0), closed(1, trained=0)])
     before, after = filled(one, reference(one))
     assert before == after
     assert before.coverage == 0.5
@@ -77,7 +70,7 @@ def test_what_was_turned_away_fills_no_niche() -> None:
 
 def test_fixed_bounds_of_the_reference_are_common() -> None:
     """They measured its own search, too; what lies outside is clipped."""
-    one = replace(run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)]), bounds=((0.0, 0.2), (0.0, 1.0)))
+    one = replace(run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)]), bounds=bounds_of((0.0, 0.2), (0.0, 1.0)))
     assert reference(one, bounds="fixed").bounds.high == (0.2, 1.0)
     assert reference(one).bounds.high == (0.1, 1.0)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from studies import FOUR, around, in_text, study_of, study_of_outputs
 
 from analysis.studies.comparison import compare
-from analysis.table import Between, Percent, PercentBetween
+from analysis.table import Between, PercentBetween
 from analysis.tables.comparison import (
     effects_table,
     metrics_table,
@@ -37,25 +37,11 @@ def test_scores_are_quartiles_by_hand() -> None:
     assert table.rows[1][4:9] == (1, 1, 1, 1, 1)
 
 
-def test_accuracies_are_percentages() -> None:
-    """As the paper prints them."""
-    accuracies = study_of({"baseline": [0.5] * 5, "variant 1": [0.9, 0.8, 0.9, 1.0, 1.0]}, kind=Kind.classification)
-    assert scores_table(accuracies).rows[1][4:9] == tuple(map(Percent, (0.9, 0.9, 1.0, 0.8, 1.0)))
-    assert [row[1] for row in verdicts_table(accuracies, compare(accuracies)).rows] == [Percent(0.5), Percent(0.9)]
-
-
 def test_u_keeps_its_half() -> None:
     """By hand: of 400 pairs the variant has the larger value in 309 and the same in 13, so U is 309 + 13 / 2."""
     first, second = [at / 100 for at in range(20)], [(at + 7) / 100 for at in range(20)]
     study = study_of({"baseline": first, "variant 1": second}, kind=Kind.classification)
     assert "| 315.5 |" in as_markdown(verdicts_table(study, compare(study)))
-
-
-def test_metrics_are_rows_of_medians_and_quartiles() -> None:
-    """One column for each network."""
-    table = metrics_table(study_of({"baseline": [5, 1, 4, 2, 3], "variant 1": [1, 1, 1, 1, 1]}))
-    assert table.columns == ("metric", "baseline", "variant 1")
-    assert table.rows == (("MSE", Between(3, 2, 4), Between(1, 1, 1)),)
 
 
 def test_accuracy_has_one_face() -> None:
@@ -69,31 +55,10 @@ def test_accuracy_has_one_face() -> None:
     assert "a margin of 1.00 percentage points, as" in verdicts_table(study, found).notes[1]
 
 
-def test_difference_of_errors_names_its_unit() -> None:
-    """In the scaled units of training, which is said below."""
-    table = effects_table(STUDY, compare(STUDY))
-    assert table.columns[-1] == "difference of medians (MSE)"
-    assert table.notes[0] == "Errors without a unit are in the scaled units of training."
-
-
 def test_study_that_cannot_be_compared_keeps_its_scores() -> None:
     """Three seeds are too few for any test, not for a median."""
     few = study_of({name: values[:3] for name, values in FOUR.items()})
     assert [table.name for table in study_tables(few, None)] == ["scores_force", "metrics_force"]
-
-
-def test_chosen_epochs_are_told() -> None:
-    """Median and quartiles of 1, 2, 3, 4 and 9."""
-    scores = [replace(one, epoch=epoch) for one, epoch in zip(STUDY.scores[:5], (1, 2, 3, 4, 9), strict=True)]
-    study = replace(STUDY, seeds=5, networks=STUDY.networks[:1], scores=tuple(scores))
-    assert scores_table(study).rows[0][-1] == Between(3, 2, 4)
-
-
-def test_cautions_name_their_networks_once() -> None:
-    """One note for each caution, with all networks that it concerns."""
-    notes = verdicts_table(STUDY, compare(STUDY)).notes
-    assert sum(note.startswith("variant 1, variant 2: the samples do not overlap") for note in notes) == 1
-    assert sum(note.startswith("variant 4: the quartiles lie more than twice") for note in notes) == 1
 
 
 def test_margin_below_a_test_image_is_told() -> None:
@@ -155,9 +120,3 @@ def test_what_few_seeds_detect_is_not_denied() -> None:
     note = effects_table(few, compare(few)).notes[-1]
     assert "in a single test: effects near full separation only, since Noether's formula gives none for so few" in note
     assert note.endswith("in the strictest step of Holm's correction: no effect at all.")
-
-
-def test_equal_answers_on_power_are_given_once() -> None:
-    """Five seeds and one variant: the strictest step is the single test."""
-    few = study_of({name: FOUR[name][:5] for name in ("baseline", "variant 1")})
-    assert "in a single test and in the strictest step" in effects_table(few, compare(few)).notes[-1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import closed, rejected, run, trained
 
 from analysis.runs.dynamics import by_prompt, by_temperature, copies, gate_stages, improvement, progress, repeats
 from analysis.runs.run import Run
@@ -17,22 +17,24 @@ from analysis.tables.dynamics import (
 )
 from tacevo.costs import Spending
 from tacevo.records import Reason, Stage
+from tacevo.search.archive import AddStatus
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
 
 def two_generations() -> Run:
-    """Give a run whose every figure can be counted on one hand."""
+    """Return a run whose every figure can be counted on one hand."""
     return run(
         [
             trained(0, 0, 0.8),
-            trained(0, 1, 0.6, spent=PAID),
-            trained(1, 0, 0.4, prompt=0, status="improved", spent=PAID),
-            trained(1, 1, 0.9, prompt=0, status="rejected", source="g00s01", spent=PAID),
-            turned_away(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
-            trained(1, 3, 0.5, prompt=None, parents=("g00s00", "g00s01"), source="g00s00", status="rejected"),
+            trained(0, 1, 0.6),
+            trained(1, 0, 0.4, prompt=0, status=AddStatus.improved),
+            trained(1, 1, 0.9, prompt=0, status=AddStatus.rejected, source="g00s01"),
+            rejected(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
+            trained(1, 3, 0.5, prompt=None, parents=("g00s00", "g00s01"), source="g00s00", status=AddStatus.rejected),
         ],
         [closed(0, 0.6, candidates=2, trained=2, coverage=0.5), closed(1, 0.4, candidates=4, trained=3, coverage=0.75)],
+        spent=dict.fromkeys(("g00s01", "g01s00", "g01s01"), PAID),
     )
 
 
@@ -42,13 +44,6 @@ def test_generation_is_counted() -> None:
     assert (first.elites, first.growth, second.elites, second.growth) == (2, 2, 3, 1)
     assert (second.new, second.improved, second.repeated, second.unchanged) == (0, 1, 2, 1)
     assert second.rejected == {Stage.extract: 0, Stage.policy: 1, Stage.probe: 0, Stage.train: 0}
-    assert second.line.trainable == 0.75
-
-
-def test_archive_that_shrinks_has_negative_growth() -> None:
-    """Moved bounds can make niches fall together."""
-    shrunk = run([trained(0, 0)], [closed(0, coverage=0.75), closed(1, coverage=0.5)])
-    assert [entry.growth for entry in progress(shrunk)] == [3, -1]
 
 
 def test_niches_that_bounds_emptied_are_lost() -> None:
@@ -62,11 +57,6 @@ def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
     """The first slot of a source is none, every later one is, in whatever generation."""
     slots = [trained(0, 0), trained(0, 1, source="twin"), trained(0, 2, source="twin"), trained(1, 0, source="twin")]
     assert repeats(run(slots, [])) == {"g00s02", "g01s00"}
-
-
-def test_candidates_without_an_evaluation_repeat_nothing() -> None:
-    """Two answers that the gate turned away are no duplicates of each other."""
-    assert repeats(run([turned_away(1, 0), turned_away(1, 1)], [])) == frozenset()
 
 
 def test_copy_is_the_source_of_a_parent() -> None:
@@ -86,8 +76,8 @@ def test_costs_with_a_gap_are_unknown() -> None:
 def test_dollars_are_shown_only_where_every_answer_has_a_price() -> None:
     """Tokens are known without a price."""
     unpriced = Spending(answers=1, input_tokens=7, output_tokens=3, unpriced=1)
-    slots = [trained(0, 0), trained(0, 1, spent=unpriced)]
-    assert costs_table(run(slots, [closed(0)])).rows == ((0, 1, 7, 3, None),)
+    found = run([trained(0, 0), trained(0, 1)], [closed(0)], spent={"g00s01": unpriced})
+    assert costs_table(found).rows == ((0, 1, 7, 3, None),)
 
 
 def test_gate_counts_what_each_stage_leaves() -> None:
@@ -95,10 +85,10 @@ def test_gate_counts_what_each_stage_leaves() -> None:
     slots = [
         trained(0, 0),
         trained(0, 1),
-        turned_away(1, 0, Stage.extract, Reason.empty),
-        turned_away(1, 1, Stage.probe, Reason.bad_output),
-        turned_away(1, 2, Stage.probe, Reason.forward_failed),
-        turned_away(1, 3, Stage.probe, Reason.forward_failed),
+        rejected(1, 0, Stage.extract, Reason.empty),
+        rejected(1, 1, Stage.probe, Reason.bad_output),
+        rejected(1, 2, Stage.probe, Reason.forward_failed),
+        rejected(1, 3, Stage.probe, Reason.forward_failed),
     ]
     extract, policy, probe, train = gate_stages(run(slots, []))
     assert [(found.rejected, found.left) for found in (extract, policy, probe, train)] == [
@@ -116,23 +106,18 @@ def test_gate_table_counts_misreporting_candidates() -> None:
     """The words are those of the summary; a run without any has no note."""
     slots = [
         trained(0, 0),
-        turned_away(1, 0, Stage.policy, Reason.changes_its_weights),
-        turned_away(1, 1, Stage.probe, Reason.changes_its_weights),
-        turned_away(1, 2, Stage.probe, Reason.crashed),
+        rejected(1, 0, Stage.policy, Reason.changes_its_weights),
+        rejected(1, 1, Stage.probe, Reason.changes_its_weights),
+        rejected(1, 2, Stage.probe, Reason.crashed),
     ]
     (note,) = gate_table(run(slots, [])).notes
     assert note == "Rejected for misreporting themselves (docs/gate.md): 2 (changes_its_weights 2)."
     assert gate_table(two_generations()).notes == ()
 
 
-def test_gate_of_a_run_that_asked_nobody_has_no_shares() -> None:
-    """There is nothing that could be left."""
-    assert [(found.left, found.left_share) for found in gate_stages(run([trained(0, 0)], []))] == [(0, None)] * 4
-
-
-def test_repaired_answer_counts_as_turned_away_once_at_first() -> None:
+def test_repaired_answer_counts_as_rejected_once_at_first() -> None:
     """The paper discards a failed answer, so a rate that counts corrected ones could not stand beside its rate."""
-    mended = trained(1, 0, sent_back=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
+    mended = trained(1, 0, repairs=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
     stages = gate_stages(run([trained(0, 0), mended], []))
     assert [found.rejected for found in stages] == [1, 0, 0, 0]
 
@@ -224,7 +209,7 @@ def test_run_without_improvement_settles_nowhere() -> None:
 
 def test_run_without_fitness_has_no_improvement() -> None:
     """The table stays empty."""
-    nothing = run([turned_away(0, 0)], [closed(0, None, trained=0)])
+    nothing = run([rejected(0, 0)], [closed(0, None, trained=0)])
     assert improvement(nothing) is None
     assert improvement_table(nothing).rows == ()
 

@@ -6,16 +6,15 @@ import pytest
 from smallest import SMALLEST, UNTRACKED
 
 from analysis.runs.dynamics import by_prompt, gate_stages, progress
-from analysis.runs.run import Run, load_run
+from analysis.runs.run import Run, load_run, was_inserted
 from analysis.tables.dynamics import gate_table
 from tacevo.cli.app import main
 from tacevo.records import Stage
-from tacevo.storage.run_directory import RunDirectory
 
 
 @pytest.fixture(scope="module")
 def repaired(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Give a finished search, as small as one can be, whose model often slips and is asked again."""
+    """Return a finished search, as small as one can be, whose model often slips and is asked again."""
     folder = tmp_path_factory.mktemp("repaired")
     size = ["search.generations=1", "search.candidates=6", "search.initial=2", "run.dir=run"]
     with pytest.MonkeyPatch.context() as patch:
@@ -41,15 +40,6 @@ def test_summary_and_gate_table_count_alike(repaired: Run) -> None:
     assert stages == [[str(cell) for cell in row[:3]] for row in gate_table(repaired).rows]
 
 
-def test_answers_that_were_sent_back_are_known(repaired: Run) -> None:
-    """Each with its stage and reason, as the ledger has them; without any, this test would show nothing."""
-    lines = {line["id"]: line for line in RunDirectory(repaired.path).read_ledger() if line["kind"] == "candidate"}
-    assert any(candidate.sent_back for candidate in repaired.candidates)
-    for candidate in repaired.candidates:
-        attempts = [(sent["stage"], sent["reason"]) for sent in lines[candidate.id].get("repairs", [])]
-        assert [(stage.value, reason.value) for stage, reason in candidate.sent_back] == attempts
-
-
 def test_elites_follow_from_the_growth(repaired: Run) -> None:
     """The archive ends with as many elites as its generations brought."""
     found = progress(repaired)
@@ -60,5 +50,5 @@ def test_prompts_were_tried_once_a_mutation(repaired: Run) -> None:
     """Every mutation of generation 1 was asked with one instruction; each inserted child belongs to one."""
     later = [it for it in repaired.candidates if it.generation > 0 and it.prompt is not None]
     assert sum(entry.tried for entry in by_prompt(repaired)) == len(later) > 0
-    inserted = sum(it.trained is not None and it.trained.inserted for it in later)
+    inserted = sum(map(was_inserted, later))
     assert sum(entry.inserted for entry in by_prompt(repaired)) == inserted

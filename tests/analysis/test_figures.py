@@ -15,7 +15,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import bounds_of, closed, rejected, run, trained
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -25,13 +25,12 @@ from studies import study_of
 
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.progress import fitness_evolution, growth, temperature, trainable
-from analysis.figures.prompts import prompt_productivity
+from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import house_style, render
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.runs.run import Elite, PromptTrial
+from analysis.runs.run import Occupant, PromptTrial
 from analysis.studies.scores import Study
 from tacevo.records import Kind, Reason, Stage
 from tacevo.search.archive import find_centroids
@@ -40,15 +39,15 @@ CENTROIDS = np.array(find_centroids(niches=9, dimensions=2, samples=300, seed=0)
 
 SLOTS = [
     trained(0, 0, 0.8),
-    trained(0, 1, 0.6, temperature=0.55),
-    trained(1, 0, 0.4, parents=("g00s01",), prompt=0, temperature=0.62),
+    trained(0, 1, 0.6, temperature=0.55, descriptors=(0.2, 11.0)),
+    trained(1, 0, 0.4, parents=("g00s01",), prompt=0, temperature=0.62, descriptors=(0.4, 14.0)),
     trained(1, 1, 0.5, parents=("g00s00", "g00s01"), prompt=None),
-    turned_away(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
-    turned_away(2, 0, Stage.extract, Reason.no_class),
+    rejected(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
+    rejected(2, 0, Stage.extract, Reason.no_class),
 ]
 ELITES = [
-    Elite(id="g00s01", niche=2, fitness=0.6, descriptors=(0.2, 11.0)),
-    Elite(id="g01s00", niche=7, fitness=0.4, descriptors=(0.4, 14.0)),
+    Occupant(id="g00s01", niche=2, fitness=0.6),
+    Occupant(id="g01s00", niche=7, fitness=0.4),
 ]
 TRIALS = (
     PromptTrial(niche=1, prompt=0, temperature=0.6, inserted=True, curiosity=1.7),
@@ -69,7 +68,7 @@ FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.00
 
 
 def confused() -> Study:
-    """Give a study of a classification in which every network mistakes one image of class b for a c."""
+    """Return a study of a classification in which every network mistakes one image of class b for a c."""
     networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
     study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
     counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
@@ -84,7 +83,7 @@ def of_networks(study: Study, count: int) -> Study:
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
     "trainable": (lambda: trainable(progress(RUN)), 3.5),
-    "growth": (lambda: growth(RUN), 3.5),
+    "growth": (lambda: growth(RUN, 9, 6), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
     "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
     "prompt_map": (lambda: prompt_map(RUN, CENTROIDS, range(9)), 3.5),
@@ -100,7 +99,7 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
 
 @pytest.fixture(params=DRAWN)
 def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
-    """Give every figure in turn, with the width it must have."""
+    """Return every figure in turn, with the width it must have."""
     draw, width = DRAWN[request.param]
     return draw(), width
 
@@ -111,7 +110,7 @@ def texts(figure: Figure) -> list[str]:
 
 
 def line(axes: Axes, label: str) -> list[float]:
-    """Give the heights of a labelled line."""
+    """Return the heights of a labelled line."""
     (found,) = (one for one in axes.lines if one.get_label() == label)
     return [float(value) for value in np.asarray(found.get_ydata())]
 
@@ -236,8 +235,8 @@ def test_colours_say_where_they_are_logarithmic() -> None:
 
 def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
     """Its niche is the one at the edge; nothing of the map, the star included, vanishes, and the legend says why."""
-    best = replace(ELITES[1], descriptors=(0.4, 25.0))
-    drawn = network_map(replace(RUN, elites=(ELITES[0], best)), CENTROIDS)
+    slots = [replace(slot, eff_ratio=25.0) if slot.id == "g01s00" else slot for slot in SLOTS]
+    drawn = network_map(replace(RUN, candidates=tuple(slots)), CENTROIDS)
     axes, _ = drawn.axes
     assert points(axes, "X") == points(axes, "*") == [(0.4, 20.0)]
     assert points(axes, "o") == [(0.2, 11.0)]
@@ -258,7 +257,7 @@ def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale:
 
 def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
     """A single elite, an axis without extent, a loss of 0, an empty archive."""
-    one = replace(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=((0.3, 0.3), (10.0, 20.0)))
+    one = replace(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=bounds_of((0.3, 0.3), (10.0, 20.0)))
     axes, _ = network_map(one, CENTROIDS).axes
     assert axes.get_xlim() == pytest.approx((-0.2, 0.8))
     (axes,) = network_map(replace(RUN, elites=(), bounds=None), CENTROIDS).axes
@@ -308,10 +307,11 @@ def test_bars_add_up_to_the_answers() -> None:
 
 
 def test_growth_shows_both_archives() -> None:
-    """Coverage in per cent above, QD-score below."""
-    upper, lower = growth(RUN).axes
-    assert line(upper, "networks") == [25.0, 25.0, 25.0]
-    assert line(upper, "prompts") == [0.0, 0.0, 0.0]
+    """Coverage in per cent above, of the prompt archive among the niches that could be reached; QD-score below."""
+    run = replace(RUN, generations=(replace(RUN.generations[0], prompt_coverage=0.25),))
+    upper, lower = growth(run, 8, 4).axes
+    assert line(upper, "networks") == [25.0]
+    assert line(upper, "prompts (of reachable niches)") == [50.0]
     assert lower.get_ylabel() == "QD-score"
 
 
@@ -354,7 +354,7 @@ def test_names_of_users_are_no_formulas() -> None:
 def test_single_generation_has_one_tick() -> None:
     """Between generations there is nothing, so no tick stands at 0.03."""
     early = run(SLOTS[:2], [closed(0, 0.6)])
-    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early), fitness_evolution(early, [0.7])):
+    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early, 9, 6), fitness_evolution(early, [0.7])):
         axes = drawn.axes[-1]
         low, high = axes.get_xlim()
         assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0.0]
@@ -362,7 +362,7 @@ def test_single_generation_has_one_tick() -> None:
 
 def test_markers_at_the_ends_of_an_axis_are_whole() -> None:
     """Coverage of 0 and 100 % is drawn over the frame, not cut by it."""
-    assert not any(line.get_clip_on() for axes in growth(RUN).axes for line in axes.lines)
+    assert not any(line.get_clip_on() for axes in growth(RUN, 9, 6).axes for line in axes.lines)
 
 
 def test_long_lineage_shows_its_end_and_says_so() -> None:
@@ -392,13 +392,6 @@ def test_names_of_networks_are_broken_where_they_would_touch(networks: int, name
     assert [label.get_text() for label in axes.get_xticklabels()][1] == name
 
 
-def test_accuracy_is_shown_in_per_cent() -> None:
-    """0.9 of the test images are 90 %."""
-    (axes,) = seed_boxes(confused(), {}).axes
-    assert {y for _, y in points(axes, "o")} == {90.0}
-    assert axes.get_ylabel() == "test accuracy (%)"
-
-
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
     (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
@@ -422,7 +415,7 @@ def test_confusion_is_a_drawing() -> None:
 
 
 def _diagonal(count: int) -> tuple[tuple[int, ...], ...]:
-    """Give a matrix in which all is right."""
+    """Return a matrix in which all is right."""
     return ((count, 0), (0, count))
 
 

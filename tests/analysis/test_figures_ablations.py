@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from test_ablation_tables import NONE, WORSE, compared, jobs_of
 
 from analysis.figures.ablations import curves, final_values
-from analysis.figures.style import BLACK, render
+from analysis.figures.style import BLACK
 from analysis.sweeps.ablation import Ablation
 
 _, FOUND = compared(*jobs_of("none", NONE), *jobs_of("worse", WORSE))
 
 
 def many(arms: int) -> Ablation:
-    """Give the comparison of many arms, all alike."""
+    """Return the comparison of many arms, all alike."""
     first = FOUND.arms[1]
     others = [replace(first, name=f"arm number {number} of a long name, and so on") for number in range(arms)]
     outcomes = [replace(one, arm=arm.name) for arm in others for one in FOUND.outcomes if one.arm == first.name]
@@ -24,7 +24,7 @@ def many(arms: int) -> Ablation:
 
 
 def heights(axes: Axes, arm: str) -> list[float]:
-    """Give the curve of an arm."""
+    """Return the curve of an arm."""
     (line,) = (one for one in axes.lines if one.get_label() == arm)
     return [float(value) for value in np.asarray(line.get_ydata())]
 
@@ -94,9 +94,3 @@ def test_figures_are_as_wide_as_two_columns(found: Ablation) -> None:
         assert figure.get_figwidth() == 7.16
         figure.draw_without_rendering()
         assert all(axes.get_window_extent().width > 0.12 * figure.bbox.width for axes in figure.axes)
-
-
-def test_equal_comparisons_give_equal_bytes() -> None:
-    """Of a PDF, which has no time in it."""
-    assert render(curves(FOUND), ".pdf") == render(curves(FOUND), ".pdf")
-    assert render(final_values(FOUND), ".pdf").startswith(b"%PDF")

@@ -4,16 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import closed, configured, rejected, run, trained
 from numpy.typing import NDArray
 
-from analysis.runs.coverage_map import effective_niches, occupation, reachable
+from analysis.runs.coverage_map import occupation, reachable
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
-from analysis.runs.run import Candidate, Elite, PromptTrial, Run
+from analysis.runs.run import Occupant, PromptTrial, Run
 from analysis.table import Percent
 from analysis.tables.health import health_table, niches_table
 from tacevo.records import Reason, Stage
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import CandidateLine
 
 #: Four niches, one in each quarter of the unit square.
 QUARTERS = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
@@ -25,13 +27,13 @@ HUNDRED: NDArray[np.float64] = np.stack(np.meshgrid(SIDE, SIDE), axis=-1).reshap
 CORNERS = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0))
 
 
-def spread(*points: tuple[float, float], generation: int = 0) -> list[Candidate]:
+def spread(*points: tuple[float, float], generation: int = 0) -> list[CandidateLine]:
     """Make trained candidates with these descriptors; the first is the baseline where the generation is 0."""
     return [trained(generation, slot, descriptors=point) for slot, point in enumerate(points)]
 
 
 def well() -> Run:
-    """Give a run in which nothing is wrong."""
+    """Return a run in which nothing is wrong."""
     later = [trained(1, slot, prompt=slot, descriptors=(0.2 + slot / 2, 0.5)) for slot in (0, 1)]
     return run([*spread(*CORNERS), *later], [closed(0), closed(1)])
 
@@ -81,11 +83,6 @@ def test_crowded_niche_is_told_with_what_is_left() -> None:
     figures = dict(alarm.figures)
     assert figures["share"] == 7 / 8
     assert figures["effective niches"] == pytest.approx((7 / 8) ** (-7 / 8) * (1 / 8) ** (-1 / 8))
-
-
-def test_effective_niches_of_an_even_run_are_all_of_them() -> None:
-    """Four quarters, one candidate each."""
-    assert effective_niches(occupation(run(spread(*CORNERS), [closed(0)]), QUARTERS)) == pytest.approx(4)
 
 
 def test_clipped_descriptors_are_told_under_fixed_bounds() -> None:
@@ -140,7 +137,7 @@ def test_axis_that_tells_nothing_apart_is_named(axis: int, name: str) -> None:
     assert name in rung(hand)
 
 
-def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Candidate]:
+def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[CandidateLine]:
     """Make forty candidates that lie evenly along the logarithm of one axis, and evenly along the other."""
     steps = np.linspace(0.0, 1.0, 40)
     points = [(float(step), float(low * (high / low) ** step)) for step in steps]
@@ -148,7 +145,7 @@ def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Can
 
 
 def concentrated(hand: Run) -> dict[str, tuple[str, dict[str, float]]]:
-    """Give the sentences and figures of the alarms of concentration, by their names."""
+    """Return the sentences and figures of the alarms of concentration, by their names."""
     found = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
     return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in found}
 
@@ -158,8 +155,8 @@ def test_concentration_names_axis_share_and_what_helps() -> None:
     hand = run(outlying(1), [closed(0)], bounds=((0.0, 1.0), (1.0, 10_000.0)))
     assert concentrated(hand) == {
         "concentrated EffRatio": (
-            "75 % of the trained candidates lie in a tenth of the range of EffRatio, where few niches tell them apart; "
-            "under archive.eff_ratio_scale=log the fullest tenth would hold 10 %.",
+            "75 % of the trained candidates lie in a tenth of the range of EffRatio, where few niches distinguish "
+            "them; under archive.eff_ratio_scale=log the fullest tenth would hold 10 %.",
             {"share": 0.75, "share under log": 0.1},
         )
     }
@@ -194,7 +191,7 @@ def test_duplicates_are_told_once_a_slot() -> None:
 
 def test_strict_stage_is_told_with_its_commonest_reason() -> None:
     """Two of six first answers had no class."""
-    lost = [turned_away(1, slot, Stage.extract, Reason.no_class, prompt=slot) for slot in (0, 1)]
+    lost = [rejected(1, slot, Stage.extract, Reason.no_class, prompt=slot) for slot in (0, 1)]
     hand = run([*spread(*CORNERS), *lost], [closed(0), closed(1)])
     (alarm,) = alarms(hand, QUARTERS)
     assert alarm.name == "strict gate: extract"
@@ -213,11 +210,11 @@ def test_untried_prompts_are_named() -> None:
 def test_fruitless_prompt_is_told_from_bad_luck(tries: int, rings: bool) -> None:
     """Where every other child of the rest came in, three failures may be chance, twelve are not."""
     good = [
-        trained(1, slot, prompt=0, status=("new", "rejected")[slot % 2], descriptors=(slot / 6, 0.5))
+        trained(1, slot, prompt=0, status=(AddStatus.new, AddStatus.rejected)[slot % 2], descriptors=(slot / 6, 0.5))
         for slot in range(6)
     ]
     bad = [
-        trained(1, 6 + slot, prompt=1, status="rejected", descriptors=(slot / tries, slot / tries))
+        trained(1, 6 + slot, prompt=1, status=AddStatus.rejected, descriptors=(slot / tries, slot / tries))
         for slot in range(tries)
     ]
     hand = run([*spread(*CORNERS), *good, *bad], [closed(0), closed(1)])
@@ -236,18 +233,10 @@ def test_temperature_at_its_limit_is_told(temperatures: tuple[float, ...], rings
 
 def test_run_that_trained_nothing_has_no_niches_to_look_at() -> None:
     """Its gate is told all the same; whoever asks for its places is refused."""
-    hand = run([turned_away(0, 0)], [closed(0, None, trained=0)], bounds=None)
+    hand = run([rejected(0, 0)], [closed(0, None, trained=0)], bounds=None)
     assert rung(hand) == ["strict gate: probe"]
     with pytest.raises(ValueError, match="has no bounds, because nothing was trained"):
         occupation(hand, QUARTERS)
-
-
-def test_table_holds_sentence_and_figures() -> None:
-    """One alarm a row."""
-    hand = run([*spread(*CORNERS), trained(1, 0, prompt=1)], [closed(0), closed(1)])
-    assert health_table(hand, QUARTERS).rows == (
-        ("untried prompts", "Never drawn (prompts=uniform): refine.", "untried: 1, prompts: 2"),
-    )
 
 
 #: Four niches over two instructions, below and above a temperature of 0.5.
@@ -256,7 +245,7 @@ PROMPTS = np.array([[0.0, 0.25], [1.0, 0.25], [0.0, 0.75], [1.0, 0.75]])
 
 def test_niches_are_counted_of_all_and_of_those_within_reach() -> None:
     """The rule of the paper only raises T from 0.6, so of four prompt niches the upper two count; one has a trial."""
-    elites = [Elite(id="g00s00", niche=0, fitness=0.5, descriptors=(0.0, 0.0))]
+    elites = [Occupant(id="g00s00", niche=0, fitness=0.5)]
     trial = PromptTrial(niche=2, prompt=0, temperature=0.6, inserted=True, curiosity=1.5)
     lines = [closed(0, coverage=1.0), closed(1, coverage=0.25)]
     hand = replace(run(spread(*CORNERS), lines, elites=elites), prompt_trials=(trial,))
@@ -274,8 +263,8 @@ def test_niches_are_counted_of_all_and_of_those_within_reach() -> None:
 
 def test_archive_that_a_run_lacks_has_no_row() -> None:
     """Neither one without niches nor one that was not kept; a run of generation 0 alone reaches no prompt niche."""
-    bare = run([turned_away(0, 0)], [closed(0, None, trained=0)], bounds=None)
+    bare = run([rejected(0, 0)], [closed(0, None, trained=0)], bounds=None)
     niches = Niches(networks=QUARTERS, prompts=PROMPTS)
     assert niches_table(bare, niches).rows == (("prompts", 4, 0, Percent(0.0), 0, None, None, None),)
-    without = replace(bare, config={**bare.config, "prompts": {"policy": "none"}})
+    without = replace(bare, config=configured(prompts={"policy": "none"}))
     assert niches_table(without, niches).rows == ()

@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 from hand_runs import closed, run, trained
 from motif_cases import baseline
+from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 
 from analysis.motifs.motifs import count_motifs
 from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import load_niches
-from analysis.runs.run import Elite, Run, load_run
+from analysis.runs.run import Occupant, Run, descriptors_of, load_run
 from analysis.tables.motifs import anatomies_table
+from tacevo.choices import Scale
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import Json
@@ -23,7 +25,7 @@ from tacevo.studies.networks import networks_of
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one tiny search with elites and trials of prompts."""
+    """Return the folder of one tiny search with elites and trials of prompts."""
     folder = tmp_path_factory.mktemp("searched")
     sizes = ["search.generations=1", "search.candidates=4", "search.initial=2"]
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
@@ -33,18 +35,20 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def spoilt(searched: Path, tmp_path: Path) -> Path:
-    """Give a copy of the run, to be spoilt."""
+    """Return a copy of the run, to be spoilt."""
     return Path(shutil.copytree(searched / "run", tmp_path / "run"))
 
 
 def test_elites_are_those_of_the_ledger(searched: Path) -> None:
-    """Each with the fitness and the descriptors of its candidate, and as archive.json has it."""
+    """Each with its niche and fitness, as archive.json has it, and with the descriptors of its candidate."""
     found = load_run(searched / "run")
     recorded = json.loads((searched / "run" / "archive.json").read_text())["elites"]
     assert [(elite.id, elite.niche, elite.fitness) for elite in found.elites] == [
         (entry["id"], entry["niche"], entry["fitness"]) for entry in recorded
     ]
-    assert [list(elite.descriptors) for elite in found.elites] == [entry["descriptors"] for entry in recorded]
+    lines = {line.id: line for line in found.candidates}
+    descriptors = [list(descriptors_of(lines[elite.id], Scale.log)) for elite in found.elites]
+    assert descriptors == [entry["descriptors"] for entry in recorded]
     assert len(found.elites) > 1
     assert found.prompt_trials
 
@@ -80,7 +84,7 @@ def test_edited_archive_is_refused(name: str, edit: Callable[[Json], None], spoi
     content = json.loads((spoilt / name).read_text())
     edit(content)
     (spoilt / name).write_text(json.dumps(content))
-    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+    with pytest.raises(RunError, match=name):
         load_run(spoilt)
 
 
@@ -91,7 +95,7 @@ def test_archive_that_is_no_json_is_refused(name: str, content: str | None, spoi
     (spoilt / name).unlink()
     if content is not None:
         (spoilt / name).write_text(content)
-    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+    with pytest.raises(RunError, match=name):
         load_run(spoilt)
 
 
@@ -109,12 +113,12 @@ def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Pat
     described = json.loads((spoilt / "run.json").read_text())
     edit(described)
     (spoilt / "run.json").write_text(json.dumps(described))
-    with pytest.raises(RunError, match=r"run\.json was edited: its configuration or task is not that of the ledger"):
+    with refused(RunError, place="run.json", expected="the configuration and the task that the ledger begins with"):
         load_run(spoilt)
 
 
 def family() -> Run:
-    """Give a run whose baseline is its best elite, with a copy of it, and twins among the others."""
+    """Return a run whose baseline is its best elite, with a copy of it, and twins among the others."""
     slots = [
         trained(0, 0, 0.1),
         trained(1, 0, 0.3, source="twin"),
@@ -123,9 +127,9 @@ def family() -> Run:
         *(trained(2, slot, 0.3 + slot) for slot in range(4)),
     ]
     elites = [
-        Elite(id=slot.id, niche=niche, fitness=slot.trained.fitness, descriptors=(0.0, 0.0))
+        Occupant(id=slot.id, niche=niche, fitness=slot.fitness)
         for niche, slot in enumerate(slots)
-        if slot.trained
+        if slot.fitness is not None
     ]
     return run(slots, [closed(0), closed(1), closed(2)], elites=elites)
 
@@ -138,7 +142,7 @@ def test_best_networks_are_those_of_a_study() -> None:
             "kind": "candidate",
             "id": slot.id,
             "source": slot.source,
-            "fitness": slot.trained and slot.trained.fitness,
+            "fitness": slot.fitness,
             "parameters": 1,
             "flops": 1,
         }

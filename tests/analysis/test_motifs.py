@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from hand_runs import closed, run, trained, turned_away
+from hand_runs import closed, rejected, run, trained
 from motif_cases import CLASSES, LIBRARY, anatomy_of, baseline, built, profile_of
+from refusals import refused
 from statsmodels.stats.multitest import multipletests
 from torch import nn
 
 from analysis.motifs.motifs import MOTIFS, count_motifs, motifs_of, read_anatomies, width_ratio
-from analysis.runs.run import Elite, Run
+from analysis.runs.run import Occupant, Run
 from analysis.table import PValue
 from analysis.tables.motifs import SUPPLEMENT, anatomies_table, motifs_table
 from tacevo.errors import RunError
@@ -115,11 +116,6 @@ def test_width_is_compared_as_far_as_both_reach() -> None:
     assert width_ratio(wider, force) == pytest.approx(256 / 224)
 
 
-def test_network_without_convolutions_is_as_wide() -> None:
-    """There is nothing to compare."""
-    assert width_ratio(replace(baseline("force"), convolutions=()), baseline("force")) == 1
-
-
 def plain(activation: nn.Module, *, dropout: float = 0.0) -> Profile:
     """Trace a small network with one convolution and a hidden layer."""
     head = [nn.Flatten(), nn.Linear(8, 6), activation, nn.Dropout(dropout), nn.Linear(6, 3)]
@@ -127,10 +123,10 @@ def plain(activation: nn.Module, *, dropout: float = 0.0) -> Profile:
 
 
 def searched() -> tuple[Run, dict[str, Profile]]:
-    """Give a run of five trained candidates, three of which are elites, and their profiles."""
-    slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), turned_away(1, 4)]
+    """Return a run of five trained candidates, three of which are elites, and their profiles."""
+    slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), rejected(1, 4)]
     elites = [
-        Elite(id=name, niche=niche, fitness=fitness, descriptors=(0.0, 0.0))
+        Occupant(id=name, niche=niche, fitness=fitness)
         for niche, (name, fitness) in enumerate([("g00s00", 0.9), ("g01s00", 0.1), ("g01s01", 0.2)])
     ]
     profiles = {
@@ -193,20 +189,13 @@ def test_archive_smaller_than_the_top_is_counted_whole() -> None:
     assert count_motifs(hand, read_anatomies(hand, profiles)).top == 2
 
 
-def test_trained_candidate_without_a_profile_is_named() -> None:
-    """A count over the others would look complete."""
+def test_missing_profile_and_one_without_steps_are_rejected() -> None:
+    """A profile of an older version shows no motif, which is not the same as having none."""
     hand, profiles = searched()
-    del profiles["g01s02"]
-    with pytest.raises(RunError, match=r"g01s02 of runs/hand has no recorded steps"):
-        read_anatomies(hand, profiles)
-
-
-def test_profile_without_steps_is_refused() -> None:
-    """One that an older version recorded shows no motif, which is not the same as having none."""
-    hand, profiles = searched()
-    profiles["g01s02"] = replace(profiles["g01s02"], steps=())
-    with pytest.raises(RunError, match="probe its source anew"):
-        read_anatomies(hand, profiles)
+    without = {name: profile for name, profile in profiles.items() if name != "g01s02"}
+    for faulty in (without, {**profiles, "g01s02": replace(profiles["g01s02"], steps=())}):
+        with refused(RunError, place="runs/hand, g01s02", expected="a recorded probe with its steps"):
+            read_anatomies(hand, faulty)
 
 
 def test_table_stands_beside_the_paper() -> None:

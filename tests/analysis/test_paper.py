@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
+from refusals import refused
 
 from analysis.report.document import ENGINES, Chapter, Illustration, document, make_pdf, write_document
 from analysis.report.figure_list import Picture
@@ -111,5 +112,5 @@ def test_document_that_latex_refuses_is_told_with_its_last_words(tmp_path: Path)
     """The reason stands at the end of what LaTeX says."""
     engine(tmp_path, "pdflatex", "echo '! Undefined control sequence.'; exit 1")
     source = write_document([CHAPTER], tmp_path)
-    with pytest.raises(RunError, match=r"could not make a PDF of .*paper\.tex:\n! Undefined control sequence"):
+    with refused(RunError, place="paper.tex", got="it ended with\n! Undefined control sequence"):
         make_pdf(source, lambda program: search_in(tmp_path, program))

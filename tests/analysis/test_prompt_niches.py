@@ -24,7 +24,7 @@ PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
 def run_of(generations: int, **temperature: Json) -> Run:
     """Make a run under a temperature rule."""
     bare = hand_runs.run([], [hand_runs.closed(number) for number in range(generations + 1)])
-    return replace(bare, config={**bare.config, "temperature": {"start": 0.6, "step": 0.05, **temperature}})
+    return replace(bare, config=hand_runs.configured(temperature=temperature))
 
 
 @pytest.mark.parametrize(

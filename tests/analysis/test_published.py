@@ -5,13 +5,11 @@ from pathlib import Path
 
 import hand_runs
 import pytest
-from statsmodels.stats.multitest import multipletests
 from studies import in_text
 
 from analysis.runs.run import Run
 from analysis.statistics.published import (
     FORCE,
-    GRATING,
     SCORES,
     TESTS,
     Finding,
@@ -22,7 +20,7 @@ from analysis.statistics.published import (
 )
 from analysis.table import Percent
 from analysis.tables.published import beside_published, published_tables
-from tacevo.config.compose import compose, to_plain
+from tacevo.config.compose import compose
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -53,13 +51,6 @@ def test_exactly_three_rows_are_too_small() -> None:
         ("Table III", "variant 1", 0.006),
         ("Table III", "variant 2", 0.0082),
     ]
-
-
-def test_correct_values_are_statsmodels() -> None:
-    """Of the p-values of Table III as they are printed."""
-    p_values = [float(row.p) for row in GRATING.rows]
-    expected = multipletests(p_values, method="holm")[1]
-    assert [found.holm for found in corrected(GRATING)] == pytest.approx(expected)
 
 
 def test_bounds_give_bounds_and_no_accusation() -> None:
@@ -123,7 +114,7 @@ def run_of(*settings: str, image_size: int = 256) -> Run:
         [hand_runs.closed(0, 0.5), hand_runs.closed(1, 0.4, candidates=50, trained=48, coverage=0.88)],
     )
     facts = replace(bare.facts, counts=(2400, 300, 300), image_size=image_size)
-    return replace(bare, config=to_plain(compose([*FAITHFUL, *settings])), facts=facts)
+    return replace(bare, config=compose([*FAITHFUL, *settings]), facts=facts)
 
 
 def test_runs_stand_beside_the_published_searches() -> None:
@@ -159,11 +150,6 @@ def test_kinds_of_data_and_names_of_models_are_told() -> None:
 def test_differences_of_the_set_up_are_named(settings: list[str], named: str) -> None:
     """Of shipped configurations, and only those; the niches, which the paper does not state, are no difference."""
     assert beside_published([run_of(*settings)]).notes[-1] == f"Set up otherwise in hand: {named}."
-
-
-def test_smaller_images_are_a_difference() -> None:
-    """By the images that the run had."""
-    assert beside_published([run_of(image_size=32)]).notes[-1] == "Set up otherwise in hand: image size in pixels."
 
 
 def test_task_without_a_published_search_shows_ours_alone() -> None:

@@ -4,12 +4,12 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from hand_runs import closed, run, trained
+from hand_runs import closed, configured, run, trained
 from matplotlib.figure import Figure
 
 from analysis.report.figure_list import Picture
 from analysis.report.page import Image, as_html, drawn
-from analysis.table import Percent, PValue, Table
+from analysis.table import PValue, Table
 
 TABLE = Table(name="t", caption="a < b", columns=("name", "p"), rows=(("<script>", PValue(0.0001)),), notes=("R & D",))
 RUN = run([trained(0, 0)], [closed(0)])
@@ -59,15 +59,8 @@ def test_first_lines_name_task_model_provider_and_data() -> None:
 
 def test_name_of_a_model_cannot_become_markup() -> None:
     """It comes from a configuration, which may be a stranger's."""
-    strange = replace(RUN, config={**RUN.config, "llm": {"provider": "openai", "model": "<b>"}})
+    strange = replace(RUN, config=configured(llm={"provider": "openai", "model": "<b>"}))
     assert "Model: &lt;b&gt;, provider: openai." in as_html(strange, [TABLE], [], [])
-
-
-def test_numbers_are_rounded_as_in_every_table() -> None:
-    """The rule is that of `analysis.tables.rendering`."""
-    table = Table(name="t", caption="c", columns=("x", "y", "z"), rows=((Percent(0.5), 0.0123456, None),))
-    page = as_html(RUN, [table], [], [])
-    assert "<td class=number>50.0 %</td><td class=number>0.0123</td><td class=number>\N{EN DASH}</td>" in page
 
 
 def test_picture_is_drawn_once_and_told() -> None:

@@ -1,9 +1,9 @@
 """Promise: all runs are measured in niches over both descriptors, those of `none` where it has some."""
 
 import numpy as np
-import pytest
 from hand_sweeps import finished, run_to, sweep_of
 from numpy.typing import NDArray
+from refusals import refused
 
 from analysis.report.sweep_collection import measuring
 from analysis.runs.run import Run
@@ -18,7 +18,7 @@ CENTROIDS = {"best only-seed0": (0, 2), "one axis-seed0": (4, 1), "a-seed0": (4,
 
 
 def centroids_of(run: Run) -> NDArray[np.float64]:
-    """Give the centroids of a run by its name."""
+    """Return the centroids of a run by its name."""
     return np.full(CENTROIDS[run.name], 0.5)
 
 
@@ -35,7 +35,5 @@ def test_niches_without_none_are_those_of_a_map() -> None:
 
 def test_sweep_without_a_map_is_refused() -> None:
     """With what to do."""
-    with pytest.raises(
-        IncomparableError, match=r"no finished job of sweep has an archive over both descriptors.*add the arm none"
-    ):
+    with refused(IncomparableError, expected="an archive over both descriptors", remedy="add the arm none"):
         measuring(SWEEP, lambda run: np.full((4, 1), 0.5))

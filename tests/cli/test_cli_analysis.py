@@ -15,7 +15,7 @@ from tacevo.cli.app import main
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one tiny search and its study."""
+    """Return the folder of one tiny search and its study."""
     folder = tmp_path_factory.mktemp("searched")
     sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
@@ -26,21 +26,21 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a copy of the run, to be spoilt, and work beside it."""
+    """Return a copy of the run, to be spoilt, and work beside it."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(searched / "run", tmp_path / "run")
     return Path("run")
 
 
 def study_of(run: Path) -> Path:
-    """Give the folder of the only study of a run."""
+    """Return the folder of the only study of a run."""
     (path,) = run.glob("studies/*")
     return path
 
 
 @pytest.fixture(scope="module")
 def bundle(searched: Path) -> Path:
-    """Give the run and its study as one published file."""
+    """Return the run and its study as one published file."""
     path = searched / "published.zip"
     assert main(["publish", str(searched / "run"), "-o", str(path)]) == 0
     return path
@@ -84,12 +84,12 @@ def test_tables_of_the_paper_stand_beside_a_run(run: Path, capsys: pytest.Captur
 def test_tables_that_cannot_be_written_are_not_printed(
     arguments: list[str], run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The mistake would be lost below them; the file stays as it is."""
+    """The error would be lost below them; the file stays as it is."""
     Path("file").write_text("mine")
     assert main(["tables", *(word.replace("RUN", str(run)) for word in arguments), "-o", "file"]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert "results need a folder; file can be none: File exists" in told.err
+    assert "File exists" in told.err
     assert Path("file").read_text() == "mine"
 
 
@@ -98,7 +98,7 @@ def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pyt
     """A mistyped one would be filled with probes and images; nothing is made."""
     before = contents(Path())
     assert main([command, str(run), "--store", "nowhere"]) == 2
-    assert "--store needs the folder that holds a run's stores; nowhere is no folder" in capsys.readouterr().err
+    assert "nowhere" in capsys.readouterr().err
     assert contents(Path()) == before
 
 
@@ -133,17 +133,17 @@ def test_what_was_written_of_a_study_goes_with_it(
     assert gone
     assert gone == {name for name in before if f"_force_{study_of(run).name}." in name}
     told = capsys.readouterr().err
-    assert all(f"removed {name}: its study is gone or left out" in told for name in gone)
+    assert all(f"removed {name}: its study is missing or left out" in told for name in gone)
 
 
 def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing is told of a network that was not trained; the reason is said, and all other tables come."""
+    """The reason is printed, and all other tables are written."""
     path = run / "candidates" / "g00s00.py"
     path.write_text(path.read_text() + "# edited\n")
     assert main(["tables", str(run)]) == 0
     told = capsys.readouterr()
     assert "no tables of motifs: " in told.err
-    assert "g00s00.py is missing or was edited" in told.err
+    assert "g00s00.py" in told.err
     assert "The generations of run" in told.out
     assert "Motifs of" not in told.out
 
@@ -167,7 +167,7 @@ def test_paper_without_latex_is_a_document(
     monkeypatch.setenv("PATH", os.fspath(run))
     assert main(["paper", str(run), "-o", "out"]) == 0
     said = capsys.readouterr().out
-    assert "no PDF: no latexmk or tectonic or pdflatex is installed" in said
+    assert "no PDF: install latexmk or tectonic or pdflatex" in said
     text = Path("out/paper.tex").read_text()
     asked = [part.partition("}")[0] for word in ("\\input{", "graphics{") for part in text.split(word)[1:]]
     assert len(asked) > 20
@@ -199,14 +199,14 @@ def test_paper_refuses_studies_that_were_made_otherwise(
     assert main(["study", f"run={other}", "elites=1", "seeds=5", "epochs=1"]) == 0
     assert main(["paper", str(run), str(other), "-o", "out"]) == 2
     said = capsys.readouterr().err
-    assert "the studies of force differ in seeds: 4 for baseline, variant 1 of run" in said
+    assert "the studies of force, seeds: expected 4 as for baseline, variant 1 of run" in said
     assert not Path("out").exists()
 
 
 def test_two_runs_of_one_name_are_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nobody could tell their chapters apart."""
+    """Their chapters would have one title."""
     assert main(["paper", str(run), f"./{run}"]) == 2
-    assert "error: each run needs a folder name of its own; got run twice" in capsys.readouterr().err
+    assert "expected runs with different directory names; got run twice" in capsys.readouterr().err
     assert not Path("build").exists()
 
 
@@ -237,7 +237,10 @@ def test_study_of_the_run_before_it_was_continued_is_left_out(run: Path, capsys:
     stores = json.loads((run / "run.json").read_text())["config"]["store"]["root"]
     assert main(["search", *SMALLEST, UNTRACKED, *more, f"run.dir={run}", f"store.root={stores}"]) == 0
     assert main(["tables", str(run)]) == 1
-    assert "studied the run before it was continued; study it again" in capsys.readouterr().err
+    assert (
+        "expected a study of the run as it is; got the run before it was continued; study it again"
+        in capsys.readouterr().err
+    )
 
 
 def test_data_that_cannot_be_had_cost_the_samples_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -262,7 +265,10 @@ def _remove(run: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["tables", "figures", "report", "paper"])
-@pytest.mark.parametrize(("spoil", "said"), [(_cut, "is not finished"), (_remove, "is not the folder of a run")])
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [(_cut, "is not finished"), (_remove, "run.json"), (shutil.rmtree, "run: it does not exist; name the directory")],
+)
 def test_what_is_no_finished_run_is_refused(
     command: str, spoil: Callable[[Path], None], said: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -279,7 +285,7 @@ def test_what_is_no_finished_run_is_refused(
 def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """The message says what is missing."""
     assert main(["tables"]) == 2
-    assert "error: tacevo tables needs the folder of a run; or --paper" in capsys.readouterr().err
+    assert "error: tacevo tables: expected the directory or bundle of a run, or --paper" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("command", "results"), [("tables", "out"), ("figures", "out"), ("report", "out.html")])
@@ -300,7 +306,7 @@ def test_published_run_takes_no_results(
 ) -> None:
     """It is one file: the user says where they go."""
     assert main([command, str(bundle)]) == 2
-    assert "say by -o where" in capsys.readouterr().err
+    assert "-o" in capsys.readouterr().err
 
 
 def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:

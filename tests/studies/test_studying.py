@@ -91,7 +91,7 @@ def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
         (name, seed) for name in ("baseline", "variant 1") for seed in (0, 1)
     ]
     assert study.recipe.epochs == 2
-    assert study.recipe.learning_rate == run.config["training"]["learning_rate"]
+    assert study.recipe.learning_rate == run.config.training.learning_rate
     assert {"mse", "mae", "rmse", "r2", "mse_Fx", "recorded_mae_Fz"} <= study.scores[0].metrics.keys()
     assert len(set(study.values("baseline", "mse"))) == 2
 
@@ -302,7 +302,7 @@ def test_network_that_comes_to_no_end_is_told_and_the_rest_is_finished(
     assert output.count("failed: ") == 4
     assert "failed: variant 1, seed 1: out_of_time" in output
     assert output.splitlines()[-1].startswith("digest: ")
-    with pytest.raises(RunError, match=r"is incomplete: baseline, seed 0; .* came to no end \(out_of_time\)"):
+    with pytest.raises(RunError, match=r"failed \(out_of_time\): baseline with seed 0"):
         load_study(only(folder))
     assert main(["replay", "run"]) == 0
 

@@ -1,25 +1,40 @@
 """Finished runs made by hand, for tests of the analysis: few slots, where a test names only what it is about."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from analysis.runs.run import Candidate, Elite, Generation, Measured, Run, Trained
+from analysis.runs.run import Occupant, Run
+from tacevo.config.compose import compose, to_plain
+from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
+from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage
 from tacevo.rules import FIRST, Era
+from tacevo.search.archive import AddStatus, Bounds
+from tacevo.search.lines import CandidateLine, GenerationLine, RepairedAnswer
+from tacevo.typed import convert
 
 FACTS = DataFacts(
     fingerprint="ab", kind=Kind.regression, counts=(8, 1, 1), in_channels=3, image_size=32, outputs=1, names=("F",)
 )
 
-CONFIG: Json = {
-    "task": {"name": "force"},
-    "llm": {"provider": "grammar", "model": "grammar-1"},
-    "data": {"source": "simulated"},
-    "archive": {"niches": 4, "bounds": "adaptive", "eff_ratio_scale": "linear"},
-    "prompts": {"policy": "uniform"},
-    "temperature": {"rule": "paper", "start": 0.6, "step": 0.05},
-}
+_SMALL = ["llm=grammar", "search.candidates=2", "search.initial=1", "training.epochs=1"]
+
+_CONFIG: Json = to_plain(
+    compose([*_SMALL, "archive.niches=4", "archive.samples=100", "archive.eff_ratio_scale=linear"])
+)
+
+
+def configured(**groups: Json) -> RunConfig:
+    """Return the settings of a run by hand, with other values of single keys: `configured(archive={"niches": 9})`."""
+    changed = {name: {**_CONFIG[name], **value} if isinstance(value, dict) else value for name, value in groups.items()}
+    return convert(RunConfig, {**_CONFIG, **changed}, place="a run by hand", error=ConfigError)
+
+
+def bounds_of(*axes: tuple[float, float]) -> Bounds:
+    """Make bounds from the (low, high) of each axis."""
+    low, high = zip(*axes, strict=True)
+    return Bounds(low=low, high=high)
 
 
 def trained(
@@ -31,12 +46,11 @@ def trained(
     prompt: int | None = 0,
     temperature: float = 0.6,
     source: str | None = None,
-    status: str = "new",
+    status: AddStatus = AddStatus.new,
     descriptors: tuple[float, float] = (0.5, 0.5),
-    spent: Spending | None = None,
-    sent_back: tuple[tuple[Stage, Reason], ...] = (),
+    repairs: Sequence[tuple[Stage, Reason]] = (),
     dropped: tuple[str, ...] = (),
-) -> Candidate:
+) -> CandidateLine:
     """Make a mutation that trained; its source is its own unless one is given, and without a prompt it is a crossover.
 
     The first slot of generation 0 is the baseline.
@@ -44,45 +58,47 @@ def trained(
     name = f"g{generation:02}s{slot:02}"
     baseline = (generation, slot) == (0, 0)
     bred = Operator.mutation if prompt is not None else Operator.crossover
-    return Candidate(
+    return CandidateLine(
         id=name,
         generation=generation,
         slot=slot,
         operator=Operator.baseline if baseline else bred,
         parents=() if baseline else tuple(parents),
         prompt=None if baseline else prompt,
-        temperature=None if baseline or "temperature" in dropped else temperature,
+        request=None,
+        temperature=None if baseline else temperature,
+        answer=None,
+        dropped=dropped,
+        repairs=tuple(RepairedAnswer(answer="", stage=stage, reason=reason) for stage, reason in repairs),
         source=source or name,
         evaluation=f"evaluation of {source or name}",
-        stage=None,
-        reason=None,
-        measured=Measured(parameters=10, flops=10, arch_div=descriptors[0], eff_ratio=descriptors[1]),
-        trained=Trained(fitness=fitness, validation_losses=(fitness,), niche=0, status=status),
-        spent=spent,
-        sent_back=sent_back,
-        dropped=dropped,
+        parameters=10,
+        flops=10,
+        arch_div=descriptors[0],
+        eff_ratio=descriptors[1],
+        fitness=fitness,
+        validation_losses=(fitness,),
+        niche=0,
+        status=status,
     )
 
 
-def turned_away(
+def rejected(
     generation: int, slot: int, stage: Stage = Stage.probe, reason: Reason = Reason.forward_failed, *, prompt: int = 0
-) -> Candidate:
-    """Make a mutation that the gate turned away."""
-    return Candidate(
+) -> CandidateLine:
+    """Make a mutation that the gate rejected."""
+    return CandidateLine(
         id=f"g{generation:02}s{slot:02}",
         generation=generation,
         slot=slot,
         operator=Operator.mutation,
         parents=("g00s00",),
         prompt=prompt,
+        request=None,
         temperature=0.6,
-        source=None,
-        evaluation=None,
+        answer=None,
         stage=stage,
         reason=reason,
-        measured=None,
-        trained=None,
-        spent=None,
     )
 
 
@@ -94,43 +110,51 @@ def closed(
     trained: int = 1,
     coverage: float = 0.25,
     temperature: float = 0.6,
-) -> Generation:
+) -> GenerationLine:
     """Make the line that ends a generation."""
-    return Generation(
+    return GenerationLine(
         generation=generation,
         temperature=temperature,
+        next_temperature=temperature,
         candidates=candidates,
         trained=trained,
         best=best,
+        generation_best=best,
         generation_median=best,
         coverage=coverage,
         qd_score=1.0,
         prompt_coverage=0.0,
+        bounds=None,
+        archive="",
+        prompt_archive="",
     )
 
 
 def run(
-    candidates: Sequence[Candidate],
-    generations: Sequence[Generation],
+    candidates: Sequence[CandidateLine],
+    generations: Sequence[GenerationLine],
     *,
-    elites: Sequence[Elite] = (),
+    elites: Sequence[Occupant] = (),
     instructions: Sequence[str] = ("refine", "widen"),
-    archive: Json = None,
+    archive: Mapping[str, Json] | None = None,
     bounds: tuple[tuple[float, float], ...] | None = ((0.0, 1.0), (0.0, 1.0)),
+    spent: Mapping[str, Spending] | None = None,
 ) -> Run:
-    """Make a run; `archive` holds settings of its archive that differ from `CONFIG`."""
+    """Make a run; `archive` holds settings of its archive that are not the default ones."""
     return Run(
         path=Path("runs/hand"),
         name="hand",
         digest="0" * 64,
-        config={**CONFIG, "archive": {**CONFIG["archive"], **(archive or {})}},
+        config=configured(archive=archive or {}),
         facts=FACTS,
         centroids="",
         instructions=tuple(instructions),
         candidates=tuple(candidates),
         generations=tuple(generations),
         elites=tuple(elites),
-        bounds=bounds,
+        bounds=None if bounds is None else bounds_of(*bounds),
         prompt_trials=(),
         eras=(Era(generation=0, rules=FIRST),),
+        versions={},
+        spent=spent or {},
     )

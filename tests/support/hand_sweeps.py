@@ -4,47 +4,36 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from hand_runs import CONFIG, closed, run, trained
+from hand_runs import closed, configured, run, trained
 
-from analysis.runs.run import Candidate, Run
+from analysis.runs.run import Run
 from analysis.sweeps.sweep import Finished, Sweep
+from tacevo.costs import Spending
 from tacevo.records import Json
+from tacevo.search.lines import CandidateLine
 from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Json = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
 
-#: Settings of a whole run that matter to a comparison.
-SETTINGS: Json = {
-    **CONFIG,
-    "task": {"name": "force", "loss": "mse"},
-    "archive": {**CONFIG["archive"], "samples": 100, "seed": 0},
-    "search": {"candidates": 2, "initial": 1},
-    "training": {"epochs": 1, "batch_size": 32, "learning_rate": 0.001, "device": "cpu", "seconds": 60.0},
-    "numerics": {"kind": "portable"},
-    "llm": {"provider": "grammar", "model": "grammar-1", "mode": "record"},
-}
-SETTINGS["training"]["memory_mib"] = 2048
-
 
 def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Json] | None = None) -> Finished:
-    """Make a finished job of a run; `settings` holds whole groups that differ from `SETTINGS`."""
+    """Make a finished job of a run; `settings` holds what is not as in every run by hand, by group and key."""
     name = f"{arm}-seed{seed}"
-    config = {**SETTINGS, "seed": seed, **(settings or {})}
+    config = configured(seed=seed, **(settings or {}))
     return Finished(
         job=Job(name=name, arm=arm, seed=seed, overrides=(), config=name),
-        run=replace(one, name=name, path=Path("sweep") / name, config=config),
-        versions=VERSIONS,
+        run=replace(one, name=name, path=Path("sweep") / name, config=config, versions=one.versions or VERSIONS),
     )
 
 
-def run_of(candidates: Sequence[Candidate]) -> Run:
+def run_of(candidates: Sequence[CandidateLine], spent: Mapping[str, Spending] | None = None) -> Run:
     """Make a run of trained candidates, in their order; the generations follow from them."""
     lines = []
     for generation in range(candidates[-1].generation + 1):
-        losses = [one.trained.fitness for one in candidates if one.trained and one.generation <= generation]
+        losses = [one.fitness for one in candidates if one.fitness is not None and one.generation <= generation]
         own = sum(one.generation == generation for one in candidates)
         lines.append(closed(generation, min(losses), candidates=own, trained=own))
-    return run(candidates, lines)
+    return run(candidates, lines, spent=spent)
 
 
 def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> Run:
