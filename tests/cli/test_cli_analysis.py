@@ -13,22 +13,11 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one tiny search and its study."""
-    folder = tmp_path_factory.mktemp("searched")
-    sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
-    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
-    assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
-    assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
-    return folder
-
-
 @pytest.fixture
-def run(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give a copy of the run, to be spoilt, and work beside it."""
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(searched / "run", tmp_path / "run")
+    shutil.copytree(published / "run", tmp_path / "run")
     return Path("run")
 
 
@@ -38,12 +27,10 @@ def study_of(run: Path) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def bundle(searched: Path) -> Path:
-    """Give the run and its study as one published file."""
-    path = searched / "published.zip"
-    assert main(["publish", str(searched / "run"), "-o", str(path)]) == 0
-    return path
+@pytest.fixture
+def bundle(published: Path) -> Path:
+    """Return the run and its study as one published file."""
+    return published / "run.zip"
 
 
 def contents(folder: Path) -> dict[str, bytes]:
