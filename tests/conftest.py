@@ -3,6 +3,7 @@
 What is expensive to make and needed by several tests is made once a session, for all workers of pytest-xdist.
 """
 
+import gc
 import ipaddress
 import json
 import os
@@ -20,6 +21,13 @@ from smallest import SMALLEST, UNTRACKED
 
 settings.register_profile("tacevo", deadline=None, derandomize=True)
 settings.load_profile("tacevo")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_objects_to_collect() -> None:
+    """Keep what earlier modules made out of garbage collections: statsmodels asks for one at each call of Holm's test."""
+    gc.collect()
+    gc.freeze()
 
 
 Once = Callable[[str, Callable[[Path], object]], Path]
@@ -79,7 +87,7 @@ def _is_loopback(host: str) -> bool:
 
 @pytest.fixture(scope="session")
 def published(once: Once) -> Path:
-    """Return a directory with a run (`run`, `cache`), its study, and both published (`run.zip`); no test may change it."""
+    """Return a directory with a run (`run`, `cache`), its study, and both as `run.zip`; no test may change it."""
     return once("published", _publish_run)
 
 
