@@ -25,7 +25,7 @@ settings.load_profile("tacevo")
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_objects_to_collect() -> None:
-    """Keep what earlier modules made out of garbage collections: statsmodels asks for one at each call of Holm's test."""
+    """Keep what earlier modules made out of garbage collections; statsmodels collects at each correction by Holm."""
     gc.collect()
     gc.freeze()
 

@@ -120,6 +120,7 @@ def test_key_is_written_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]
     assert not [text for text in [*texts, captured.out.encode(), captured.err.encode()] if KEY.encode() in text]
 
 
+@pytest.mark.slow
 def test_direct_delivery_does_not_pay_for_a_running_batch_again(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -202,6 +203,7 @@ def test_missing_price_table_is_named(folder: Path, capsys: pytest.CaptureFixtur
     assert [path.name for path in folder.iterdir()] == ["broken.yaml"]
 
 
+@pytest.mark.slow
 def test_optional_settings_reach_the_server(folder: Path) -> None:
     """What is set is sent under its own name, and what is not set is not sent."""
     with serving(Script(answer=network)) as server:
@@ -213,6 +215,7 @@ def test_optional_settings_reach_the_server(folder: Path) -> None:
     assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
 
 
+@pytest.mark.slow
 def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ledger, summary, report and `show` say that it was not sent; a replay agrees; an arm over it is not begun."""
     with serving(Script(answer=network, refused=("temperature",))) as server:
@@ -241,6 +244,7 @@ def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys
     assert "<p>temperature was not sent: the model refuses it</p>" in (folder / "run" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One digest for both deliveries, and a store of one serves the other."""
     with serving(Script(answer=network, polls=0)) as server:

@@ -76,7 +76,7 @@ def cut_in_half(data: bytes) -> bytes:
     return data[: len(data) // 2]
 
 
-@pytest.mark.parametrize("damage", [flip_a_bit, cut_in_half])
+@pytest.mark.parametrize("damage", [flip_a_bit, pytest.param(cut_in_half, marks=pytest.mark.slow)])
 def test_damaged_entry_of_any_store_is_named_and_can_be_computed_again(
     damage: Callable[[bytes], bytes], copied: Path, whole_search: Whole, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,7 +151,7 @@ def test_store_that_cannot_be_written_is_one_line(copied: Path, whole_search: Wh
     assert results(tmp_path) == results(whole_search[0])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_disk_that_is_full_again_and_again_costs_nothing(whole_search: Whole, tmp_path: Path) -> None:
     """On a disk that grows by 32 KiB a time each search stops with one line or ends well, with the same bytes."""
@@ -172,6 +172,7 @@ def test_disk_that_is_full_again_and_again_costs_nothing(whole_search: Whole, tm
     assert all("room" in stop or "No space left" in stop for stop in stops)
 
 
+@pytest.mark.slow
 def test_two_searches_share_one_store_at_once(whole_search: Whole, tmp_path: Path) -> None:
     """Started together with an empty store, both give the digest, and the store is that of one of them alone."""
     pair = [start(tmp_path, UNTRACKED, f"run.dir={name}") for name in ("run", "other")]
@@ -181,7 +182,14 @@ def test_two_searches_share_one_store_at_once(whole_search: Whole, tmp_path: Pat
     assert (tmp_path / "other" / "ledger.jsonl").read_bytes() == (tmp_path / "run" / "ledger.jsonl").read_bytes()
 
 
-@pytest.mark.parametrize("depth", [0, 1, 2], ids=["zygote", "supervisor", "candidate"])
+@pytest.mark.parametrize(
+    "depth",
+    [
+        pytest.param(0, id="zygote", marks=pytest.mark.slow),
+        pytest.param(1, id="supervisor"),
+        pytest.param(2, id="candidate", marks=pytest.mark.slow),
+    ],
+)
 def test_process_killed_from_outside_changes_nothing(depth: int, whole_search: Whole, tmp_path: Path) -> None:
     """Somebody kills a process of the sandbox: the search starts it again and goes on."""
     search = start(tmp_path, UNTRACKED)

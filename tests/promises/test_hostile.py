@@ -22,7 +22,7 @@ from tacevo.sandbox.processes import descendants
 PROGRAMS = shared("hostile")
 EVERY_PROGRAM = pytest.mark.parametrize("program", PROGRAMS, ids=[program["id"] for program in PROGRAMS])
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120), needs_shared]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(120), needs_shared]
 
 
 @pytest.fixture(scope="module")

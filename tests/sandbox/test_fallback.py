@@ -53,6 +53,7 @@ def test_doctor_names_the_walls_that_stand(tmp_path: Path) -> None:
     assert "missing" not in done.stdout
 
 
+@pytest.mark.slow
 def test_run_that_is_continued_on_a_weaker_machine_says_so(tmp_path: Path) -> None:
     """Each way in which candidates were held stands in run.json, in the order in which they came."""
     small = ["search", *SMALLEST, UNTRACKED, "run.dir=run", "search.initial=2", "search.candidates=2"]

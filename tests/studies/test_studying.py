@@ -191,6 +191,7 @@ def test_one_worker_gives_the_bytes_of_two(folder: Path) -> None:
     assert files(folder) == before
 
 
+@pytest.mark.slow
 def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) -> None:
     """At the same time, on the same run and store."""
     before = files(folder)
@@ -204,7 +205,7 @@ def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) ->
     assert trainings(folder) == 4
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder: Path) -> None:
     """Stopped after its first training: that one is kept, and the same command does the rest."""
     before = files(folder)
@@ -317,6 +318,7 @@ def test_export_takes_the_study_along(folder: Path) -> None:
         check_entry(path, path.read_bytes(), "studies", path.stem)
 
 
+@pytest.mark.slow
 def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A longer search has other elites; its replay says so, and a new study has a folder of its own."""
     longer = ["search.generations=1", "search.candidates=1"]

@@ -219,6 +219,7 @@ def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tm
     assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> None:
     """Each search says that it was interrupted, which it cannot where a launcher's processes end before."""
     terminal, end = pty.openpty()

@@ -119,6 +119,7 @@ def test_store_that_is_not_there_is_asked_once(tmp_path: Path, monkeypatch: pyte
     assert "s3cret" not in first + second
 
 
+@pytest.mark.slow
 def test_killed_command_is_completed_by_the_next(tmp_path: Path, uri: str) -> None:
     """Killed in the middle of a run, and given again, it leaves what an undisturbed one leaves."""
     many = [{**BASELINE, "slot": slot, "id": f"g00s{slot:02}"} for slot in range(40)]

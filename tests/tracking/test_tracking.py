@@ -460,6 +460,7 @@ def wait_for_commands(run_dir: Path) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_database_is_whole_although_its_maker_was_killed(run_dir: Path, tmp_path: Path) -> None:
     """A mirror killed among MLflow's migrations leaves a hidden file, which the next one replaces."""
     command = [sys.executable, "-m", "tacevo.tracking", str(run_dir), "--experiment", "tacevo"]
@@ -517,6 +518,7 @@ def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:
     assert "No such file or directory" in str(mirror.finish(PATIENCE))
 
 
+@pytest.mark.slow
 def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     """A mirror that needs longer than it is given is told of, and goes on to its end."""
     mirror = Mirror(run_dir, uri=uri, experiment="tacevo")

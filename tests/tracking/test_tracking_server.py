@@ -129,6 +129,7 @@ def forgetful(server: Server) -> Iterator[str]:
     assert made > 3, "no answer was lost"
 
 
+@pytest.mark.slow
 def test_server_that_loses_answers_and_is_killed_has_each_run_once(
     server: Server, tmp_path: Path, uri: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

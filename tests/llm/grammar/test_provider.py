@@ -152,6 +152,7 @@ def test_impossible_slip_rate_is_refused() -> None:
         GrammarLLM(slip_rate=1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["force", "grating", "hardness"])
 def test_thirty_generations_of_answers_parse_build_and_train(task: str) -> None:
     """Children of children stay readable and sound, and do not collapse to a few."""
