@@ -17,7 +17,7 @@ import interruptions
 import pytest
 from filelock import FileLock
 from hypothesis import settings
-from smallest import SMALLEST, UNTRACKED
+from smallest import SMALLEST, UNTRACKED, Once
 
 settings.register_profile("tacevo", deadline=None, derandomize=True)
 settings.load_profile("tacevo")
@@ -28,9 +28,6 @@ def _few_objects_to_collect() -> None:
     """Keep what earlier modules made out of garbage collections; statsmodels collects at each correction by Holm."""
     gc.collect()
     gc.freeze()
-
-
-Once = Callable[[str, Callable[[Path], object]], Path]
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from smallest import SMALLEST, UNTRACKED
+from smallest import SMALLEST, UNTRACKED, Once
+from tiny_sweep import SIZES
 
 from tacevo.cli.app import main
 from tacevo.config.identity import recorded_hash
@@ -15,7 +16,6 @@ from tacevo.records import Json
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 ARMS = ("none", "no_prompt_archive")
-SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]
 JOBS = tuple(
     Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="")
     for arm in ARMS
@@ -23,16 +23,19 @@ JOBS = tuple(
 )
 
 
-@pytest.fixture(scope="module")
-def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a sweep of two arms and two seeds, each run as small as one can be."""
-    folder = tmp_path_factory.mktemp("swept")
-    directory = SweepDirectory(folder / "sweep")
-    for job in JOBS:
-        where = [f"run.dir={folder / 'sweep' / job.name}", f"store.root={folder / 'store'}"]
-        assert main(["search", *SMALLEST, UNTRACKED, *SIZES, *where, *job.overrides, f"seed={job.seed}"]) == 0
-    directory.write(SMALLEST, [with_hash(directory, job) for job in JOBS])
-    return folder
+@pytest.fixture(scope="session")
+def compared(swept: Path, once: Once) -> Path:
+    """Return the directory of a sweep of two arms and two seeds, whose answers are those of `swept`."""
+
+    def search(folder: Path) -> None:
+        shutil.copytree(swept / "cache", folder / "store")
+        directory = SweepDirectory(folder / "sweep")
+        for job in JOBS:
+            where = [f"run.dir={folder / 'sweep' / job.name}", f"store.root={folder / 'store'}"]
+            assert main(["search", *SMALLEST, UNTRACKED, *SIZES, *where, *job.overrides, f"seed={job.seed}"]) == 0
+        directory.write(SMALLEST, [with_hash(directory, job) for job in JOBS])
+
+    return once("compared", search)
 
 
 def with_hash(directory: SweepDirectory, job: Job) -> Job:
@@ -41,10 +44,10 @@ def with_hash(directory: SweepDirectory, job: Job) -> Job:
 
 
 @pytest.fixture
-def sweep(swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def sweep(compared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give a copy of the sweep, to be spoilt, and work beside it."""
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    shutil.copytree(compared / "sweep", tmp_path / "sweep")
     return Path("sweep")
 
 

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.records import Json
@@ -94,11 +95,11 @@ def evaluations(folder: Path) -> list[Path]:
     return sorted((folder / "cache" / "evaluations").glob("*/*.json"))
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Give the folder and the digest of one finished tiny search."""
-    folder = tmp_path_factory.mktemp("searched")
-    return folder, digest(tacevo("search", *TINY, cwd=folder))
+@pytest.fixture(scope="session")
+def searched(once: Once) -> tuple[Path, str]:
+    """Return the directory and the digest of one finished tiny search."""
+    folder = once("searched", lambda folder: tacevo("search", *TINY, cwd=folder))
+    return folder, json.loads((run_of(folder) / "run.json").read_text())["digest"]
 
 
 @pytest.fixture
@@ -187,6 +188,7 @@ def processes_in(folder: Path) -> list[str]:
         time.sleep(0.2)
 
 
+@pytest.mark.slow
 def test_longer_search_continues_a_shorter_one(copied: Path) -> None:
     """More generations in the same directory append to its ledger; fewer are refused."""
     run = run_of(copied)

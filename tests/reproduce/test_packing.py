@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.errors import StoreError
@@ -20,7 +21,7 @@ Members = dict[str, bytes]
 
 
 @pytest.fixture(scope="session")
-def exported(published: Path, once: Callable[[str, Callable[[Path], object]], Path]) -> Path:
+def exported(published: Path, once: Once) -> Path:
     """Return a directory with a run without a study, its stores (with a foreign entry), and its export."""
 
     def export(folder: Path) -> None:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from interruptions import SEARCH
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.choices import Confinement
@@ -66,15 +67,8 @@ def test_run_that_is_continued_on_a_weaker_machine_says_so(tmp_path: Path) -> No
     assert second["landlock"].startswith("missing")
 
 
-def test_search_gives_the_same_digest_on_a_weaker_machine(tmp_path: Path) -> None:
+def test_search_gives_the_same_digest_on_a_weaker_machine(tmp_path: Path, whole_search: tuple[Path, str]) -> None:
     """What candidates compute does not depend on the walls around them."""
-    small = ["experiment=demo", "tracking=none", "search.generations=0", "data.images=40", "training.epochs=1"]
-    digests = []
-    for weaker in (True, False):
-        folder = tmp_path / str(weaker)
-        folder.mkdir()
-        done = tacevo("search", *small, folder=folder, weaker=weaker)
-        assert done.returncode == 0, done.stderr
-        digests.append(done.stdout.splitlines()[-1])
-    assert digests[0].startswith("digest: ")
-    assert digests[0] == digests[1]
+    done = tacevo("search", *SEARCH, UNTRACKED, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == f"digest: {whole_search[1]}"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from smallest import ARCHIVES, UNTRACKED
+from smallest import SMALLEST, UNTRACKED, Once
 
 from analysis.runs.run import load_run
 from analysis.studies.study import load_study
@@ -29,27 +29,27 @@ pytestmark = pytest.mark.timeout(300)
 
 #: A real search, as small as one can be that finds a network beside the baseline.
 TINY = [
-    "experiment=demo",
-    *ARCHIVES,
+    *SMALLEST,
     UNTRACKED,
     "search.generations=0",
     "search.initial=2",
-    "data.images=40",
-    "training.epochs=1",
     "run.dir=run",
 ]
 STUDY = ["run=run", "elites=1", "seeds=2", "epochs=2"]
 
 
-@pytest.fixture(scope="module")
-def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder with a finished tiny search and its study."""
-    folder = tmp_path_factory.mktemp("studied")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert main(["search", *TINY]) == 0
-        assert main(["study", *STUDY]) == 0
-    return folder
+@pytest.fixture(scope="session")
+def studied(published: Path, once: Once) -> Path:
+    """Return a directory with a finished tiny search and its study; no test may change it."""
+
+    def study(folder: Path) -> None:
+        shutil.copytree(published / "cache", folder / "cache", ignore=shutil.ignore_patterns("studies"))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            assert main(["search", *TINY]) == 0
+            assert main(["study", *STUDY]) == 0
+
+    return once("studied", study)
 
 
 @pytest.fixture

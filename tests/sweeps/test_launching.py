@@ -6,6 +6,7 @@ Whole sweeps of real searches, as small as they can be; jobs without a search ar
 import fcntl
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
@@ -177,8 +178,11 @@ def test_launcher_that_fails_is_told_with_its_reason(assigned: Assignment) -> No
         launch(directory, directory.read()[1], Launcher(name="nowhere", overrides=()), lambda: None)
 
 
-def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_failed_job_stops_no_other_and_is_repeated(
+    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The failure is listed with its reason; then it alone runs, and its digest is that of the search by itself."""
+    shutil.copytree(published / "cache", folder / "cache")  # with all answers
     (folder / "all").mkdir()
     (folder / "all" / NONE).write_text("in the way")
     assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 1
@@ -194,7 +198,7 @@ def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.
     assert not list((folder / "all" / "failed").iterdir())
 
     alone = [setting for setting in SWEEP if not setting.startswith("ablation=")]
-    assert main(["search", *alone, "run.dir=alone", "store.root=elsewhere"]) == 0
+    assert main(["search", *alone, "run.dir=alone"]) == 0
     digest = capsys.readouterr().out.splitlines()[-1].removeprefix("digest: ")
     assert statuses(folder)[NONE].digest == digest
 
