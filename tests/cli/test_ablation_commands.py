@@ -163,22 +163,6 @@ def test_runs_that_changed_places_are_refused(sweep: Path, capsys: pytest.Captur
     assert not (sweep / "ablations").exists()
 
 
-def test_other_versions_are_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As run.json has them."""
-    versions = json.loads((sweep / "none-seed0" / "run.json").read_text())["versions"]
-    edit_run(sweep, "none-seed1", versions={**versions, "torch": "0.1"})
-    assert main(["ablations", "sweep"]) == 2
-    told = capsys.readouterr().err
-    assert f'the version of torch is "{versions["torch"]}" in none-seed0 and "0.1" in none-seed1' in told
-
-
-def test_seed_that_an_arm_has_twice_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It would count as two."""
-    SweepDirectory(sweep).write([], [*JOBS, JOBS[0]])
-    assert main(["ablations", "sweep"]) == 2
-    assert "sweep/sweep.json has 2 jobs of arm none with seed 0" in capsys.readouterr().err
-
-
 def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
     """A swept override is an arm, too; without `none` there is no test, and the tables say so."""
     arms = {"none": "temperature=fixed_1", "no_prompt_archive": "task=a|b & c"}

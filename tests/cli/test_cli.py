@@ -208,14 +208,6 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path) -> N
     assert (run / "ledger.jsonl").read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["archive.json", "candidates/g00s00.py"])
-def test_edited_file_beside_the_ledger_is_a_difference(copied: Path, name: str) -> None:
-    """Replay compares the archives and every evaluated source, too."""
-    path = run_of(copied) / name
-    path.write_text(path.read_text().replace("3", "4", 1))
-    assert Path(name).stem in tacevo("replay", str(path.parents[name.count("/")]), cwd=copied, status=1).stderr
-
-
 def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
     """The summary, and one candidate with its instruction, numbers, losses and source."""
     run = str(run_of(searched[0]))

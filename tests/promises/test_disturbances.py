@@ -22,14 +22,13 @@ from interruptions import (
     Phase,
     begins,
     comes,
+    ends,
     finish,
     leftovers,
     mirrored,
-    processes_of,
     results,
     start,
     unhurried,
-    wait_until,
 )
 from mounts import enlarge, read_only, small_disk
 from smallest import UNTRACKED
@@ -164,7 +163,7 @@ def test_disk_that_is_full_again_and_again_costs_nothing(whole_search: Whole, tm
             size += 32
             enlarge(folder, size)
         assert finish(search) == whole_search[1]
-        assert wait_until(lambda: not processes_of(folder))
+        assert ends(folder)
         assert leftovers(folder) == []
         assert results(folder) == results(whole_search[0])
     print(f"stops: {len(stops)}", *stops, sep="\n")
@@ -199,7 +198,7 @@ def test_process_killed_from_outside_changes_nothing(depth: int, whole_search: W
     assert comes(search, lambda: bool(set(at_work_below(search.pid, depth)) - older))
     assert finish(search) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
-    assert wait_until(lambda: not processes_of(tmp_path))
+    assert ends(tmp_path)
 
 
 def kill_one_below(pid: int, depth: int, older: set[int]) -> bool:
@@ -308,5 +307,5 @@ def test_clock_that_goes_backwards_changes_nothing(whole_search: Whole, tmp_path
     assert seen.stdout == b"True\n"
     assert finish(start(tmp_path, environment=clock)) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
-    assert wait_until(lambda: not processes_of(tmp_path))
+    assert ends(tmp_path)
     assert mirrored(tmp_path / "mlflow.db") == (1 + CANDIDATES, whole_search[1])

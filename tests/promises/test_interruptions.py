@@ -14,6 +14,7 @@ from interruptions import (
     Kill,
     Phase,
     draw_kills,
+    ends,
     finish,
     kill,
     leftovers,
@@ -22,7 +23,6 @@ from interruptions import (
     results,
     start,
     unhurried,
-    wait_until,
 )
 from smallest import UNTRACKED
 
@@ -57,7 +57,7 @@ def expect_sound_end(search: subprocess.Popen[str]) -> None:
 
 def expect_no_trace(folder: Path, digest: str, *, tracked: bool) -> None:
     """Expect that no process and no temporary file is left of a finished search, and that MLflow has it once."""
-    assert wait_until(lambda: not processes_of(folder)), processes_of(folder)
+    assert ends(folder), processes_of(folder)
     assert leftovers(folder) == []
     if tracked:
         assert mirrored(folder / "mlflow.db") == (1 + CANDIDATES, digest)

@@ -356,21 +356,6 @@ def recorded_answers(folder: Path, task: str) -> Script:
     return Script(answer=lambda body: str(chosen(body)["response"]), kind=kind)
 
 
-def _rate(text: str) -> float:
-    """Read a part of the tries; if all failed, nobody would ever be answered."""
-    rate = float(text)
-    if not 0 <= rate < 1:
-        raise argparse.ArgumentTypeError(f"expected a number in [0, 1), got {text}")
-    return rate
-
-
-def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port < 2**16:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 65535, got {text}")
-    return port
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Serve until Ctrl-C; the address is the first line of the output."""
     parser = argparse.ArgumentParser(
@@ -381,8 +366,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--answers", type=Path, help="folder of recorded answers, <task>_<number>.json; else it echoes")
     parser.add_argument("--task", default="force", help="whose recorded answers to serve (default: force)")
-    parser.add_argument("--port", type=_port, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
-    parser.add_argument("--rate", type=_rate, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
+    parser.add_argument("--port", type=int, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
+    parser.add_argument("--rate", type=float, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
     parser.add_argument("--seed", type=int, default=0, help="from which the failures follow (default: 0)")
     parser.add_argument("--delay", type=float, default=0.0, help="seconds before every answer (default: 0)")
     parser.add_argument("--together", type=int, default=0, help="answer nothing before so many requests are open")

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from interruptions import comes, leftovers, processes_of, unhurried, wait_until
+from interruptions import comes, ends, leftovers, processes_of, unhurried
 from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
 
@@ -167,7 +167,7 @@ def test_onlooker_that_fails_stops_the_jobs_and_is_heard(assigned: Assignment) -
 
     with pytest.raises(OSError, match="the terminal is gone"):
         launch(directory, directory.read()[1], Launcher(name="basic", overrides=()), look)
-    assert wait_until(lambda: not processes_of(directory.path)), processes_of(directory.path)
+    assert ends(directory.path), processes_of(directory.path)
     assert status_of(directory, directory.read()[1][0]).standing is not Standing.finished
 
 
@@ -211,7 +211,7 @@ def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tm
     sweep.send_signal(how)
     _, errors = sweep.communicate()
     assert sweep.returncode == (130 if how is signal.SIGINT else -how), errors
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
     stopped = statuses(tmp_path)
     assert stopped[NONE].standing in {Standing.stopped, Standing.finished}
     assert stopped[FIXED].standing is Standing.waiting
@@ -220,7 +220,7 @@ def test_stopped_sweep_leaves_no_process_and_is_taken_up(how: signal.Signals, tm
     out, errors = again.communicate()
     assert again.returncode == 0, errors
     assert "2 jobs: 2 finished" in out
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
 
 
 @pytest.mark.slow
@@ -247,7 +247,7 @@ def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> N
     assert "Traceback" not in errors
     for name in (NONE, FIXED):
         assert "interrupted; what was computed is kept" in SweepDirectory(tmp_path / "all").log(name).read_text()
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
 
 
 @pytest.mark.slow
@@ -261,7 +261,7 @@ def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_
         sweep.kill()
         sweep.communicate()
         assert struck
-        assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+        assert ends(tmp_path), processes_of(tmp_path)
         for name, before in finished.items():
             assert files_of(tmp_path / "all" / name) == before
         ended = [name for name, status in statuses(tmp_path).items() if status.standing is Standing.finished]
@@ -270,7 +270,7 @@ def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_
     sweep = start(tmp_path, *sizes)
     _, errors = sweep.communicate()
     assert sweep.returncode == 0, errors
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
     for name, before in finished.items():
         assert files_of(tmp_path / "all" / name) == before
     assert not leftovers(tmp_path)
@@ -291,7 +291,7 @@ def test_submitit_runs_a_sweep_and_stops_it(tmp_path: Path) -> None:
     sweep.send_signal(signal.SIGINT)
     sweep.communicate()
     assert sweep.returncode == 130
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
     again = start(tmp_path, "hydra/launcher=submitit_local")
     out, errors = again.communicate()
     assert again.returncode == 0, errors
