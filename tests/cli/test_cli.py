@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from commands import tacevo
 from smallest import Once
 
 from tacevo.cli.app import main
@@ -65,14 +66,6 @@ def kind_of(line: dict[str, Json]) -> str:
         return "rejected"
     prompted = line["operator"] == "mutation" and line["generation"] > 0
     return "trained with a recorded prompt" if prompted else "trained"
-
-
-def tacevo(*arguments: str, cwd: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end and check its exit status."""
-    done = subprocess.run([*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == status, done.stderr
-    assert "Traceback" not in done.stderr
-    return done
 
 
 def digest(done: subprocess.CompletedProcess[str]) -> str:

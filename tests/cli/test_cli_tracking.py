@@ -1,12 +1,11 @@
 """Tracking is beside the search: with MLflow, without it and with a broken one, the same search is the same run."""
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
+from commands import tacevo
 from smallest import SMALLEST
 from tiny_sweep import SIZES
 
@@ -34,9 +33,7 @@ class Searched(NamedTuple):
 def searched(folder: Path, answers: Path, *tracking: str) -> Searched:
     """Search to the end in a directory, from a copy of the stores of `swept`, which have every answer."""
     shutil.copytree(answers / "cache", folder / "cache")
-    command = [sys.executable, "-m", "tacevo.cli.app", "search", *SMALLEST, *SIZES, *tracking]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stderr
+    done = tacevo("search", *SMALLEST, *SIZES, *tracking, cwd=folder)
     (run,) = (folder / "runs").iterdir()
     return Searched(folder, run, done.stdout.splitlines()[-1], done.stderr)
 
@@ -88,7 +85,6 @@ def test_broken_store_is_a_warning_and_nothing_else(untracked: Searched, swept: 
     assert broken.digest == untracked.digest
     (warning,) = [line for line in broken.errors.splitlines() if "MLflow mirror" in line]
     assert "sqlite:////proc/nope/x.db" in warning
-    assert "Traceback" not in broken.errors
 
 
 def test_search_without_tracking_leaves_no_trace_of_it(untracked: Searched) -> None:

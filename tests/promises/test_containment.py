@@ -58,7 +58,7 @@ class Trainer:
 
 @pytest.fixture(scope="module")
 def trainer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trainer]:
-    """Give one sandbox to all candidates."""
+    """Return one sandbox to all candidates."""
     folder = tmp_path_factory.mktemp("containment")
     np.save(folder / "images.npy", DATA.images)
     with open_sandbox(folder / "images.npy") as sandbox:

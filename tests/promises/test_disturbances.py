@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from commands import tacevo
 from interruptions import (
     CANDIDATES,
     SEARCH,
@@ -44,7 +45,7 @@ Whole = tuple[Path, str]
 
 @pytest.fixture
 def copied(whole_search: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a copy of the finished search as the working directory, to be spoilt."""
+    """Return a copy of the finished search as the working directory, to be spoilt."""
     shutil.copytree(whole_search[0], tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -241,8 +242,7 @@ def warning_of(search: subprocess.Popen[str], digest: str) -> str:
 
 def expect_nothing_lost(folder: Path, digest: str) -> None:
     """Bring MLflow up to date, and expect the whole search there once."""
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "track", "run", "--uri", f"sqlite:///{folder}/later.db"]
-    assert subprocess.run(command, cwd=folder, check=False).returncode == 0
+    tacevo("track", "run", "--uri", f"sqlite:///{folder}/later.db", cwd=folder)
     assert mirrored(folder / "later.db") == (1 + CANDIDATES, digest)
 
 
@@ -271,8 +271,7 @@ def test_database_of_mlflow_that_goes_away_in_the_middle_is_a_warning(whole_sear
         .read_bytes()
         .startswith((whole_search[0] / "run" / "ledger.jsonl").read_bytes())
     )
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "track", "run", "--uri", f"sqlite:///{tmp_path}/later.db"]
-    assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 0
+    tacevo("track", "run", "--uri", f"sqlite:///{tmp_path}/later.db", cwd=tmp_path)
     assert mirrored(tmp_path / "later.db") == (1 + CANDIDATES + 4, out.splitlines()[-1].removeprefix("digest: "))
 
 

@@ -36,7 +36,7 @@ def traps() -> Iterator[Canaries]:
 
 @pytest.fixture(scope="module")
 def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
-    """Give one sandbox to all programs, so that each also finds what the others left behind."""
+    """Return one sandbox to all programs, so that each also finds what the others left behind."""
     folder = tmp_path_factory.mktemp("hostile")
     images, data = examples()
     np.save(folder / "images.npy", images)
