@@ -4,8 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
+# Two tests at a time; a worker that is done takes over tests of the other.
+TWO := --numprocesses 2 --dist worksteal
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-portable check format bench replay paper lock clean
+.PHONY: help setup demo test test-slow test-all test-portable coverage check format bench replay paper lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 14
@@ -23,14 +26,20 @@ $(READY): requirements.lock pyproject.toml
 demo: $(READY) ## run a small search, and print what it found and where to look
 	$(BIN)/tacevo search experiment=demo
 
-test: $(READY) ## run the tests, two at a time
-	$(BIN)/pytest --numprocesses 2
+test: $(READY) ## run the tests, two at a time (six minutes)
+	$(BIN)/pytest $(TWO)
 
-test-slow: $(READY) ## run the tests that take minutes
-	$(BIN)/pytest -m slow
+test-slow: $(READY) ## run the tests that attack each promise further (ten minutes)
+	$(BIN)/pytest $(TWO) -m slow
+
+test-all: $(READY) ## run all tests, brute force too (hours)
+	$(BIN)/pytest $(TWO) -m "not portable"
 
 test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)
 	$(BIN)/pytest -m portable
+
+coverage: $(READY) ## run `make test` and `make test-slow`, and print the lines that no test reaches
+	$(BIN)/pytest $(TWO) -m "not long and not portable" --cov --cov-report=term-missing:skip-covered
 
 check: $(READY) ## formatting, lint, types and import direction
 	$(BIN)/ruff format --check
@@ -54,7 +63,7 @@ RUNS ?= cache/published/force-grammar.zip cache/published/grating-grammar.zip
 paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR", into build/paper
 	$(BIN)/tacevo paper $(RUNS) --output build/paper
 
-lock: ## resolve the dependencies anew into requirements.lock
+lock: ## resolve the dependencies again into requirements.lock
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock
 	build/lock/bin/pip install --quiet --disable-pip-version-check torch==2.13.0 hatchling editables '.[dev]'

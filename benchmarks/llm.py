@@ -32,7 +32,7 @@ DELAY = 0.25
 #: In flight at once, where memory is measured.
 MANY = 10_000
 
-_SERVER = Path(__file__).parents[1] / "tests" / "llm_server.py"
+_SERVER = Path(__file__).parents[1] / "tests" / "support" / "llm_server.py"
 
 
 def asking() -> str:

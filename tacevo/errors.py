@@ -14,26 +14,6 @@
     │   └── TransportError   the model could not be reached, after all retries
     └── SandboxError         the sandbox itself is broken (never: a candidate is)
 
-A candidate that fails is a value, `tacevo.records.Rejection`, and never an exception. Each class takes one
-message, because exceptions with other signatures do not survive pickling from a worker.
-"""
-
-"""Every exception a caller of tacevo may want to catch.
-
-    TacevoError
-    ├── ConfigError          a setting the user wrote cannot be used (also a ValueError)
-    ├── DataError            a data set is missing, broken or does not fit the task
-    ├── StoreError           a store entry is damaged or of an unknown schema
-    ├── RunError             a run directory cannot be used as asked
-    │   └── IncomparableError  the runs of a sweep differ in what a comparison must hold fixed
-    ├── BundleError          a published run is damaged, was edited or could do harm
-    ├── DivergenceError      a recomputed ledger line differs from the recorded one
-    ├── LLMError
-    │   ├── BudgetError      the next request could cost more than the user allows
-    │   ├── CacheMissError   replay met a request that was never recorded
-    │   └── TransportError   the model could not be reached, after all retries
-    └── SandboxError         the sandbox itself is broken (never: a candidate is)
-
 A candidate that fails is a value, `tacevo.records.Rejection`, and never an exception.
 """
 

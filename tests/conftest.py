@@ -1,6 +1,11 @@
-"""What holds for every test: no connection leaves this machine, and Hypothesis tries the same examples every time."""
+"""What holds for every test: no connection leaves this machine, and Hypothesis tries the same examples every time.
 
+What is expensive to make and needed by several tests is made once a session, for all workers of pytest-xdist.
+"""
+
+import gc
 import ipaddress
+import json
 import os
 import shutil
 import socket
@@ -10,18 +15,44 @@ from typing import Any
 
 import interruptions
 import pytest
+from filelock import FileLock
 from hypothesis import settings
-from smallest import SMALLEST, UNTRACKED
+from smallest import SMALLEST, UNTRACKED, Once
 
 settings.register_profile("tacevo", deadline=None, derandomize=True)
 settings.load_profile("tacevo")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _few_objects_to_collect() -> None:
+    """Keep what earlier modules made out of garbage collections; statsmodels collects at each correction by Holm."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session")
-def whole_search(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Give the folder and the digest of an undisturbed search (`interruptions`); nothing may be changed in it."""
-    folder = tmp_path_factory.mktemp("whole")
-    return folder, interruptions.finish(interruptions.start(folder, "tracking=none"))
+def once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Once:
+    """Return a function that fills a directory of a name in the first worker that asks, while the others wait."""
+    own = tmp_path_factory.getbasetemp()
+    session = own if worker_id == "master" else own.parent
+
+    def once(name: str, fill: Callable[[Path], object]) -> Path:
+        folder, filled = session / "shared" / name, session / f"{name}.filled"
+        with FileLock(session / f"{name}.lock"):
+            if not filled.exists():
+                folder.mkdir(parents=True)
+                fill(folder)
+                filled.touch()
+        return folder
+
+    return once
+
+
+@pytest.fixture(scope="session")
+def whole_search(once: Once) -> tuple[Path, str]:
+    """Return the directory and the digest of an undisturbed search (`interruptions`); no test may change it."""
+    folder = once("whole", lambda folder: interruptions.finish(interruptions.start(folder, UNTRACKED)))
+    return folder, json.loads((folder / "run" / "run.json").read_text())["digest"]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -52,45 +83,63 @@ def _is_loopback(host: str) -> bool:
 
 
 @pytest.fixture(scope="session")
-def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a tiny run with a study (`run`, `cache`), published as `run.zip`; nothing may be changed."""
+def published(once: Once) -> Path:
+    """Return a directory with a run (`run`, `cache`), its study, and both as `run.zip`; no test may change it."""
+    return once("published", _publish_run)
+
+
+def _publish_run(folder: Path) -> None:
     from tacevo.cli.app import main
 
-    folder = tmp_path_factory.mktemp("published")
     sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}"]
     assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
     assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
     assert main(["publish", str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone"]) == 0
-    return folder
+
+
+@pytest.fixture
+def folder(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a directory with a copy of that run, its study and its stores (`run`, `cache`), to be damaged."""
+    for name in ("run", "cache"):
+        shutil.copytree(published / name, tmp_path / name)
+    described = json.loads((tmp_path / "run" / "run.json").read_text())
+    described["config"]["run"]["dir"], described["config"]["store"]["root"] = "run", "cache"
+    (tmp_path / "run" / "run.json").write_text(json.dumps(described))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture(scope="session")
-def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a tiny sweep (`sweep`, `cache`), published as `sweep.zip`; nothing may be changed."""
+def swept(once: Once) -> Path:
+    """Return a directory with a tiny sweep (`sweep`, `cache`), published as `sweep.zip`; no test may change it."""
+    return once("swept", _publish_sweep)
+
+
+def _publish_sweep(folder: Path) -> None:
     from tiny_sweep import run_sweep
 
     from tacevo.cli.app import main
 
-    folder = tmp_path_factory.mktemp("swept")
     run_sweep(folder / "sweep", folder / "cache")
     assert main(["publish", str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone"]) == 0
-    return folder
 
 
 @pytest.fixture(scope="session")
-def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def empty_store(once: Once) -> Path:
     """Make an empty MLflow database once, because its many migrations take seconds."""
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
+    return once("mlflow", _migrate) / "mlflow.db"
+
+
+def _migrate(folder: Path) -> None:
     from mlflow import MlflowClient
 
-    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
-    MlflowClient(f"sqlite:///{path}")
-    return path
+    MlflowClient(f"sqlite:///{folder}/mlflow.db")
 
 
 @pytest.fixture
 def uri(empty_store: Path, tmp_path: Path) -> str:
-    """Give the URI of a store of the test's own."""
+    """Return the URI of a store of the test's own."""
     shutil.copy(empty_store, tmp_path / "mlflow.db")
     return f"sqlite:///{tmp_path}/mlflow.db"

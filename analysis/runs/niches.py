@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
 from analysis.runs.run import Run
-from tacevo.config.archive import ArchiveConfig
+from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError
 from tacevo.search.archive import find_centroids
 from tacevo.storage.canonical import content_hash

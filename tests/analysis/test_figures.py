@@ -177,6 +177,7 @@ def test_drawn_twice_it_has_the_same_bytes(name: str) -> None:
     assert render(draw(), ".svg") == render(draw(), ".svg")
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_process() -> None:
     """Neither the seed of Python's hashes nor the user's own Matplotlib settings nor the time enters a file."""
     code = (

@@ -9,7 +9,6 @@ import pytest
 from hand_runs import closed, run, trained
 from motif_cases import baseline
 from refusals import refused
-from smallest import SMALLEST, UNTRACKED
 
 from analysis.motifs.motifs import count_motifs
 from analysis.report.figure_list import run_pictures
@@ -17,32 +16,21 @@ from analysis.runs.niches import load_niches
 from analysis.runs.run import Occupant, Run, descriptors_of, load_run
 from analysis.tables.motifs import anatomies_table
 from tacevo.choices import Scale
-from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.studies.networks import networks_of
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of one tiny search with elites and trials of prompts."""
-    folder = tmp_path_factory.mktemp("searched")
-    sizes = ["search.generations=1", "search.candidates=4", "search.initial=2"]
-    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
-    assert main(["search", *SMALLEST, UNTRACKED, "proposals.mutation_probability=1", *sizes, *where]) == 0
-    return folder
-
-
 @pytest.fixture
-def spoilt(searched: Path, tmp_path: Path) -> Path:
-    """Return a copy of the run, to be spoilt."""
-    return Path(shutil.copytree(searched / "run", tmp_path / "run"))
+def spoilt(published: Path, tmp_path: Path) -> Path:
+    """Give a copy of the run, to be spoilt."""
+    return Path(shutil.copytree(published / "run", tmp_path / "run"))
 
 
-def test_elites_are_those_of_the_ledger(searched: Path) -> None:
-    """Each with its niche and fitness, as archive.json has it, and with the descriptors of its candidate."""
-    found = load_run(searched / "run")
-    recorded = json.loads((searched / "run" / "archive.json").read_text())["elites"]
+def test_elites_are_those_of_the_ledger(published: Path) -> None:
+    """Each with the fitness and the descriptors of its candidate, and as archive.json has it."""
+    found = load_run(published / "run")
+    recorded = json.loads((published / "run" / "archive.json").read_text())["elites"]
     assert [(elite.id, elite.niche, elite.fitness) for elite in found.elites] == [
         (entry["id"], entry["niche"], entry["fitness"]) for entry in recorded
     ]
@@ -154,13 +142,13 @@ def test_best_networks_are_those_of_a_study() -> None:
         assert [best.id for best in hand.best(count)] == [network["id"] for network in chosen[1:]]
 
 
-def test_tables_and_figures_look_at_the_same_networks(searched: Path) -> None:
+def test_tables_and_figures_look_at_the_same_networks(published: Path) -> None:
     """The top of the motifs, the anatomies and the training curves are the study's variants."""
     hand = family()
     best = [network.id for network in hand.best()]
     anatomies = dict.fromkeys([slot.id for slot in hand.candidates], baseline("force"))
     assert count_motifs(hand, anatomies).top == len(best)
     assert [row[0] for row in anatomies_table(hand, anatomies).rows] == ["baseline", *best]
-    niches = load_niches(load_run(searched / "run"))
+    niches = load_niches(load_run(published / "run"))
     (curves,) = (one for one in run_pictures(hand, niches) if one.name == "training_curves_force")
     assert [line.get_label() for line in curves.draw().axes[0].lines] == ["baseline", *best]

@@ -2,17 +2,16 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from refusals import refused
-from smallest import SMALLEST, UNTRACKED
 
 from analysis.runs.niches import Polygon, cells, load_niches
 from analysis.runs.run import load_run
-from tacevo.cli.app import main
 from tacevo.errors import RunError, StoreError
 from tacevo.search.archive import Tessellation, find_centroids
 
@@ -53,39 +52,30 @@ def test_two_niches_meet_half_way() -> None:
     assert sorted(right.round(12).tolist()) == [[0.5, 0], [0.5, 1], [1, 0], [1, 1]]
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of one tiny search."""
-    folder = tmp_path_factory.mktemp("searched")
-    sizes = ["search.generations=1", "search.candidates=2", "search.initial=1"]
-    assert main(["search", *SMALLEST, UNTRACKED, *sizes, f"run.dir={folder / 'run'}", f"store.root={folder}"]) == 0
-    return folder
-
-
-def test_niches_are_those_of_the_archive_files(searched: Path) -> None:
+def test_niches_are_those_of_the_archive_files(published: Path) -> None:
     """Every centroid that archive.json names is the one of its niche."""
-    niches = load_niches(load_run(searched / "run"))
-    elites = json.loads((searched / "run" / "archive.json").read_text())["elites"]
+    niches = load_niches(load_run(published / "run"))
+    elites = json.loads((published / "run" / "archive.json").read_text())["elites"]
     assert elites
     assert [niches.networks[elite["niche"]].tolist() for elite in elites] == [elite["centroid"] for elite in elites]
     assert niches.prompts.shape == (5, 2)
 
 
-def test_lost_centroids_are_computed_and_checked(searched: Path, tmp_path: Path) -> None:
+def test_lost_centroids_are_computed_and_checked(published: Path, tmp_path: Path) -> None:
     """Without a store the same niches come, and others are never taken for the run's."""
-    shutil.copytree(searched / "run", tmp_path / "run")
+    shutil.copytree(published / "run", tmp_path / "run")
     run = load_run(tmp_path / "run")
     alone, stored = load_niches(run, tmp_path / "nothing"), load_niches(run)
     assert (alone.networks == stored.networks).all()
-    run.config.archive.seed = 99
+    other = replace(run.config, archive=replace(run.config.archive, seed=99))
     with refused(RunError, expected="the niches that", remedy="--store"):
-        load_niches(run, tmp_path / "nothing")
+        load_niches(replace(run, config=other), tmp_path / "nothing")
 
 
-def test_damaged_centroids_are_told(searched: Path, tmp_path: Path) -> None:
+def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
     """A broken entry is no reason to compute silently."""
-    shutil.copytree(searched / "centroids", tmp_path / "centroids")
+    shutil.copytree(published / "cache" / "centroids", tmp_path / "centroids")
     for path in (tmp_path / "centroids").rglob("*.json"):
         path.write_text("{}")
     with pytest.raises(StoreError, match="store"):
-        load_niches(load_run(searched / "run"), tmp_path)
+        load_niches(load_run(published / "run"), tmp_path)

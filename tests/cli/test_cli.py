@@ -11,6 +11,8 @@ import time
 from pathlib import Path
 
 import pytest
+from commands import tacevo
+from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.records import Json
@@ -66,14 +68,6 @@ def kind_of(line: dict[str, Json]) -> str:
     return "trained with a recorded prompt" if prompted else "trained"
 
 
-def tacevo(*arguments: str, cwd: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end and check its exit status."""
-    done = subprocess.run([*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == status, done.stderr
-    assert "Traceback" not in done.stderr
-    return done
-
-
 def digest(done: subprocess.CompletedProcess[str]) -> str:
     """Take the digest from the last line of a command's output."""
     *_, last = done.stdout.splitlines()
@@ -94,11 +88,11 @@ def evaluations(folder: Path) -> list[Path]:
     return sorted((folder / "cache" / "evaluations").glob("*/*.json"))
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Give the folder and the digest of one finished tiny search."""
-    folder = tmp_path_factory.mktemp("searched")
-    return folder, digest(tacevo("search", *TINY, cwd=folder))
+@pytest.fixture(scope="session")
+def searched(once: Once) -> tuple[Path, str]:
+    """Return the directory and the digest of one finished tiny search."""
+    folder = once("searched", lambda folder: tacevo("search", *TINY, cwd=folder))
+    return folder, json.loads((run_of(folder) / "run.json").read_text())["digest"]
 
 
 @pytest.fixture
@@ -154,39 +148,6 @@ def test_replay_needs_neither_data_nor_sandbox_and_gives_the_digest(copied: Path
     assert digest(tacevo("replay", str(run_of(copied)), cwd=copied)) == searched[1]
 
 
-def test_one_worker_with_stores_of_its_own_gives_the_digest_of_two(searched: tuple[Path, str], tmp_path: Path) -> None:
-    """The number of workers is no part of a result."""
-    assert digest(tacevo("search", *TINY, "executor.workers=1", cwd=tmp_path)) == searched[1]
-
-
-def test_killed_search_continues_to_the_same_digest_and_leaves_no_process(
-    searched: tuple[Path, str], tmp_path: Path
-) -> None:
-    """Kill -9 after the header, the first generation's candidates and a generation; always the uninterrupted digest."""
-    for lines in (1, 3, 6):
-        search = subprocess.Popen([*COMMAND, "search", *TINY], cwd=tmp_path, stderr=subprocess.DEVNULL)
-        wait_for_lines(tmp_path, max(lines, ledger_lines(tmp_path) + 1))
-        assert search.poll() is None
-        search.kill()
-        assert search.wait() == -signal.SIGKILL
-        assert ledger_lines(tmp_path) < ledger_lines(searched[0])
-    assert digest(tacevo("search", *TINY, cwd=tmp_path)) == searched[1]
-    assert not processes_in(tmp_path)
-
-
-def ledger_lines(folder: Path) -> int:
-    """Count the whole lines of the ledger below a folder; 0 where there is none yet."""
-    return sum(path.read_bytes().count(b"\n") for path in folder.glob("runs/*/ledger.jsonl"))
-
-
-def wait_for_lines(folder: Path, lines: int) -> None:
-    """Wait until the ledger below a folder has so many lines."""
-    deadline = time.monotonic() + 120
-    while ledger_lines(folder) < lines:
-        assert time.monotonic() < deadline, f"the ledger has {ledger_lines(folder)} lines after 120 s, not {lines}"
-        time.sleep(0.02)
-
-
 def test_interrupted_search_says_so_and_continues(searched: tuple[Path, str], tmp_path: Path) -> None:
     """Ctrl-C ends with status 130 and one line, and costs nothing."""
     search = subprocess.Popen([*COMMAND, "search", *TINY], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
@@ -220,6 +181,7 @@ def processes_in(folder: Path) -> list[str]:
         time.sleep(0.2)
 
 
+@pytest.mark.slow
 def test_longer_search_continues_a_shorter_one(copied: Path) -> None:
     """More generations in the same directory append to its ledger; fewer are refused."""
     run = run_of(copied)
@@ -237,36 +199,6 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path) -> N
     refused = tacevo("search", *TINY, "seed=3", f"run.dir={run}", cwd=copied, status=2)
     assert "holds another run" in refused.stderr
     assert (run / "ledger.jsonl").read_bytes() == before
-
-
-def test_edited_ledger_is_refused_by_line(copied: Path) -> None:
-    """A ledger is believed only as far as its hashes go."""
-    ledger = run_of(copied) / "ledger.jsonl"
-    ledger.write_text(ledger.read_text().replace('"slot":1', '"slot":2', 1))
-    assert "line 3 does not match its hash" in tacevo("replay", str(ledger.parent), cwd=copied, status=2).stderr
-
-
-def test_edited_evaluation_is_refused(copied: Path) -> None:
-    """A damaged store entry is an error with its path, never a silent recomputation."""
-    entry = evaluations(copied)[0]
-    entry.write_text(entry.read_text().replace('"train_losses"', '"train_lasses"'))
-    refused = tacevo("replay", str(run_of(copied)), cwd=copied, status=2)
-    assert f"{entry.name} does not match its checksum" in refused.stderr
-
-
-@pytest.mark.parametrize("name", ["archive.json", "candidates/g00s00.py"])
-def test_edited_file_beside_the_ledger_is_a_difference(copied: Path, name: str) -> None:
-    """Replay compares the archives and every evaluated source, too."""
-    path = run_of(copied) / name
-    path.write_text(path.read_text().replace("3", "4", 1))
-    assert Path(name).stem in tacevo("replay", str(path.parents[name.count("/")]), cwd=copied, status=1).stderr
-
-
-def test_missing_recording_is_named(copied: Path) -> None:
-    """A replay without its stores says what is missing and never computes."""
-    shutil.rmtree(copied / "cache" / "evaluations")
-    refused = tacevo("replay", str(run_of(copied)), cwd=copied, status=2)
-    assert "no recorded answer for evaluations request" in refused.stderr
 
 
 def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -353,7 +285,7 @@ def test_doctor_finds_this_machine_sound(tmp_path: Path) -> None:
     assert "FAIL" not in out
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGINT])
 def test_stop_while_images_are_made_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
     """The processes that make images end with the search, killed or interrupted."""
     many = ["experiment=demo", "tracking=none", "data.images=20000", "data.image_size=64"]

@@ -13,22 +13,11 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of one tiny search and its study."""
-    folder = tmp_path_factory.mktemp("searched")
-    sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
-    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
-    assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
-    assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
-    return folder
-
-
 @pytest.fixture
-def run(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a copy of the run, to be spoilt, and work beside it."""
+def run(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give a copy of the run, to be spoilt, and work beside it."""
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(searched / "run", tmp_path / "run")
+    shutil.copytree(published / "run", tmp_path / "run")
     return Path("run")
 
 
@@ -38,12 +27,10 @@ def study_of(run: Path) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def bundle(searched: Path) -> Path:
+@pytest.fixture
+def bundle(published: Path) -> Path:
     """Return the run and its study as one published file."""
-    path = searched / "published.zip"
-    assert main(["publish", str(searched / "run"), "-o", str(path)]) == 0
-    return path
+    return published / "run.zip"
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -114,7 +101,9 @@ def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pyte
     assert capsys.readouterr().out.endswith("figures: run/figures\n")
 
 
-@pytest.mark.parametrize(("command", "folder"), [("tables", "tables"), ("figures", "figures")])
+@pytest.mark.parametrize(
+    ("command", "folder"), [("tables", "tables"), pytest.param("figures", "figures", marks=pytest.mark.slow)]
+)
 def test_what_was_written_of_a_study_goes_with_it(
     command: str, folder: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -174,6 +163,7 @@ def test_paper_without_latex_is_a_document(
     assert all((Path("out") / name).is_file() for name in asked)
 
 
+@pytest.mark.slow
 def test_paper_takes_the_largest_study_of_a_run(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,7 +184,6 @@ def test_paper_refuses_studies_that_were_made_otherwise(
     """Two runs of one task, studied with unlike numbers of seeds: the rows are named, and nothing is written."""
     monkeypatch.setenv("PATH", os.fspath(run))
     other = Path(shutil.copytree(run, "other"))
-    assert main(["paper", str(run), str(other), "-o", "alike"]) == 0
     shutil.rmtree(other / "studies")
     assert main(["study", f"run={other}", "elites=1", "seeds=5", "epochs=1"]) == 0
     assert main(["paper", str(run), str(other), "-o", "out"]) == 2
@@ -231,6 +220,7 @@ def test_study_that_was_edited_is_left_out_and_told(run: Path, capsys: pytest.Ca
     assert "The generations of run" in told.out
 
 
+@pytest.mark.slow
 def test_study_of_the_run_before_it_was_continued_is_left_out(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its elites may not be the best any more."""
     more = ["search.generations=2", "search.candidates=3", "search.initial=2"]
@@ -288,7 +278,14 @@ def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> No
     assert "error: tacevo tables: expected the directory or bundle of a run, or --paper" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("command", "results"), [("tables", "out"), ("figures", "out"), ("report", "out.html")])
+@pytest.mark.parametrize(
+    ("command", "results"),
+    [
+        ("tables", "out"),
+        pytest.param("figures", "out", marks=pytest.mark.slow),
+        pytest.param("report", "out.html", marks=pytest.mark.slow),
+    ],
+)
 def test_published_run_gives_what_its_folder_gives(command: str, results: str, run: Path, bundle: Path) -> None:
     """A bundle is read like the folder it was made from, the study with it, and nothing is written beside it."""
     beside = set(bundle.parent.iterdir())

@@ -112,7 +112,9 @@ def test_check_uses_the_entry_of_a_search(capsys: pytest.CaptureFixture[str]) ->
     assert Path("figure.pdf").read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.parametrize("task", ["force", "grating", "hardness"])
+@pytest.mark.parametrize(
+    "task", ["force", *(pytest.param(task, marks=pytest.mark.slow) for task in ("grating", "hardness"))]
+)
 def test_printed_command_reads_the_export(task: str, capsys: pytest.CaptureFixture[str]) -> None:
     """What `simulate` prints works as it stands, and gives the fingerprint of the simulation."""
     images = 350  # gratings: enough for every class in every part of the split

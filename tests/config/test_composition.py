@@ -119,7 +119,9 @@ def test_every_arm_is_there() -> None:
 
 
 @pytest.mark.parametrize("ablation", groups()["ablation"])
-@pytest.mark.parametrize("experiment", groups()["experiment"])
+@pytest.mark.parametrize(
+    "experiment", [pytest.param(one, marks=[] if one == "demo" else pytest.mark.slow) for one in groups()["experiment"]]
+)
 def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: str) -> None:
     """An ablation on top of an experiment changes what the ablation is about, and nothing else."""
     chosen = ["llm=anthropic", f"experiment={experiment}"]

@@ -118,7 +118,7 @@ def test_plainest_loops_of_numpy_draw_the_same_bytes() -> None:
     assert printed_digest(before=f"t.{require_plainest.__name__}()", **PLAINEST) == DIGEST
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("cpu", ["Haswell", "EPYC-Milan", "Skylake-Server"])
 def test_another_cpu_draws_the_same_bytes(cpu: str) -> None:
     """Emulated CPUs, whose mathematics library also takes other paths."""
@@ -257,6 +257,7 @@ def test_spacings_matter_to_gratings_only() -> None:
     assert replace(grating, spacings_mm=(1.0, 2.0)).describe() != grating.describe()
 
 
+@pytest.mark.slow
 def test_baseline_learns_small_forces(tmp_path: Path) -> None:
     """Within 8 epochs of 480 images at 32 pixels the validation error falls clearly below the labels' variance."""
     dataset = loaded(replace(FORCE, images=600), tmp_path)

@@ -57,7 +57,7 @@ def test_small_storm(provider: str, tmp_path: Path) -> None:
         expect_each_once(server, tmp_path, ask(server.url, tmp_path, 400, provider), 400)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_great_storm(tmp_path: Path) -> None:
     """10,000 requests, 30 % faults, 64 in flight; then a second run asks for nothing."""
     with serving(Script(rate=0.3, seed=2)) as server:
@@ -103,12 +103,13 @@ def kill_at(server: LLMServer, root: Path, goal: float, count: int) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_two_kills(tmp_path: Path) -> None:
     """A run that is killed twice."""
     kill_again_and_again(tmp_path, kills=2, count=300)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ten_kills(tmp_path: Path) -> None:
     """A run that is killed ten times."""
     kill_again_and_again(tmp_path, kills=10, count=4_000)

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import urllib.request
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,15 +13,8 @@ from hosted import KEY, batched, hosted, request
 from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
-from tacevo.cli.inspect import task_without_data
-from tacevo.config.schema import StoreConfig
-from tacevo.profile import Admitted
-from tacevo.records import Completion, Json, Mode, Request
-from tacevo.rules import CURRENT
-from tacevo.runs.wiring import ENTRIES, build_gate
-from tacevo.sandbox.client import Sandbox
+from tacevo.records import Completion, Json, Request
 from tacevo.search.effects import LLM
-from tacevo.training.numerics import environment
 
 ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
 SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"
@@ -104,26 +96,6 @@ def test_every_recorded_answer_comes_whole_through_the_sdks(
     assert [(each.text, each.stop_reason) for each in given] == [
         (file["response"], file["stop_reason"]) for file in files.values()
     ]
-
-
-@recorded_ones
-def test_served_answers_get_the_verdicts_that_their_folder_states(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """What the folder says trains at 32 pixels is admitted, and nothing else; counted by task."""
-    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
-    files = recordings()
-    with serving(recorded_answers(ANSWERS, "")) as server:
-        given = dict(zip(files, answers(hosted(server.url), [request(name) for name in files]), strict=True))
-    admitted: Counter[str] = Counter()
-    for task in ("force", "grating"):
-        config, judged = task_without_data(task, 32)
-        config = replace(config, store=StoreConfig(root=str(tmp_path)))
-        with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
-            gate = build_gate(config, judged.contract, sandbox.run, Mode.record, CURRENT)
-            mine = [completion for name, completion in given.items() if files[name]["task"] == task]
-            admitted[task] = sum(isinstance(gate.admit(completion), Admitted) for completion in mine)
-    assert admitted == Counter(file["task"] for file in files.values() if file["trains_at"]["32"])
 
 
 @recorded_ones

@@ -187,6 +187,7 @@ def test_missing_price_table_is_named(folder: Path, capsys: pytest.CaptureFixtur
     assert [path.name for path in folder.iterdir()] == ["broken.yaml"]
 
 
+@pytest.mark.slow
 def test_optional_settings_reach_the_server(folder: Path) -> None:
     """What is set is sent under its own name, and what is not set is not sent."""
     with serving(Script(answer=network)) as server:
@@ -198,6 +199,7 @@ def test_optional_settings_reach_the_server(folder: Path) -> None:
     assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
 
 
+@pytest.mark.slow
 def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ledger, summary, report and `show` say that it was not sent; a replay agrees; an arm over it is not begun."""
     with serving(Script(answer=network, refused=("temperature",))) as server:
@@ -226,6 +228,7 @@ def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys
     assert "<p>temperature was not sent: the model refuses it</p>" in (folder / "run" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One digest for both deliveries, and a store of one serves the other."""
     with serving(Script(answer=network, polls=0)) as server:

@@ -58,7 +58,7 @@ class Trainer:
 
 @pytest.fixture(scope="module")
 def trainer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trainer]:
-    """Give one sandbox to all candidates."""
+    """Return one sandbox to all candidates."""
     folder = tmp_path_factory.mktemp("containment")
     np.save(folder / "images.npy", DATA.images)
     with open_sandbox(folder / "images.npy") as sandbox:
@@ -89,16 +89,31 @@ def rejection(found: Training | Rejection) -> Rejection:
     return found
 
 
-@pytest.mark.parametrize("source", sources.ENDLESS.values(), ids=sources.ENDLESS.keys())
-def test_candidate_that_hangs_anywhere_is_out_of_time(trainer: Trainer, source: str) -> None:
-    """Wherever it stays, in Python, in native code or deaf to signals, the limit ends it from outside."""
-    assert rejection(trainer.train(source, seconds=2)).reason is Reason.out_of_time
+QUICK = ["import", "constructor", "forward", "backward hook", "finaliser"]
+
+
+@pytest.mark.parametrize(
+    "place", [pytest.param(place, marks=[] if place in QUICK else pytest.mark.slow) for place in sources.ENDLESS]
+)
+def test_candidate_that_hangs_anywhere_is_out_of_time_and_gone(trainer: Trainer, place: str) -> None:
+    """In Python, in native code or deaf to signals, it is killed and reaped before the search hears of the limit."""
+    with watching_candidates() as seen:
+        found = trainer.train(sources.ENDLESS[place], seconds=2)
+        left = living(seen)
+    assert rejection(found).reason is Reason.out_of_time
+    assert seen
+    assert left == []
 
 
 @pytest.mark.parametrize("source", sources.ENDLESS_AFTERWARDS.values(), ids=sources.ENDLESS_AFTERWARDS.keys())
-def test_candidate_that_would_hang_at_its_end_is_evaluated(trainer: Trainer, source: str) -> None:
-    """After its answer nothing of a candidate runs any more."""
-    assert isinstance(trainer.train(source), Training)
+def test_candidate_that_would_hang_at_its_end_is_evaluated_and_gone(trainer: Trainer, source: str) -> None:
+    """What it left for its end holds up neither its answer nor its own end."""
+    with watching_candidates() as seen:
+        found = trainer.train(source, seconds=2)
+        left = living(seen)
+    assert isinstance(found, Training)
+    assert seen
+    assert left == []
 
 
 @pytest.mark.parametrize("source", sources.GREEDY.values(), ids=sources.GREEDY.keys())
@@ -145,30 +160,6 @@ def test_more_steps_than_the_time_limit_allows_give_no_fitness(trainer: Trainer)
     endless = sources.MORE_STEPS.replace("range(20)", "iter(int, 1)")
     assert endless != sources.MORE_STEPS
     assert rejection(trainer.train(endless, seconds=2)).reason is Reason.out_of_time
-
-
-HANGS = ["import", "constructor", "forward", "backward hook", "finaliser"]
-
-
-@pytest.mark.parametrize("place", HANGS)
-def test_candidate_that_hangs_is_gone_when_its_verdict_comes(trainer: Trainer, place: str) -> None:
-    """The search hears of a limit only after the process has been killed and reaped, wherever it hung."""
-    with watching_candidates() as seen:
-        found = trainer.train(sources.ENDLESS[place], seconds=2)
-        left = living(seen)
-    assert rejection(found).reason is Reason.out_of_time
-    assert seen
-    assert left == []
-
-
-def test_candidate_that_would_hang_at_exit_is_gone_when_its_answer_comes(trainer: Trainer) -> None:
-    """What it left for its end holds up neither its answer nor its own end."""
-    with watching_candidates() as seen:
-        found = trainer.train(sources.ENDLESS_AFTERWARDS["at exit"])
-        left = living(seen)
-    assert isinstance(found, Training)
-    assert seen
-    assert left == []
 
 
 def test_forged_answer_is_worth_what_it_predicts(trainer: Trainer) -> None:

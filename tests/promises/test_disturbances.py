@@ -16,20 +16,20 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from commands import tacevo
 from interruptions import (
     CANDIDATES,
     SEARCH,
     Phase,
     begins,
     comes,
+    ends,
     finish,
     leftovers,
     mirrored,
-    processes_of,
     results,
     start,
     unhurried,
-    wait_until,
 )
 from mounts import enlarge, read_only, small_disk
 from smallest import UNTRACKED
@@ -45,7 +45,7 @@ Whole = tuple[Path, str]
 
 @pytest.fixture
 def copied(whole_search: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a copy of the finished search as the working directory, to be spoilt."""
+    """Return a copy of the finished search as the working directory, to be spoilt."""
     shutil.copytree(whole_search[0], tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -76,7 +76,7 @@ def cut_in_half(data: bytes) -> bytes:
     return data[: len(data) // 2]
 
 
-@pytest.mark.parametrize("damage", [flip_a_bit, cut_in_half])
+@pytest.mark.parametrize("damage", [flip_a_bit, pytest.param(cut_in_half, marks=pytest.mark.slow)])
 def test_damaged_entry_of_any_store_is_named_and_can_be_computed_again(
     damage: Callable[[bytes], bytes], copied: Path, whole_search: Whole, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,7 +151,7 @@ def test_store_that_cannot_be_written_is_one_line(copied: Path, whole_search: Wh
     assert results(tmp_path) == results(whole_search[0])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_disk_that_is_full_again_and_again_costs_nothing(whole_search: Whole, tmp_path: Path) -> None:
     """On a disk that grows by 32 KiB a time each search stops with one line or ends well, with the same bytes."""
@@ -164,7 +164,7 @@ def test_disk_that_is_full_again_and_again_costs_nothing(whole_search: Whole, tm
             size += 32
             enlarge(folder, size)
         assert finish(search) == whole_search[1]
-        assert wait_until(lambda: not processes_of(folder))
+        assert ends(folder)
         assert leftovers(folder) == []
         assert results(folder) == results(whole_search[0])
     print(f"stops: {len(stops)}", *stops, sep="\n")
@@ -172,6 +172,7 @@ def test_disk_that_is_full_again_and_again_costs_nothing(whole_search: Whole, tm
     assert all("room" in stop or "No space left" in stop for stop in stops)
 
 
+@pytest.mark.slow
 def test_two_searches_share_one_store_at_once(whole_search: Whole, tmp_path: Path) -> None:
     """Started together with an empty store, both give the digest, and the store is that of one of them alone."""
     pair = [start(tmp_path, UNTRACKED, f"run.dir={name}") for name in ("run", "other")]
@@ -181,7 +182,14 @@ def test_two_searches_share_one_store_at_once(whole_search: Whole, tmp_path: Pat
     assert (tmp_path / "other" / "ledger.jsonl").read_bytes() == (tmp_path / "run" / "ledger.jsonl").read_bytes()
 
 
-@pytest.mark.parametrize("depth", [0, 1, 2], ids=["zygote", "supervisor", "candidate"])
+@pytest.mark.parametrize(
+    "depth",
+    [
+        pytest.param(0, id="zygote", marks=pytest.mark.slow),
+        pytest.param(1, id="supervisor"),
+        pytest.param(2, id="candidate", marks=pytest.mark.slow),
+    ],
+)
 def test_process_killed_from_outside_changes_nothing(depth: int, whole_search: Whole, tmp_path: Path) -> None:
     """Somebody kills a process of the sandbox: the search starts it again and goes on."""
     search = start(tmp_path, UNTRACKED)
@@ -191,7 +199,7 @@ def test_process_killed_from_outside_changes_nothing(depth: int, whole_search: W
     assert comes(search, lambda: bool(set(at_work_below(search.pid, depth)) - older))
     assert finish(search) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
-    assert wait_until(lambda: not processes_of(tmp_path))
+    assert ends(tmp_path)
 
 
 def kill_one_below(pid: int, depth: int, older: set[int]) -> bool:
@@ -234,8 +242,7 @@ def warning_of(search: subprocess.Popen[str], digest: str) -> str:
 
 def expect_nothing_lost(folder: Path, digest: str) -> None:
     """Bring MLflow up to date, and expect the whole search there once."""
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "track", "run", "--uri", f"sqlite:///{folder}/later.db"]
-    assert subprocess.run(command, cwd=folder, check=False).returncode == 0
+    tacevo("track", "run", "--uri", f"sqlite:///{folder}/later.db", cwd=folder)
     assert mirrored(folder / "later.db") == (1 + CANDIDATES, digest)
 
 
@@ -264,8 +271,7 @@ def test_database_of_mlflow_that_goes_away_in_the_middle_is_a_warning(whole_sear
         .read_bytes()
         .startswith((whole_search[0] / "run" / "ledger.jsonl").read_bytes())
     )
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "track", "run", "--uri", f"sqlite:///{tmp_path}/later.db"]
-    assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 0
+    tacevo("track", "run", "--uri", f"sqlite:///{tmp_path}/later.db", cwd=tmp_path)
     assert mirrored(tmp_path / "later.db") == (1 + CANDIDATES + 4, out.splitlines()[-1].removeprefix("digest: "))
 
 
@@ -300,5 +306,5 @@ def test_clock_that_goes_backwards_changes_nothing(whole_search: Whole, tmp_path
     assert seen.stdout == b"True\n"
     assert finish(start(tmp_path, environment=clock)) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
-    assert wait_until(lambda: not processes_of(tmp_path))
+    assert ends(tmp_path)
     assert mirrored(tmp_path / "mlflow.db") == (1 + CANDIDATES, whole_search[1])

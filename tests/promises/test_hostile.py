@@ -22,7 +22,7 @@ from tacevo.sandbox.processes import descendants
 PROGRAMS = shared("hostile")
 EVERY_PROGRAM = pytest.mark.parametrize("program", PROGRAMS, ids=[program["id"] for program in PROGRAMS])
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120), needs_shared]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(120), needs_shared]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def traps() -> Iterator[Canaries]:
 
 @pytest.fixture(scope="module")
 def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
-    """Give one sandbox to all programs, so that each also finds what the others left behind."""
+    """Return one sandbox to all programs, so that each also finds what the others left behind."""
     folder = tmp_path_factory.mktemp("hostile")
     images, data = examples()
     np.save(folder / "images.npy", images)

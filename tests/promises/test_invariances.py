@@ -42,17 +42,25 @@ def expect_same(around: Around, folder: Path, whole: tuple[Path, str]) -> None:
 @pytest.mark.parametrize(
     "around",
     [
-        Around(
-            workers=1,
-            environment={**ASCII, "PYTHONHASHSEED": "1", "TZ": "Asia/Kathmandu"},
-            place="an øther/place",
-            umask=0o077,
+        pytest.param(
+            Around(
+                workers=1,
+                environment={**ASCII, "PYTHONHASHSEED": "1", "TZ": "Asia/Kathmandu"},
+                place="an øther/place",
+                umask=0o077,
+            ),
+            id="one worker in Kathmandu",
         ),
-        Around(
-            workers=4, environment={"LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "random", "TZ": "Pacific/Chatham"}, umask=0
+        pytest.param(
+            Around(
+                workers=4,
+                environment={"LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "random", "TZ": "Pacific/Chatham"},
+                umask=0,
+            ),
+            id="four workers on Chatham",
+            marks=pytest.mark.slow,
         ),
     ],
-    ids=["one worker in Kathmandu", "four workers on Chatham"],
 )
 def test_everything_around_a_search_may_differ_at_once(
     around: Around, tmp_path: Path, whole_search: tuple[Path, str]
@@ -61,7 +69,7 @@ def test_everything_around_a_search_may_differ_at_once(
     expect_same(around, tmp_path, whole_search)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "around",
     [

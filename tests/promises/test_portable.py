@@ -86,7 +86,7 @@ def printed(job: str, *emulator: str, variables: Mapping[str, str] | None = None
 
 
 def emulating(cpu: str) -> list[str]:
-    """Give the words that emulate a CPU, where that can be done."""
+    """Return the words that emulate a CPU, where that can be done."""
     emulator = shutil.which("qemu-x86_64")
     if emulator is None:
         pytest.skip("qemu-x86_64 is not installed (package qemu-user)")
@@ -108,7 +108,7 @@ def survived(*emulator: str) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def native() -> dict[str, str]:
-    """Give what this machine computes of networks and runs."""
+    """Return what this machine computes of networks and runs."""
     return printed("portable_jobs.networks")
 
 
@@ -139,6 +139,7 @@ def test_lesser_host_gives_the_same_bits(native: dict[str, str]) -> None:
     assert printed("portable_jobs.networks", variables=LESSER) == native
 
 
+@pytest.mark.slow
 def test_lesser_host_is_one() -> None:
     """The C library, NumPy and its BLAS each compute other bits there, or name an older CPU."""
     here, there = printed("portable_jobs.surroundings"), printed("portable_jobs.surroundings", variables=LESSER)

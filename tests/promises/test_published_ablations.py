@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from bundles import Members, members_of, resealed
 
 from tacevo.cli.app import main
 
@@ -12,19 +11,6 @@ from tacevo.cli.app import main
 def written(folder: Path) -> dict[str, bytes]:
     """Read all files of a folder by name."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-def exchanged(members: Members) -> Members:
-    """Let two runs of one seed change places."""
-    places = {
-        "sweep/none-seed0/": "sweep/fixed_temperature-seed0/",
-        "sweep/fixed_temperature-seed0/": "sweep/none-seed0/",
-    }
-    moved = {}
-    for name, data in members.items():
-        old = next((place for place in places if name.startswith(place)), None)
-        moved[name if old is None else places[old] + name.removeprefix(old)] = data
-    return moved
 
 
 def test_bundle_and_folder_give_the_same_files(swept: Path, tmp_path: Path) -> None:
@@ -53,13 +39,3 @@ def test_named_store_is_that_of_a_bundle_too(swept: Path, tmp_path: Path, capsys
     command = ["ablations", str(swept / "sweep.zip"), "-o", str(tmp_path / "out"), "--store", str(tmp_path / "named")]
     assert main(command) == 2
     assert str(tmp_path / "named" / "centroids") in capsys.readouterr().err
-
-
-def test_exchanged_runs_of_a_bundle_are_refused(
-    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """With every checksum made anew. The names of arms are labels there, which the table of settings explains."""
-    bundle = resealed(exchanged(members_of(swept / "sweep.zip")), tmp_path / "x.zip")
-    assert main(["ablations", str(bundle), "-o", str(tmp_path / "out")]) == 2
-    assert "holds the run of another configuration than sweep.json's job none-seed0" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

@@ -2,12 +2,11 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
+from commands import tacevo
 from smallest import UNTRACKED
 
 from tacevo.cli.app import main
@@ -28,9 +27,9 @@ from tacevo.rules import (
 )
 from tacevo.storage.store import Store
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"
+PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
 
-#: The first published runs, and the digests that every later release must replay them to.
+#: The first published runs, and the digests that every later release must replay them to; nobody may exchange them.
 DIGESTS = {
     "ablation-force-grammar.zip": "9d2feb3bf77c6d69f41ec90af0ba8e768ea6c16361c83d5ebf455df8897ff9cf",
     "force-grammar.zip": "fec21d53ea9151fb2168425ae18faa61850a443b1e7d435470efa28351b2008f",
@@ -56,27 +55,19 @@ rules.LAST_RELEASES = {{("core", {CURRENT.core}): "0.1.0", ("training", {CURRENT
 """
 
 
-def release(setting: str, *command: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run a command of another release of the package, which is this one with other numbers."""
-    program = f"{setting}\nfrom tacevo.cli.app import main\nsys.exit(main(sys.argv[1:]))"
-    return subprocess.run(
-        [sys.executable, "-c", program, *map(str, command)], capture_output=True, text=True, check=False
-    )
-
-
-@pytest.mark.parametrize("name", DIGESTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name.startswith("force") else pytest.mark.slow) for name in DIGESTS]
+)
 def test_later_release_replays_the_first_published_runs(name: str) -> None:
     """Whichever number of the rules is raised; what it would write otherwise is said, and is no failure."""
-    replayed = release(LATER, "replay", GOLDEN / name)
-    assert replayed.returncode == 0, replayed.stderr
+    replayed = tacevo("replay", PUBLISHED / name, before=LATER)
     assert replayed.stdout.splitlines()[-1] == f"digest: {DIGESTS[name]}"
     assert "summary and tables were written by another release" in replayed.stdout
 
 
 def test_release_without_the_core_of_a_run_names_the_one_that_has_it(published: Path) -> None:
     """In one line, with the command that gets it."""
-    refused = release(WITHOUT_OLD, "replay", published / "run")
-    assert refused.returncode == 2
+    refused = tacevo("replay", published / "run", before=WITHOUT_OLD, status=2)
     line = refused.stderr.splitlines()[-1]
     assert f"was made under core rules {CURRENT.core}; this release computes core rules {CURRENT.core + 1};" in line
     assert line.endswith("release 0.1.0 can: git checkout v0.1.0 && make setup")
@@ -93,14 +84,12 @@ def test_continuing_under_other_rules_is_said_and_must_be_asked_for(published: P
         UNTRACKED,
     ]
     command += [f"store.root={tmp_path / 'cache'}"]
-    refused = release(LATER, *command)
-    assert refused.returncode == 2
+    refused = tacevo(*command, before=LATER, status=2)
     assert f"static {CURRENT.static} instead of {CURRENT.static + 1}" in refused.stderr
     assert "--rules current" in refused.stderr
     assert not longer.exists()
 
-    done = release(LATER, *command, "--rules", "current")
-    assert done.returncode == 0, done.stderr
+    done = tacevo(*command, "--rules", "current", before=LATER)
     begun = (published / "run" / "ledger.jsonl").read_bytes()
     lines = (longer / "ledger.jsonl").read_bytes()
     assert lines.startswith(begun)
@@ -110,18 +99,18 @@ def test_continuing_under_other_rules_is_said_and_must_be_asked_for(published: P
     digest = done.stdout.splitlines()[-1]
     before = f"import sys\nimport tacevo.rules as rules\nrules.CORES |= {{{CURRENT.core + 1}}}"
     for setting in (LATER, before):  # the release that made it, and one with the older policy, probe and trainer
-        replayed = release(setting, "replay", longer)
-        assert replayed.stdout.splitlines()[-1:] == [digest], replayed.stderr
-    assert release(LATER, *command, "--rules", "current").stdout.splitlines()[-1] == digest
+        assert tacevo("replay", longer, before=setting).stdout.splitlines()[-1] == digest
+    assert tacevo(*command, "--rules", "current", before=LATER).stdout.splitlines()[-1] == digest
 
 
+@pytest.mark.slow
 def test_probe_that_is_missing_is_not_kept_under_old_rules(published: Path, tmp_path: Path) -> None:
     """A later release that makes one keeps it under its own number."""
     for name in ("run", "cache"):
         shutil.copytree(published / name, tmp_path / name)
     shutil.rmtree(tmp_path / "cache" / "probes")
-    made = release(LATER, "tables", tmp_path / "run", "--store", tmp_path / "cache", "-o", tmp_path / "tables")
-    assert made.returncode == 0, made.stderr
+    command: list[str | Path] = ["tables", tmp_path / "run", "--store", tmp_path / "cache", "-o", tmp_path / "tables"]
+    tacevo(*command, before=LATER)
     kept = [entry["request"]["version"] for entry in Store(tmp_path / "cache", "probes").entries()]
     assert set(kept) == {CURRENT.probe + 1}
 
@@ -129,8 +118,7 @@ def test_probe_that_is_missing_is_not_kept_under_old_rules(published: Path, tmp_
 def test_retraining_is_refused_where_the_trainer_cannot(published: Path) -> None:
     """The message names the rules of the run and those that this release has."""
     setting = f"{WITHOUT_OLD}\nrules.CORES |= {{{CURRENT.core}}}"
-    refused = release(setting, "replay", published / "run", "--retrain", "1")
-    assert refused.returncode == 2
+    refused = tacevo("replay", published / "run", "--retrain", "1", before=setting, status=2)
     assert f"was made under training rules {CURRENT.training}; this release computes" in refused.stderr
     assert refused.stderr.endswith("release 0.1.0 can: git checkout v0.1.0 && make setup\n")
 
@@ -143,7 +131,7 @@ def test_what_was_dropped_has_a_release() -> None:
 
 
 def header(**fields: Json) -> dict[str, Json]:
-    """Give the first line of a ledger."""
+    """Return the first line of a ledger."""
     return {"kind": "run", **fields}
 
 

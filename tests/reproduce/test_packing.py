@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from smallest import SMALLEST, UNTRACKED
+from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.errors import StoreError
@@ -17,29 +17,21 @@ from tacevo.reproduce.export import import_file
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import SEARCHED, Store
 
-#: A real search, as small as one can be.
-TINY = [
-    *SMALLEST,
-    UNTRACKED,
-    "search.generations=1",
-    "search.candidates=2",
-    "search.initial=1",
-    "run.dir=run",
-]
-
 Members = dict[str, bytes]
 
 
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a search, its stores (with a foreign entry), and its export."""
-    folder = tmp_path_factory.mktemp("exported")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert main(["search", *TINY]) == 0
+@pytest.fixture(scope="session")
+def exported(published: Path, once: Once) -> Path:
+    """Return a directory with a run without a study, its stores (with a foreign entry), and its export."""
+
+    def export(folder: Path) -> None:
+        for name in ("run", "cache"):
+            shutil.copytree(published / name, folder / name, ignore=shutil.ignore_patterns("studies"))
         Store(folder / "cache", "completions").write({"of": "another run"}, {"x": 1})
-        assert main(["cache", "export", "run", "-o", "run.tar"]) == 0
-    return folder
+        command = ["cache", "export", str(folder / "run"), "--store", str(folder / "cache")]
+        assert main([*command, "-o", str(folder / "run.tar")]) == 0
+
+    return once("exported", export)
 
 
 def members(archive: Path) -> Members:

@@ -5,22 +5,16 @@ import os
 from pathlib import Path
 
 import pytest
-from smallest import SMALLEST, UNTRACKED
 
-from tacevo.cli.app import main
 from tacevo.config.recorded import read_run
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.run_directory import RunDirectory
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a search of a baseline alone."""
-    folder = tmp_path_factory.mktemp("searched")
-    sizes = ["search.generations=0", "search.initial=0"]
-    where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'store'}"]
-    assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
-    return folder / "run"
+@pytest.fixture
+def run(published: Path) -> Path:
+    """Return the directory of a finished run."""
+    return published / "run"
 
 
 def with_setting(run: Path, folder: Path, group: str, key: str, value: int) -> RunDirectory:
@@ -55,4 +49,4 @@ def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:
     elsewhere, _, _ = read_run(RunDirectory(run), str(tmp_path))
     own, _, _ = read_run(RunDirectory(run))
     assert elsewhere.store.root == str(tmp_path)
-    assert own.store.root == str(run.parent / "store")
+    assert own.store.root == str(run.parent / "cache")

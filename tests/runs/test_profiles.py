@@ -1,35 +1,13 @@
 """Promise: the profiles of a run are those of its store, and no candidate's code runs to read them."""
 
-import shutil
 from pathlib import Path
 
 import pytest
-from smallest import ARCHIVES, UNTRACKED
 
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.run import load_run
-from tacevo.cli.app import main
 from tacevo.errors import CacheMissError, RunError
 from tacevo.runs.profiles import recall_profiles
-
-
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of one finished search, as small as one can be."""
-    folder = tmp_path_factory.mktemp("searched")
-    small = ["search.generations=0", "search.initial=2", "data.images=40", "training.epochs=1", "run.dir=run"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert main(["search", "experiment=demo", *ARCHIVES, UNTRACKED, *small]) == 0
-    return folder
-
-
-@pytest.fixture
-def folder(searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work in a copy of the finished search."""
-    shutil.copytree(searched, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def test_profiles_are_those_of_the_ledger(folder: Path) -> None:

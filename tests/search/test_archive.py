@@ -39,6 +39,7 @@ def placed(name: str, objective: float, point: tuple[float, float]) -> Placed:
     return Placed(elite=elite(name, objective), point=point)
 
 
+@pytest.mark.slow
 def test_hundred_thousand_insertions_agree_with_pyribs() -> None:
     """Same niches, same occupants, same coverage and QD-score as pyribs' CVTArchive on the same centroids."""
     centroids = np.array(find_centroids(niches=100, dimensions=2, samples=10_000, seed=0))

@@ -45,7 +45,7 @@ def zipped(members: Mapping[str, bytes], target: Path, change: Callable[[zipfile
 
 
 def honest(members: Mapping[str, bytes]) -> Members:
-    """Give members with a manifest that fits them."""
+    """Return members with a manifest that fits them."""
     others = {name: data for name, data in members.items() if name != MANIFEST}
     lines = [f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(others.items())]
     return {**others, MANIFEST: "".join(lines).encode()}
@@ -57,13 +57,13 @@ def entries_of(members: Mapping[str, bytes]) -> list[dict[str, Json]]:
 
 
 def with_entries(members: Mapping[str, bytes], entries: list[dict[str, Json]]) -> Members:
-    """Give members with other store entries."""
+    """Return members with other store entries."""
     lines = [canonical({"schema": 1, "entries": len(entries)}), *map(canonical, entries)]
     return {**members, STORE: lzma.compress(("\n".join(lines) + "\n").encode())}
 
 
 def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Json]], object]) -> Members:
-    """Give members whose ledger has another line, every hash after it made anew, and the digest with them."""
+    """Return members whose ledger has another line, every hash after it made anew, and the digest with them."""
     previous, lines = GENESIS, []
     for place, text in enumerate(members["run/ledger.jsonl"].splitlines()):
         entry = {key: value for key, value in json.loads(text).items() if key not in {"previous", "hash"}}

@@ -39,7 +39,7 @@ PROMPTS = Tessellation(find_centroids(niches=8, dimensions=2, samples=500, seed=
 
 
 def settings(**changes: object) -> Settings:
-    """Give the settings of a small plan, with changes."""
+    """Return the settings of a small plan, with changes."""
     values = {
         "seed": 0,
         "candidates": 6,
@@ -55,7 +55,7 @@ def settings(**changes: object) -> Settings:
 
 
 def plan(*, generations: int = 4, rule: TemperatureRule = TemperatureRule.paper, **changes: object) -> Plan:
-    """Give a small plan; `changes` go to its settings."""
+    """Return a small plan; `changes` go to its settings."""
     return Plan(
         task=TASK,
         settings=settings(**changes),
@@ -123,7 +123,7 @@ def evaluate(source: str) -> Training | Rejection:
 
 
 def tools(llm: FakeLLM | None = None, executor: Executor | None = None) -> Tools:
-    """Give fake effects; without an executor, with one thread."""
+    """Return fake effects; without an executor, with one thread."""
     return Tools(
         llm=llm or FakeLLM(),
         admit=admit,

@@ -78,7 +78,7 @@ def sources_of_grammar() -> Iterator[str]:
 
 
 def _networks() -> Iterator[Network]:
-    """Give networks that hold every value of every enumeration, every flag, and every kind of skip."""
+    """Return networks that hold every value of every enumeration, every flag, and every kind of skip."""
     plain = Block(channels=8)
     blocks = [*_varied(plain), replace(plain, dropout=0.1), replace(plain, separable=True, kernel=5)]
     layers = [*_varied(Hidden(width=16)), Hidden(width=16, dropout=0.1)]
@@ -92,7 +92,7 @@ def _networks() -> Iterator[Network]:
 
 
 def _varied(record: _Record) -> Iterator[_Record]:
-    """Give a record with each value of each of its enumerations and flags in turn."""
+    """Return a record with each value of each of its enumerations and flags in turn."""
     for name, kind in get_type_hints(type(record)).items():
         choices: list[Any] = [False, True] if kind is bool else []
         if isinstance(kind, type) and issubclass(kind, StrEnum):

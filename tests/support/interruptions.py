@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 import pytest
 from smallest import SMALLEST
+from waiting import eventually
 
 from tacevo.sandbox.processes import descendants
 
@@ -195,6 +196,11 @@ def _seen(folder: Path, phase: Phase) -> set[tuple[str, int]]:
     return found
 
 
+def ends(folder: Path) -> bool:
+    """Wait until no living process names a folder or stands in it."""
+    return eventually(lambda: not processes_of(folder), seconds=PATIENCE)
+
+
 def processes_of(folder: Path) -> list[str]:
     """List the living processes that name a folder in their command line or stand in it."""
     found = (_command_in(process, folder) for process in Path("/proc").glob("[0-9]*"))
@@ -208,16 +214,6 @@ def _command_in(process: Path, folder: Path) -> str | None:
     except OSError:
         return None
     return command if belongs and command else None
-
-
-def wait_until(holds: Callable[[], bool]) -> bool:
-    """Wait until something holds, but not for ever."""
-    deadline = time.monotonic() + PATIENCE
-    while not holds():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.1)
-    return True
 
 
 def leftovers(folder: Path) -> list[str]:

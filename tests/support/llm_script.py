@@ -112,7 +112,7 @@ class Script:
 
 
 def text_of(body: Body) -> str:
-    """Give the last turn of a request."""
+    """Return the last turn of a request."""
     return str(body["messages"][-1]["content"])
 
 

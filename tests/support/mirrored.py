@@ -160,13 +160,13 @@ def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
 
 
 def contents(uri: str) -> dict[str, Any]:
-    """Give everything that a store says of a search, but for times and ids."""
+    """Return everything that a store says of a search, but for times and ids."""
     client, parent, nested = open_store(uri)
     return {"parent": said_by(client, parent), **{name: said_by(client, run) for name, run in nested.items()}}
 
 
 def said_by(client: "MlflowClient", run: "Run") -> Any:
-    """Give everything that a run says, but for times and ids."""
+    """Return everything that a run says, but for times and ids."""
     histories = {
         key: [(point.step, point.value) for point in client.get_metric_history(run.info.run_id, key)]
         for key in run.data.metrics
@@ -179,7 +179,7 @@ def said_by(client: "MlflowClient", run: "Run") -> Any:
 
 
 def everything(uri: str) -> dict[tuple[str, ...], Any]:
-    """Give everything that a store says of any number of sweeps and searches, by the names of a run and those above.
+    """Return everything that a store says of any number of sweeps and searches, by the names of a run and those above.
 
     No two runs may have one name below one parent.
     """

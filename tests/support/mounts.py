@@ -21,7 +21,7 @@ def small_disk(folder: Path, kibibytes: int) -> Iterator[None]:
 
 
 def enlarge(folder: Path, kibibytes: int) -> None:
-    """Give a small disk another size."""
+    """Return a small disk another size."""
     _mount("-o", f"remount,size={kibibytes}k", str(folder))
 
 

@@ -608,7 +608,7 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 def expressions() -> Iterator[str]:
-    """Give every expression, each once."""
+    """Return every expression, each once."""
     for operand, names in _UNARY.items():
         yield from (_unary(name, operand) for name in names.split())
         yield from (f"torch.{name}(({operand}).double())" for name in names.split() if name in _TRANSCENDENTAL.split())
@@ -619,7 +619,7 @@ def expressions() -> Iterator[str]:
 
 
 def names() -> frozenset[str]:
-    """Give every word that some expression uses, or that computes nothing."""
+    """Return every word that some expression uses, or that computes nothing."""
     return NOT_NUMERIC.union(*(_WORD.findall(expression) for expression in expressions()))
 
 

@@ -87,7 +87,7 @@ def networks() -> None:
 
 
 def candidates() -> Iterator[tuple[str, str, Contract]]:
-    """Give what is trained: name, source and contract."""
+    """Return what is trained: name, source and contract."""
     for task in ("force", "grating", "hardness"):
         source = (LIBRARY / task / "baseline.py").read_text(encoding="utf-8")
         yield f"baseline of {task}", source, _contract(source, "grating" if task == "grating" else "force")
@@ -96,7 +96,7 @@ def candidates() -> Iterator[tuple[str, str, Contract]]:
 
 
 def _contract(source: str, kind: str) -> Contract:
-    """Give a baseline's contract, with its own class name."""
+    """Return a baseline's contract, with its own class name."""
     (name,) = re.findall(r"^class (\w+)", source, re.MULTILINE)
     (argument,) = re.findall(r"in_channels=3, (\w+)=", source)
     return replace(contract(kind), class_name=name, output_argument=argument)
@@ -132,7 +132,7 @@ def _targets(task: Contract) -> NDArray[Any]:
 
 
 def _simulated(task: SensorTask) -> Iterator[bytes]:
-    """Give the labels of a simulated data set and two of its images."""
+    """Return the labels of a simulated data set and two of its images."""
     source = Simulated(
         task=task,
         images=20,

@@ -49,7 +49,7 @@ def computed(expression: str) -> str:
 
 
 def operands() -> dict[str, Tensor]:
-    """Give what the expressions name; those of float32 want gradients."""
+    """Return what the expressions name; those of float32 want gradients."""
     tensors = {name: torch.from_numpy(values.copy()) for name, values in _operands().items()}
     return {name: tensor.requires_grad_(tensor.is_floating_point()) for name, tensor in tensors.items()}
 
@@ -119,7 +119,7 @@ def _tensors(value: Any) -> Iterator[Tensor]:
 
 
 def _bits(tensor: Tensor) -> bytes:
-    """Give a tensor's bytes; every NaN alike, since which one it is follows no rule."""
+    """Return a tensor's bytes; every NaN alike, since which one it is follows no rule."""
     plain = tensor.detach().clone().resolve_conj()
     if plain.is_complex():
         plain = torch.view_as_real(plain)

@@ -1,5 +1,8 @@
 """What makes a real search small: the settings that the tests of whole searches share."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 UNTRACKED = "tracking=none"
 
 #: Few niches, found quickly.
@@ -7,3 +10,6 @@ ARCHIVES = ["archive.niches=5", "archive.prompt_niches=5", "archive.samples=100"
 
 #: A search that trains, on few images and for one epoch.
 SMALLEST = ["experiment=demo", "data.images=40", "training.epochs=1", *ARCHIVES]
+
+#: The fixture `once`: fills a directory of a name by a function, once a session, and returns it.
+Once = Callable[[str, Callable[[Path], object]], Path]

@@ -46,7 +46,7 @@ class Data:
     targets: NDArray[Any]
 
     def enlarged(self, factor: int) -> "Data":
-        """Give the same task with every pixel repeated."""
+        """Return the same task with every pixel repeated."""
         return replace(self, images=self.images.repeat(factor, axis=2).repeat(factor, axis=3))
 
 
@@ -61,7 +61,7 @@ def examples(*, classes: bool = False) -> Data:
 
 
 def labelled(data: Data) -> Examples:
-    """Give the rows and labels of the task as an evaluator takes them."""
+    """Return the rows and labels of the task as an evaluator takes them."""
     return Examples(
         train=data.train,
         validation=data.validation,

@@ -1,12 +1,12 @@
-"""Waiting for what must happen soon, without asserting how soon."""
+"""Waiting for what must happen, without asserting how soon."""
 
 import time
 from collections.abc import Callable
 
 
-def eventually(condition: Callable[[], bool]) -> bool:
-    """Wait until a condition holds, at most 10 seconds."""
-    deadline = time.monotonic() + 10
+def eventually(condition: Callable[[], bool], *, seconds: float = 10) -> bool:
+    """Wait until a condition holds, at most so many seconds; return whether it does."""
+    deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:
             return False

@@ -16,7 +16,7 @@ def candidates() -> set[int]:
 
 
 def is_gone(pid: int) -> bool:
-    """Tell whether a process has ended and been reaped."""
+    """Return whether a process has ended and been reaped."""
     return not Path(f"/proc/{pid}").exists()
 
 
@@ -27,7 +27,7 @@ def living(pids: set[int]) -> list[int]:
 
 @contextmanager
 def watching_candidates() -> Iterator[set[int]]:
-    """Give a set that gathers the processes of all candidates that run until the body ends."""
+    """Return a set that gathers the processes of all candidates that run until the body ends."""
     seen: set[int] = set()
     over = threading.Event()
 

@@ -6,6 +6,7 @@ Whole sweeps of real searches, as small as they can be; jobs without a search ar
 import fcntl
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from interruptions import comes, leftovers, processes_of, unhurried, wait_until
+from interruptions import comes, ends, leftovers, processes_of, unhurried
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
@@ -134,13 +135,16 @@ def test_view_that_fails_stops_the_other_jobs_and_is_raised(folder: Path) -> Non
 
     with pytest.raises(OSError, match="the terminal is gone"):
         launch(directory, [quick, slow], Launcher(options={"n_jobs": 2}), show)
-    assert not processes_of(directory.path)
+    assert ends(directory.path), processes_of(directory.path)
     assert "seed" in str(directory.failure(quick))
     assert directory.failure(slow) is None
 
 
-def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_failed_job_stops_no_other_and_is_repeated(
+    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The failure is listed with its reason; then it alone runs, and its digest is that of the search by itself."""
+    shutil.copytree(published / "cache", folder / "cache")  # with all answers
     (folder / "all").mkdir()
     (folder / "all" / NONE).write_text("in the way")
     assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 1
@@ -156,7 +160,7 @@ def test_failed_job_stops_no_other_and_is_repeated(folder: Path, capsys: pytest.
     assert not list((folder / "all" / "failed").iterdir())
 
     alone = [setting for setting in SWEEP if not setting.startswith("ablation=")]
-    assert main(["search", *alone, "run.dir=alone", "store.root=elsewhere"]) == 0
+    assert main(["search", *alone, "run.dir=alone"]) == 0
     digest = capsys.readouterr().out.splitlines()[-1].removeprefix("digest: ")
     assert statuses(folder)[NONE].digest == digest
 
@@ -169,7 +173,7 @@ def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, tmp
     sweep.send_signal(how)
     _, errors = sweep.communicate()
     assert sweep.returncode == (130 if how is signal.SIGTERM else -how), errors
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
     stopped = statuses(tmp_path)
     assert stopped[NONE].standing in {Standing.stopped, Standing.finished}
     assert stopped[FIXED].standing is Standing.waiting
@@ -178,9 +182,10 @@ def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, tmp
     out, errors = again.communicate()
     assert again.returncode == 0, errors
     assert "2 jobs: 2 finished" in out
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> None:
     """Each search is interrupted as by its own Ctrl-C, and reports it."""
     terminal, end = pty.openpty()
@@ -204,7 +209,7 @@ def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> N
     assert "Traceback" not in errors
     for name in (NONE, FIXED):
         assert "interrupted; what was computed is kept" in (tmp_path / "all" / "launch" / f"{name}.log").read_text()
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
 
 
 @pytest.mark.slow
@@ -218,7 +223,7 @@ def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_
         sweep.kill()
         sweep.communicate()
         assert struck
-        assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+        assert ends(tmp_path), processes_of(tmp_path)
         for name, before in finished.items():
             assert files_of(tmp_path / "all" / name) == before
         ended = [name for name, status in statuses(tmp_path).items() if status.standing is Standing.finished]
@@ -227,7 +232,7 @@ def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_
     sweep = start(tmp_path, *sizes)
     _, errors = sweep.communicate()
     assert sweep.returncode == 0, errors
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
     for name, before in finished.items():
         assert files_of(tmp_path / "all" / name) == before
     assert not leftovers(tmp_path)
@@ -248,7 +253,7 @@ def test_submitit_runs_a_sweep_and_stops_it(tmp_path: Path) -> None:
     sweep.send_signal(signal.SIGINT)
     sweep.communicate()
     assert sweep.returncode == 130
-    assert wait_until(lambda: not processes_of(tmp_path)), processes_of(tmp_path)
+    assert ends(tmp_path), processes_of(tmp_path)
     again = start(tmp_path, "hydra/launcher=submitit_local")
     out, errors = again.communicate()
     assert again.returncode == 0, errors

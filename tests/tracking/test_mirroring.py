@@ -89,6 +89,7 @@ def test_tracking_a_directory_twice_changes_nothing(tmp_path: Path, uri: str) ->
     assert everything(uri) == first
 
 
+@pytest.mark.slow
 def test_killed_command_is_completed_by_the_next(tmp_path: Path, uri: str) -> None:
     """Killed in the middle of a run, and given again, it leaves what an undisturbed one leaves."""
     many = [replace(BASELINE, slot=slot, id=f"g00s{slot:02}") for slot in range(40)]

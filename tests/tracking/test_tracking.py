@@ -371,6 +371,7 @@ def test_mirror_without_an_address_gives_a_warning(run_dir: Path, monkeypatch: p
     assert "tracking.uri: expected the address of an MLflow store" in str(mirror.finish(PATIENCE))
 
 
+@pytest.mark.slow
 def test_database_is_whole_although_the_mirror_that_made_it_was_killed(run_dir: Path, tmp_path: Path) -> None:
     """A mirror killed among MLflow's migrations leaves a hidden file, which the next one replaces."""
     folders = [tmp_path / f"try{number}" for number in range(5)]
@@ -419,6 +420,7 @@ def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:
     assert "No such file or directory" in str(mirror.finish(PATIENCE))
 
 
+@pytest.mark.slow
 def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     """A mirror that needs longer than the search waits is reported, and continues to its end."""
     mirror = Mirror(run_dir, uri=uri, experiment="tacevo")

@@ -145,6 +145,7 @@ def test_slips_spoil_answers_but_not_the_networks_of_others() -> None:
     assert all(one != other for one, other in zip(clean, _answers(requests, slip_rate=1.0), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["force", "grating", "hardness"])
 def test_thirty_generations_of_answers_parse_build_and_train(task: str) -> None:
     """Children of children stay readable and sound, and do not collapse to a few."""
