@@ -178,6 +178,7 @@ def test_launcher_that_fails_is_told_with_its_reason(assigned: Assignment) -> No
         launch(directory, directory.read()[1], Launcher(name="nowhere", overrides=()), lambda: None)
 
 
+@pytest.mark.slow
 def test_failed_job_stops_no_other_and_is_repeated(
     published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

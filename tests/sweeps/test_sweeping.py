@@ -101,6 +101,7 @@ def test_no_job_is_called_after_a_folder_of_this_machine() -> None:
     )
 
 
+@pytest.mark.slow
 def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
     """A list of all but the one that needs an LLM can be composed."""
     shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"])
@@ -198,6 +199,7 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
     assert [job.name for job in SweepDirectory(place / "all").read()[1]] == [*NAMES[:2], NAMES[3]]
 
 
+@pytest.mark.slow
 def test_other_shared_settings_are_another_sweep(place: Path) -> None:
     """Jobs of two budgets are not put into one folder; where results cannot change, the newest settings hold."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
@@ -217,6 +219,7 @@ def test_shared_settings_are_held_against_every_job(place: Path) -> None:
     assert not launched.calls
 
 
+@pytest.mark.slow
 def test_what_told_jobs_apart_once_tells_them_apart_again(place: Path) -> None:
     """One value of a setting that was varied before is not shared: its job would have the arm of another."""
     sweep([*SHARED, "temperature=paper,stall", "seed=0"], "all", Heard(), Launched())
