@@ -71,5 +71,5 @@ lock: ## resolve the dependencies again into requirements.lock
 		| sed -E 's/\+cpu$$//' > requirements.lock
 
 clean: ## remove the environment, builds and caches of tools; runs and stores stay
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

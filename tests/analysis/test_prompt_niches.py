@@ -62,6 +62,7 @@ def test_caption_explains_shaded_niches_where_there_are_some(centroids: list[lis
     assert ("Shaded ones" in caption) is shaded
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["force-grammar.zip", "grating-grammar.zip"])
 def test_trials_of_a_search_lie_within_reach(name: str) -> None:
     """Every one that a published run recorded does, without the noise of its request; half of the niches do not."""

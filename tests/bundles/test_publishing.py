@@ -143,6 +143,7 @@ def test_readme_says_what_it_is_and_how_to_replay_it(published: Path) -> None:
     assert f"tacevo data simulate task=force data.images={run['config']['data']['images']} " in text
 
 
+@pytest.mark.slow
 def test_terms_are_the_users(published: Path, tmp_path: Path) -> None:
     """Licence, authors and day stand in all places that tell them; without an author, nobody is named."""
     options = ["--license", "CC0-1.0", "--date", "2026-01-02"]
@@ -176,6 +177,7 @@ def test_terms_that_cannot_be_used_are_refused(
     assert not (tmp_path / "x.zip").exists()
 
 
+@pytest.mark.slow
 def test_retrained_bundle_keeps_its_images_in_a_new_folder(published: Path, tmp_path: Path) -> None:
     """Its own stores are packed, so `--store` may name a folder that is yet to be made."""
     command = ["replay", str(published / "run.zip"), "--retrain", "1", "--store", str(tmp_path / "new")]

@@ -56,6 +56,7 @@ def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
 
 
+@pytest.mark.slow
 def test_published_sweep_can_be_published_again(swept: Path, tmp_path: Path) -> None:
     """A bundle has no overrides: its arms keep their names, and the bytes are the same again."""
     with opened(swept / "sweep.zip") as place:
@@ -105,6 +106,7 @@ def test_replay_tells_every_digest_and_the_sweeps(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_retraining_draws_from_all_runs(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

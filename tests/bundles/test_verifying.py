@@ -349,6 +349,7 @@ def test_answer_of_no_known_form_is_refused(
     assert capsys.readouterr().err.splitlines()[-1].startswith(("refused: ", "different: "))
 
 
+@pytest.mark.slow
 def test_figure_is_held_against_its_checksum_only(
     whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -178,6 +178,7 @@ def test_paper_takes_the_largest_study_of_a_run(
     assert any("verdicts_force_elites1-seeds5-" in name for name in names)
 
 
+@pytest.mark.slow
 def test_paper_refuses_studies_that_were_made_otherwise(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -306,6 +307,7 @@ def test_published_run_takes_no_results(
     assert "-o" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:
     """A folder and a bundle may stand side by side; two of one name may not."""
     renamed = run.rename("renamed")

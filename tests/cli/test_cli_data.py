@@ -179,6 +179,7 @@ def test_misfit_is_told_again_from_the_cache(capsys: pytest.CaptureFixture[str])
     assert "set task.outputs=3" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
     """Interrupted by a terminal while processes draw, neither a process nor a file remains."""
     arguments = ["data", "simulate", "task=force", "n=20000", "data.image_size=64", "out=made", "executor.workers=2"]

@@ -79,6 +79,7 @@ def test_tracking_changes_no_bit(untracked: Searched, tracked: Searched) -> None
     assert tracked.digest.startswith("digest: ")
 
 
+@pytest.mark.slow
 def test_broken_store_is_a_warning_and_nothing_else(untracked: Searched, swept: Path, tmp_path: Path) -> None:
     """With a database that cannot be made the search ends well, with the same digest and one line of warning."""
     broken = searched(tmp_path, swept, "tracking=mlflow", "tracking.uri=sqlite:////proc/nope/x.db")

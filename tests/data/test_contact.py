@@ -105,6 +105,7 @@ def sheared(x: float, y: float, stick: float, poisson: float = 0.4) -> list[floa
     return [float(field[0]) for field in fields]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stick", [0.0, 0.8, 1.2])
 @pytest.mark.parametrize(("x", "y"), [(2.5, 0.0), (1.2, 1.4), (0.3, 0.2), (0.0, 3.0)])
 def test_shear_is_what_the_traction_causes(x: float, y: float, stick: float) -> None:

@@ -119,6 +119,7 @@ def test_key_is_written_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]
     assert not [text for text in [*texts, captured.out.encode(), captured.err.encode()] if KEY.encode() in text]
 
 
+@pytest.mark.slow
 def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Stopped twice, the run ends with the digest of one without limit, and nothing was paid for twice."""
     with serving(Script(answer=network)) as server:
@@ -140,6 +141,7 @@ def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: 
     assert f"{distinct} answers, {distinct * 11} + {distinct * 7} tokens, {dollars(distinct * 7)} USD" in captured.out
 
 
+@pytest.mark.slow
 def test_repaired_run_is_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What was sent back is a request like any other, recorded and replayed; with one worker or two."""
     with serving(Script(answer=network)) as server:

@@ -31,6 +31,7 @@ def test_wheel_carries_every_config_and_no_test(wheel: Path) -> None:
     assert not {name for name in names if name.startswith(("tests/", "benchmarks/"))}
 
 
+@pytest.mark.slow
 def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
     """Unpacked elsewhere, the command composes its own configs and runs a search, sandbox and all."""
     library = tmp_path / "library"

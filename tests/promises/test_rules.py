@@ -73,22 +73,24 @@ def test_release_without_the_core_of_a_run_names_the_one_that_has_it(published: 
     assert line.endswith("release 0.1.0 can: git checkout v0.1.0 && make setup")
 
 
-def test_continuing_under_other_rules_is_said_and_must_be_asked_for(published: Path, tmp_path: Path) -> None:
-    """Without `--rules current` nothing is written; with it, the ledger says from where on the new rules hold."""
-    longer = tmp_path / "longer"
-    command: list[str | Path] = [
-        "continue",
-        published / "run.zip",
-        "search.generations=2",
-        f"run.dir={longer}",
-        UNTRACKED,
-    ]
-    command += [f"store.root={tmp_path / 'cache'}"]
-    refused = tacevo(*command, before=LATER, status=2)
+def continuing(published: Path, folder: Path) -> list[str | Path]:
+    """Write the command that continues the run in a directory."""
+    where = [f"run.dir={folder / 'longer'}", f"store.root={folder / 'cache'}"]
+    return ["continue", published / "run.zip", "search.generations=2", UNTRACKED, *where]
+
+
+def test_continuing_under_other_rules_must_be_asked_for(published: Path, tmp_path: Path) -> None:
+    """Without `--rules current` nothing is written."""
+    refused = tacevo(*continuing(published, tmp_path), before=LATER, status=2)
     assert f"static {CURRENT.static} instead of {CURRENT.static + 1}" in refused.stderr
     assert "--rules current" in refused.stderr
-    assert not longer.exists()
+    assert not (tmp_path / "longer").exists()
 
+
+@pytest.mark.slow
+def test_continuing_under_other_rules_is_recorded(published: Path, tmp_path: Path) -> None:
+    """With `--rules current` the ledger says from where on the new rules hold."""
+    longer, command = tmp_path / "longer", continuing(published, tmp_path)
     done = tacevo(*command, "--rules", "current", before=LATER)
     begun = (published / "run" / "ledger.jsonl").read_bytes()
     lines = (longer / "ledger.jsonl").read_bytes()

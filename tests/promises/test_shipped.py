@@ -36,6 +36,7 @@ def test_published_run_says_that_no_language_model_answered(bundle: Path) -> Non
     assert "no LLM" in members["ro-crate-metadata.json"].decode()
 
 
+@pytest.mark.slow
 def test_published_training_comes_again_bit_for_bit(capsys: pytest.CaptureFixture[str]) -> None:
     """Of the force run, by portable numerics, on this machine."""
     assert main(["replay", str(PUBLISHED / "force-grammar.zip"), "--retrain", "1"]) == 0

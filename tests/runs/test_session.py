@@ -33,6 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_description_left_by_a_run_that_decided_nothing_is_replaced(folder: Path) -> None:
     """Killed before its first ledger line, another run leaves no part of its description behind."""
     assert main(["search", *TINY, "task=hardness", "search.generations=0"]) == 0

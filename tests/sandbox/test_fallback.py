@@ -57,6 +57,7 @@ def test_run_that_is_continued_on_a_weaker_machine_says_so(tmp_path: Path) -> No
     assert second["landlock"].startswith("missing")
 
 
+@pytest.mark.slow
 def test_search_gives_the_same_digest_on_a_weaker_machine(tmp_path: Path, whole_search: tuple[Path, str]) -> None:
     """What candidates compute does not depend on the walls around them."""
     done = tacevo("search", *SEARCH, UNTRACKED, cwd=tmp_path, before=WEAKER)

@@ -183,6 +183,7 @@ def test_margin_of_another_kind_of_task_changes_nothing(folder: Path) -> None:
     assert files(folder) == before
 
 
+@pytest.mark.slow
 def test_one_worker_gives_the_bytes_of_two(folder: Path) -> None:
     """Trained anew, one after the other, in whatever order."""
     before = files(folder)
@@ -276,6 +277,7 @@ def test_edited_description_is_found(
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_network_that_comes_to_no_end_is_told_and_the_rest_is_finished(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

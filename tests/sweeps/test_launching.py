@@ -140,6 +140,7 @@ def test_view_that_fails_stops_the_other_jobs_and_is_raised(folder: Path) -> Non
     assert directory.failure(slow) is None
 
 
+@pytest.mark.slow
 def test_failed_job_stops_no_other_and_is_repeated(
     published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -97,6 +97,7 @@ def test_no_job_is_called_after_a_folder_of_this_machine() -> None:
     )
 
 
+@pytest.mark.slow
 def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
     """A list of all but the one that needs an LLM can be composed."""
     shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"])
@@ -194,6 +195,7 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
     assert [job.name for job in SweepDirectory(place / "all").read()[1]] == [*NAMES[:2], NAMES[3]]
 
 
+@pytest.mark.slow
 def test_other_shared_settings_are_another_sweep(place: Path) -> None:
     """Jobs of two budgets are not put into one folder; where results cannot change, the newest settings hold."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
@@ -211,6 +213,7 @@ def test_shared_settings_are_compared_with_every_job(place: Path) -> None:
     assert not launched.calls
 
 
+@pytest.mark.slow
 def test_setting_that_was_varied_once_is_never_shared(place: Path) -> None:
     """One value of a setting that was varied before is not shared: its job would have the arm of another."""
     sweep([*SHARED, "temperature=paper,stall", "seed=0"], "all", Heard(), Launched())

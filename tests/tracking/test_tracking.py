@@ -317,6 +317,7 @@ def test_search_that_ended_before_its_first_line_is_no_run(tmp_path: Path, uri: 
     assert MlflowClient(uri).get_experiment_by_name("tacevo") is None
 
 
+@pytest.mark.slow
 def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
     """The process writes lines as they come, and ends when it is told that no more will."""
     run_dir = tmp_path / "run"
