@@ -350,3 +350,16 @@ def to_json(record: Any) -> Json:
     if isinstance(record, Sequence) and not isinstance(record, str):
         return [to_json(value) for value in record]
     return record
+
+
+def written(record: Any) -> Json:
+    """Turn a record into JSON as `to_json` does, without the fields that are at their defaults; `kind` always stays.
+
+    So a field that came later leaves the bytes of older records as they are.
+    """
+    if dataclasses.is_dataclass(record) and not isinstance(record, type):
+        fields = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
+        return {field.name: written(value) for field, value in fields if field.name == "kind" or value != field.default}
+    if isinstance(record, tuple):
+        return [written(value) for value in record]
+    return to_json(record)

@@ -4,11 +4,11 @@ A field without a default is in every line; one with a default only where it dif
 before a field existed therefore keep their bytes.
 """
 
-import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from tacevo.records import STRICT, DataFacts, Json, Operator, Reason, Stage, to_json
+from tacevo.records import STRICT, DataFacts, Json, Operator, Reason, Stage
 from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import AddStatus, Bounds
 
@@ -139,12 +139,14 @@ class GenerationLine:
 
 Line = RunLine | RulesLine | CandidateLine | GenerationLine
 
+_KINDS: Mapping[str, type[Line]] = {
+    "run": RunLine,
+    "rules": RulesLine,
+    "candidate": CandidateLine,
+    "generation": GenerationLine,
+}
 
-def written(line: Line | RepairedAnswer) -> dict[str, Json]:
-    """Return a line as JSON, without the fields that are at their defaults."""
-    kept = [
-        field.name
-        for field in dataclasses.fields(line)
-        if field.name == "kind" or getattr(line, field.name) != field.default
-    ]
-    return {name: to_json(getattr(line, name)) for name in kept}
+
+def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
+    """Return the class of a line that is read as JSON; None where a search writes no such line."""
+    return _KINDS.get(str(entry.get("kind")))

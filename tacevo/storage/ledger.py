@@ -7,17 +7,28 @@ host names and paths never enter it.
 
 import json
 import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from tacevo.errors import DivergenceError, RunError
-from tacevo.records import Json
+from tacevo.records import Json, written
 from tacevo.storage.canonical import canonical, content_hash, differences, shown, value_at
+from tacevo.typed import convert
+
+#: A record of one line.
+L = TypeVar("L")
+
+#: Returns the class of a line that is read as JSON; None where there is none.
+KindOf = Callable[[Mapping[str, Json]], type[L] | None]
 
 #: The hash before the first line.
 GENESIS = "0" * 64
+
+_RESTORE = "restore the file, or start in a new run.dir"
 
 
 def seal(entry: dict[str, Json], previous: str) -> dict[str, Json]:
@@ -106,6 +117,71 @@ def read_ledger(path: Path) -> tuple[dict[str, Json], ...]:
     if not path.exists():
         raise RunError(f"{path} is missing; give the folder of a run, as `tacevo search` printed it")
     return _read(path)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Sealed(Generic[L]):
+    """The lines of a ledger whose chain was checked."""
+
+    lines: tuple[L, ...] = ()
+    #: Of each line.
+    hashes: tuple[str, ...] = ()
+
+    @property
+    def digest(self) -> str:
+        """The last hash, which stands for all lines."""
+        return self.hashes[-1] if self.hashes else GENESIS
+
+
+def read_lines(path: Path, kind_of: KindOf[L], *, name_line: Callable[[list[L]], str] | None = None) -> Sealed[L]:
+    """Read a ledger as records and check its chain; a last line torn by a crash is left out, and so is a missing file.
+
+    Args:
+        path: the file.
+        kind_of: returns the class of a line, e.g. `tacevo.search.lines.line_kind`.
+        name_line: names the line that follows the given ones, for messages; None for its number.
+
+    Raises:
+        RunError: a line was damaged or edited, or is not a line of such a ledger; the message names it.
+    """
+    data = path.read_bytes() if path.exists() else b""
+    lines: list[L] = []
+    hashes = [GENESIS]
+    for number, text in enumerate(data[: data.rfind(b"\n") + 1].splitlines(), 1):
+        place = f"{path}, {f'line {number}' if name_line is None else name_line(lines)}"
+        line, previous, own = read_line(text, kind_of, place)
+        if previous != hashes[-1] or own != _hash(line, previous):
+            raise RunError(
+                "one that was edited, or that follows an edited one",
+                place=place,
+                expected="a line that matches its hash",
+                remedy=_RESTORE,
+            )
+        lines.append(line)
+        hashes.append(own)
+    return Sealed(tuple(lines), tuple(hashes[1:]))
+
+
+def read_line(text: bytes, kind_of: KindOf[L], place: str) -> tuple[L, str, str]:
+    """Read one line as a record, with the previous line's hash and its own, which are not checked.
+
+    Raises:
+        RunError: it is not a line of such a ledger.
+    """
+    try:
+        entry = json.loads(text)
+        canonical(entry)  # which fails on NaN and infinity, that Python's reader lets through
+    except (ValueError, RecursionError) as error:
+        raise RunError(str(error), place=place, expected="JSON", remedy=_RESTORE) from error
+    kind = kind_of(entry) if isinstance(entry, dict) else None
+    if kind is None:
+        raise RunError(_brief(entry), place=place, expected="a line of a known kind", remedy=_RESTORE)
+    previous, own = (str(entry.pop(name, None)) for name in ("previous", "hash"))
+    return convert(kind, entry, place=place, error=RunError, remedy=_RESTORE), previous, own
+
+
+def _hash(line: L, previous: str) -> str:
+    return content_hash({**written(line), "previous": previous})
 
 
 def _append(file: FileIO, data: bytes) -> None:
