@@ -226,6 +226,8 @@ class Contract:
     `(N, outputs)`.
     """
 
+    __pydantic_config__ = STRICT
+
     class_name: str
     kind: Kind
     loss: Loss
@@ -244,8 +246,38 @@ class Contract:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Instruction:
+    """One entry of a prompt library."""
+
+    __pydantic_config__ = STRICT
+
+    id: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A task as data: its contract and the texts that ask for networks."""
+
+    __pydantic_config__ = STRICT
+
+    name: str
+    contract: Contract
+    #: Source of the baseline class a0.
+    baseline: str
+    #: The filled-in system prompt.
+    system: str
+    #: The prompt library, in order; a prompt index points into it.
+    instructions: tuple[Instruction, ...]
+    #: The fixed instruction of every crossover.
+    crossover: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """What a candidate may use; over any of them it is killed or rejected with a typed reason."""
+
+    __pydantic_config__ = STRICT
 
     #: Wall time of the whole child process, in seconds.
     seconds: float
@@ -256,6 +288,8 @@ class Limits:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recipe:
     """How a candidate is trained; part of an evaluation's key."""
+
+    __pydantic_config__ = STRICT
 
     epochs: int
     batch_size: int

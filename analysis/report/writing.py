@@ -10,7 +10,7 @@ from analysis.report.figure_list import Picture
 from analysis.table import Table
 from analysis.tables.rendering import write_table
 from tacevo.storage.files import write_durably
-from tacevo.storage.study_directory import NAME
+from tacevo.studies.directory import NAME
 
 #: Is told that the file or files of a name are there.
 Told = Callable[[str], object]

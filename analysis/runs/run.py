@@ -5,19 +5,20 @@ ledger ends with; a run that is not finished is refused. Nothing is computed her
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from tacevo.choices import ArchiveKind, Axis, Scale
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Json, Operator, Reason, Stage
-from tacevo.rules import Era, eras_of
+from tacevo.records import DataFacts, Json, Operator, Reason, Stage, to_json
 from tacevo.search.archive import best_of_their_own
 from tacevo.search.descriptors import scaled
-from tacevo.search.unsent import dropped_settings, not_sent, sent_temperature
+from tacevo.search.files import EliteEntry, TrialEntry, read_archives, read_finished
+from tacevo.search.lines import CandidateLine, GenerationLine, RulesLine, RunLine, eras_of
+from tacevo.search.unsent import not_sent
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
@@ -152,7 +153,7 @@ class Run:
     bounds: tuple[tuple[float, float], ...] | None
     prompt_trials: tuple[PromptTrial, ...]
     #: The rules that it was made under, from which generation on; at least one.
-    eras: tuple[Era, ...]
+    eras: tuple[RulesLine, ...]
 
     @property
     def task(self) -> str:
@@ -205,100 +206,97 @@ def load_run(path: Path) -> Run:
         RunError: it is no run, is not finished, or was damaged or edited; the message names the file.
     """
     directory = RunDirectory(path)
-    lines = directory.read_finished()
-    run = directory.read_run()
+    record, ledger = read_finished(directory)
+    eras = eras_of(ledger.lines)
+    header = next(line for line in ledger.lines if isinstance(line, RunLine))
+    _refuse_edited(path, record, header)
+    generations = [line for line in ledger.lines if isinstance(line, GenerationLine)]
+    networks, prompts = read_archives(directory, generations[-1])
     spent = directory.read_spending()
-    with directory.believed():
-        _refuse_edited(path, run, lines[0])
-        archive, prompts = directory.read_archives(lines)
-        candidates = tuple(_candidate(line, spent) for line in lines if line["kind"] == "candidate")
-        return Run(
-            path=path,
-            name=path.resolve().name,
-            digest=run["digest"],
-            config=run["config"],
-            facts=DataFacts.from_json(lines[0]["data"]),
-            centroids=lines[0]["centroids"],
-            instructions=tuple(entry["id"] for entry in run["task"]["instructions"]),
-            candidates=candidates,
-            generations=tuple(_generation(line) for line in lines if line["kind"] == "generation"),
-            elites=_elites(archive["elites"], candidates, Scale(run["config"]["archive"]["eff_ratio_scale"])),
-            bounds=None if archive["bounds"] is None else _bounds(archive["bounds"]),
-            prompt_trials=tuple(_trial(entry) for entry in prompts["trials"]),
-            eras=eras_of(lines),
+    candidates = tuple(_candidate(line, spent) for line in ledger.lines if isinstance(line, CandidateLine))
+    return Run(
+        path=path,
+        name=path.resolve().name,
+        digest=ledger.digest,
+        config=record.config,
+        facts=header.data,
+        centroids=header.centroids,
+        instructions=tuple(entry.id for entry in record.task.instructions),
+        candidates=candidates,
+        generations=tuple(map(_generation, generations)),
+        elites=_elites(networks.elites, candidates, Scale(record.config["archive"]["eff_ratio_scale"])),
+        bounds=None if networks.bounds is None else tuple(zip(networks.bounds.low, networks.bounds.high, strict=True)),
+        prompt_trials=tuple(map(_trial, prompts.trials)),
+        eras=eras,
+    )
+
+
+def _refuse_edited(path: Path, run: RunRecord, header: RunLine) -> None:
+    """Compare configuration and task in run.json with the ledger's first line, as far as that has them."""
+    numerics = run.config.get("numerics")
+    told = {**run.config, "numerics": numerics.get("kind") if isinstance(numerics, dict) else numerics}
+    for key, group in header.config.items():
+        if isinstance(group, dict) and isinstance(told.get(key), dict):
+            told[key] = {name: told[key].get(name) for name in group}
+    if {key: told.get(key) for key in header.config} != header.config or content_hash(to_json(run.task)) != header.task:
+        raise RunError(
+            "another one",
+            place=f"{path}/run.json",
+            expected="the configuration and the task of the ledger",
+            remedy="restore it",
         )
 
 
-def _refuse_edited(path: Path, run: Mapping[str, Json], header: Mapping[str, Json]) -> None:
-    """Hold configuration and task in run.json against the ledger's first line, as far as that has them."""
-    config = {**run["config"], "numerics": run["config"]["numerics"]["kind"]}
-    told = {
-        key: {name: config[key].get(name) for name in value} if isinstance(value, dict) else config[key]
-        for key, value in header["config"].items()
-    }
-    if told != header["config"] or content_hash(run["task"]) != header["task"]:
-        raise RunError(f"{path}/run.json was edited: its configuration or task is not that of the ledger; restore it")
-
-
-def _candidate(line: Mapping[str, Json], spent: Mapping[str, Spending]) -> Candidate:
+def _candidate(line: CandidateLine, spent: Mapping[str, Spending]) -> Candidate:
     return Candidate(
-        id=line["id"],
-        generation=line["generation"],
-        slot=line["slot"],
-        operator=Operator(line["operator"]),
-        parents=tuple(line["parents"]),
-        prompt=line["prompt"],
-        temperature=sent_temperature(line),
-        source=line.get("source"),
-        evaluation=line.get("evaluation"),
-        stage=Stage(line["stage"]) if "stage" in line else None,
-        reason=Reason(line["reason"]) if "reason" in line else None,
-        measured=_measured(line) if "parameters" in line else None,
-        trained=_trained(line) if "fitness" in line else None,
-        spent=spent.get(line["id"]),
-        sent_back=tuple((Stage(sent["stage"]), Reason(sent["reason"])) for sent in line.get("repairs", ())),
-        dropped=dropped_settings(line),
+        id=line.id,
+        generation=line.generation,
+        slot=line.slot,
+        operator=line.operator,
+        parents=line.parents,
+        prompt=line.prompt,
+        temperature=line.sent_temperature,
+        source=line.source,
+        evaluation=line.evaluation,
+        stage=line.stage,
+        reason=line.reason,
+        measured=_measured(line),
+        trained=_trained(line),
+        spent=spent.get(line.id),
+        sent_back=tuple((sent.stage, sent.reason) for sent in line.repairs),
+        dropped=line.dropped,
     )
 
 
-def _measured(line: Mapping[str, Json]) -> Measured:
-    return Measured(
-        parameters=line["parameters"], flops=line["flops"], arch_div=line["arch_div"], eff_ratio=line["eff_ratio"]
-    )
+def _measured(line: CandidateLine) -> Measured | None:
+    if line.parameters is None or line.flops is None or line.arch_div is None or line.eff_ratio is None:
+        return None
+    return Measured(parameters=line.parameters, flops=line.flops, arch_div=line.arch_div, eff_ratio=line.eff_ratio)
 
 
-def _trained(line: Mapping[str, Json]) -> Trained:
-    return Trained(
-        fitness=line["fitness"],
-        validation_losses=tuple(line["validation_losses"]),
-        niche=line["niche"],
-        status=line["status"],
-    )
+def _trained(line: CandidateLine) -> Trained | None:
+    if line.fitness is None or line.validation_losses is None or line.niche is None or line.status is None:
+        return None
+    return Trained(fitness=line.fitness, validation_losses=line.validation_losses, niche=line.niche, status=line.status)
 
 
-def _generation(line: Mapping[str, Json]) -> Generation:
-    names = ("generation", "temperature", "candidates", "trained", "best", "generation_median")
-    return Generation(**{name: line[name] for name in (*names, "coverage", "qd_score", "prompt_coverage")})
+def _generation(line: GenerationLine) -> Generation:
+    return Generation(**{field.name: getattr(line, field.name) for field in fields(Generation)})
 
 
-def _elites(entries: Sequence[Mapping[str, Json]], candidates: Sequence[Candidate], scale: Scale) -> tuple[Elite, ...]:
+def _elites(entries: Sequence[EliteEntry], candidates: Sequence[Candidate], scale: Scale) -> tuple[Elite, ...]:
     """Read the elites; their descriptors are those of the ledger, which the hash of an archive does not cover."""
     measured = {candidate.id: candidate.measured for candidate in candidates if candidate.measured}
     return tuple(
         Elite(
-            id=entry["id"],
-            niche=entry["niche"],
-            fitness=entry["fitness"],
-            descriptors=(measured[entry["id"]].arch_div, scaled(measured[entry["id"]].eff_ratio, scale)),
+            id=entry.id,
+            niche=entry.niche,
+            fitness=entry.fitness,
+            descriptors=(measured[entry.id].arch_div, scaled(measured[entry.id].eff_ratio, scale)),
         )
         for entry in entries
     )
 
 
-def _bounds(value: Mapping[str, Json]) -> tuple[tuple[float, float], ...]:
-    return tuple(zip(value["low"], value["high"], strict=True))
-
-
-def _trial(entry: Mapping[str, Json]) -> PromptTrial:
-    names = ("niche", "prompt", "temperature", "inserted", "curiosity")
-    return PromptTrial(**{name: entry[name] for name in names})
+def _trial(entry: TrialEntry) -> PromptTrial:
+    return PromptTrial(**{field.name: getattr(entry, field.name) for field in fields(PromptTrial)})

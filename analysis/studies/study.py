@@ -1,14 +1,14 @@
 """Finished studies as records; what is not whole is refused with the rows named."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from analysis.studies.scores import Network, Score, Study
 from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Json, Recipe
-from tacevo.storage.study_directory import StudyDirectory
-from tacevo.studies.terms import Terms
+from tacevo.studies.directory import StudyDirectory
+from tacevo.studies.lines import FailedLine, Row, ScoreLine, StudyHeader
 
 #: Rows that a message names.
 MOST = 6
@@ -22,15 +22,10 @@ def load_study(path: Path) -> Study:
             message names the rows.
     """
     directory = StudyDirectory(path)
-    described = directory.read()
-    header, *lines = directory.read_scores()
-    if described.get("digest") != (header, *lines)[-1]["hash"]:
+    record, scores = directory.read(), directory.read_scores()
+    if record.digest != scores.digest:
         raise RunError(f"{path} is not finished, or its digest was edited; `tacevo study` continues it")
-    try:
-        _refuse_failed(path, lines)
-        study = _study(header, lines, described["units"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RunError(f"{path} is damaged: {type(error).__name__}: {error}") from error
+    study = _study(path, scores.header, _scores(path, scores.rows), record.units)
     check_study(study)
     return study
 
@@ -60,45 +55,39 @@ def _networks(study: Study) -> str:
     return ", ".join(network.name for network in study.networks)
 
 
-def _refuse_failed(path: Path, lines: Sequence[Mapping[str, Json]]) -> None:
-    """Refuse trainings that came to no end."""
-    failed = [line for line in lines if "reason" in line]
+def _scores(path: Path, rows: Sequence[Row]) -> tuple[Score, ...]:
+    """Return the scores; refuse trainings that failed."""
+    failed = [row for row in rows if isinstance(row, FailedLine)]
     if failed:
-        rows = [f"{line['network']}, seed {line['seed']}" for line in failed]
-        named = "; ".join(rows[:MOST]) + (f" and {len(rows) - MOST} more" if len(rows) > MOST else "")
-        reasons = ", ".join(sorted({line["reason"] for line in failed}))
+        names = [f"{row.network}, seed {row.seed}" for row in failed]
+        named = "; ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
+        reasons = ", ".join(sorted({row.reason for row in failed}))
         raise RunError(
             f"{path} is incomplete: {named} came to no end ({reasons}); no statistics are right without them. "
             "Study again with more seconds= or memory_mib=, or with fewer elites="
         )
-
-
-def _study(header: Mapping[str, Json], lines: Sequence[Mapping[str, Json]], units: Sequence[str]) -> Study:
-    facts = DataFacts.from_json(header["data"])
-    if len(units) not in {0, len(facts.names)}:
-        raise ValueError(f"study.json needs a unit for each of {list(facts.names)}, or none; got {units}")
-    return Study(
-        run=header["run"],
-        task=header["task"],
-        kind=facts.kind,
-        names=facts.names,
-        units=tuple(units),
-        fingerprint=facts.fingerprint,
-        recipe=Recipe.from_json(header["recipe"]),
-        numerics=header["numerics"],
-        terms=Terms.from_json(header["terms"]),
-        seeds=header["seeds"],
-        networks=tuple(Network(**network) for network in header["networks"]),
-        scores=tuple(_score(line) for line in lines),
+    return tuple(
+        Score(network=row.network, seed=row.seed, epoch=row.epoch, metrics=row.metrics, confusion=row.confusion)
+        for row in rows
+        if isinstance(row, ScoreLine)
     )
 
 
-def _score(line: Mapping[str, Json]) -> Score:
-    counts = line["confusion"]
-    return Score(
-        network=line["network"],
-        seed=line["seed"],
-        epoch=line["epoch"],
-        metrics=line["metrics"],
-        confusion=None if counts is None else tuple(tuple(row) for row in counts),
+def _study(path: Path, header: StudyHeader, scores: tuple[Score, ...], units: Sequence[str]) -> Study:
+    if len(units) not in {0, len(header.data.names)}:
+        expected = f"a unit for each of {list(header.data.names)}, or none"
+        raise RunError(str(list(units)), place=f"{path}/study.json, units", expected=expected)
+    return Study(
+        run=header.run,
+        task=header.task,
+        kind=header.data.kind,
+        names=header.data.names,
+        units=tuple(units),
+        fingerprint=header.data.fingerprint,
+        recipe=header.recipe,
+        numerics=header.numerics,
+        terms=header.terms,
+        seeds=header.seeds,
+        networks=tuple(Network(**asdict(network)) for network in header.networks),
+        scores=scores,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from analysis.runs.run import Run, load_run
 from tacevo.errors import RunError
 from tacevo.records import Json
+from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 
 #: Hashes what decides the results of a run, from the configuration in its run.json (`tacevo.config.identity`). It is
@@ -85,7 +86,7 @@ def load_sweep(path: Path, hash_of: HashOf) -> Sweep:
 def _absence(directory: SweepDirectory, job: Job) -> str | None:
     """Say why a job has no result; None where it has one."""
     run = directory.run(job)
-    if run.finished_digest() is not None:
+    if finished_digest(run) is not None:
         return None
     failure = directory.failure(job)
     if failure is not None:
@@ -107,7 +108,7 @@ def _load(directory: SweepDirectory, job: Job, hash_of: HashOf) -> Finished:
             "that of another arm; put the right folder there, or delete it, and the command that began the sweep "
             "repeats the job"
         )
-    return Finished(job=job, run=run, versions=folder.read_run().get("versions", {}))
+    return Finished(job=job, run=run, versions=folder.read_run().versions)
 
 
 def _refuse_twins(path: Path, jobs: tuple[Job, ...]) -> None:

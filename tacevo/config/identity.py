@@ -12,7 +12,7 @@ from tacevo.storage.canonical import content_hash
 
 
 def identity(config: RunConfig) -> dict[str, Json]:
-    """Give the part of a configuration that decides a run's results, for its ledger.
+    """Return the part of a configuration that decides a run's results, for its ledger.
 
     The number of generations is left out, so that a longer run begins with the very lines of a shorter one;
     data enter by their fingerprint, task files by their text; where a run is computed and written, and how it
@@ -55,7 +55,7 @@ def recorded_hash(config: Mapping[str, Json]) -> str:
 
 
 def decisive(config: RunConfig) -> Json:
-    """Give what decides the results of a job.
+    """Return what decides the results of a job.
 
     Unlike a ledger's header it is known without the data, and holds the number of generations.
     """

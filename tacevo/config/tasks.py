@@ -7,8 +7,8 @@ import yaml
 from tacevo.config.compose import read_named
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Contract, DataFacts, Json, Kind
-from tacevo.search.proposals import Instruction, Task, system_prompt
+from tacevo.records import Contract, DataFacts, Instruction, Json, Kind, Task
+from tacevo.search.proposals import system_prompt
 
 
 def require_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:

@@ -1,17 +1,17 @@
-"""The profiles of a finished run's networks: recalled from its store of probes, or probed anew in the sandbox."""
+"""The profiles of a finished run's networks: recalled from its store of probes, or probed again in the sandbox."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 from tacevo.choices import Confinement
-from tacevo.config.recorded import read_run
+from tacevo.config.recorded import read_recorded
 from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode, Rejection
-from tacevo.rules import CURRENT, Rules, by_rules
+from tacevo.rules import CURRENT, Rules
 from tacevo.runs.wiring import open_gate
 from tacevo.sandbox.confinement import require
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.search.lines import by_rules
 
 #: Insists on a level of confinement.
 Confine = Callable[[Confinement], None]
@@ -20,7 +20,7 @@ Confine = Callable[[Confinement], None]
 def recall_profiles(
     path: Path, store: str | None, *, mode: Mode = Mode.record, confine: Confine = require
 ) -> dict[str, Profile]:
-    """Give the profile of every trained candidate of a run, by id, in the order of its ledger.
+    """Return the profile of every trained candidate of a run, by id, in the order of its ledger.
 
     They are recalled under the rules of the run. A probe that the store lacks is made under the current rules and
     stored; the code of a candidate runs in a confined process, as in a search.
@@ -36,15 +36,13 @@ def recall_profiles(
         RunError: a candidate's file is not what was trained, or its source passes the probe no longer.
         SandboxError: a probe is missing and the sandbox is broken.
     """
-    directory = RunDirectory(path)
-    config, task, _ = read_run(directory, store)
-    with directory.believed():
-        trained = {
-            line["id"]: (rules, line["source"])
-            for rules, line in by_rules(directory.read_ledger())
-            if "fitness" in line
-        }
-    sources = {name: (rules, directory.read_source(name, digest)) for name, (rules, digest) in trained.items()}
+    run = read_recorded(path, store)
+    config, task = run.config, run.record.task
+    sources = {
+        line.id: (rules, run.directory.read_source(line.id, line.source))
+        for rules, line in by_rules(run.ledger.lines)
+        if line.source is not None and line.fitness is not None
+    }
     distinct = dict.fromkeys(sources.values())
     with open_gate(config, task.contract, mode) as (gate_under, executor):
         current = gate_under(CURRENT)
@@ -62,6 +60,10 @@ def recall_profiles(
     for name, key in sources.items():
         verdict = verdicts[key]
         if not isinstance(verdict, Admitted):
-            raise RunError(f"{name} of {path} was trained, but is turned away now: {verdict.reason}: {verdict.detail}")
+            raise RunError(
+                f"a rejection: {verdict.reason}: {verdict.detail}",
+                place=f"{name} of {path}",
+                expected="a network that passes the probe, as when it was trained",
+            )
         found[name] = verdict.profile
     return found

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.redaction import Veil, veiled, without_password
+from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import viewing
 from tacevo.tracking.process import prepare
@@ -108,12 +109,11 @@ def _target(path: Path, uri: str | None) -> _Target:
     directory = RunDirectory(path)
     run = directory.read_run()
     try:
-        directory.read_ledger()
+        read_ledger(directory)
     except OSError as error:
         raise RunError(_unreadable(error)) from error
-    with directory.believed():
-        tracking = run["config"]["tracking"]
-        target = _Target(uri=uri or tracking["uri"], experiment=tracking["experiment"])
+    tracking = run.config.get("tracking", {})
+    target = _Target(uri=uri or tracking.get("uri", ""), experiment=tracking.get("experiment", "tacevo"))
     if not target.uri:
         raise ConfigError(f"{path} was run with tracking=none; give --uri, e.g. --uri sqlite:///mlflow.db")
     if "***" in target.uri:
@@ -152,8 +152,7 @@ def _write(path: Path, target: _Target) -> None:
     from tacevo.tracking.mirror import mirror
 
     try:
-        with RunDirectory(path).believed():
-            mirror(path, uri=target.uri, experiment=target.experiment, finished=None)
+        mirror(path, uri=target.uri, experiment=target.experiment, finished=None)
     except TacevoError:
         raise
     except Exception as error:  # as in `_ask`

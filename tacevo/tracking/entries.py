@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from typing import Self
 
 from tacevo.costs import Spending, total
-from tacevo.records import Json
+from tacevo.records import Instruction, Json, Operator
 from tacevo.redaction import without_password
-from tacevo.search.unsent import dropped_settings, sent_temperature
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import leaves
 
 #: The longest param, in characters: older MLflow servers refuse more.
@@ -23,6 +24,7 @@ _GENERATION_METRICS = (
     "prompt_coverage",
     "candidates",
     "trained",
+    "repaired",
     "temperature",
 )
 
@@ -60,48 +62,46 @@ def config_params(config: Mapping[str, Json]) -> dict[str, str]:
     return {key: shorten(without_password(_text(value))) for key, value in leaves(config)}
 
 
-def candidate_params(line: Mapping[str, Json], instructions: Sequence[Mapping[str, str]]) -> dict[str, str]:
+def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -> dict[str, str]:
     """Say how a candidate was asked for and, where it was turned away, at which stage and why.
 
     Args:
-        line: a ledger line of kind `candidate`.
-        instructions: the task's prompt library, as `{"id", "text"}`; the line's `prompt` is an index into it.
+        line: its ledger line.
+        instructions: the task's prompt library; the line's `prompt` is an index into it.
 
     Returns:
         Params by name; what does not apply to the candidate is left out.
     """
-    shown = {key: line.get(key) for key in ("operator", "generation", "slot", "stage", "reason")}
-    shown["temperature"] = sent_temperature(line)
-    shown["dropped"] = ",".join(dropped_settings(line)) or None
-    shown["parents"] = ",".join(line["parents"]) or None
-    shown["repairs"] = len(line.get("repairs", ())) or None
-    if line["prompt"] is not None:
-        instruction = instructions[line["prompt"]]
-        shown |= {"instruction": instruction["id"], "instruction_text": instruction["text"]}
-    elif line["operator"] == "crossover":
+    shown = {key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")}
+    shown["temperature"] = line.sent_temperature
+    shown["dropped"] = ",".join(line.dropped) or None
+    shown["parents"] = ",".join(line.parents) or None
+    shown["repairs"] = len(line.repairs) or None
+    if line.prompt is not None:
+        instruction = instructions[line.prompt]
+        shown |= {"instruction": instruction.id, "instruction_text": instruction.text}
+    elif line.operator is Operator.crossover:
         shown["instruction"] = "crossover"
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 
-def candidate_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
+def candidate_measures(line: CandidateLine) -> tuple[Measure, ...]:
     """Give a candidate's metrics: the losses of every epoch, and each figure that its ledger line has."""
     losses = [
         Measure(key=key, value=float(value), step=epoch)
         for key, field in _EPOCH_METRICS.items()
-        for epoch, value in enumerate(line.get(field, ()), 1)
+        for epoch, value in enumerate(getattr(line, field) or (), 1)
     ]
-    figures = {key: line[key] for key in _CANDIDATE_METRICS if key in line}
-    if "status" in line:
-        figures["inserted"] = line["status"] != "rejected"
+    figures = {key: getattr(line, key) for key in _CANDIDATE_METRICS if getattr(line, key) is not None}
+    if line.status is not None:
+        figures["inserted"] = line.status is not AddStatus.rejected
     return (*losses, *(Measure(key=key, value=float(value), step=0) for key, value in figures.items()))
 
 
-def generation_measures(line: Mapping[str, Json]) -> tuple[Measure, ...]:
+def generation_measures(line: GenerationLine) -> tuple[Measure, ...]:
     """Give a generation's metrics; a figure that it does not have (no candidate was trained) is left out."""
-    figures = {key: line[key] for key in _GENERATION_METRICS if line[key] is not None}
-    if "repaired" in line:
-        figures["repaired"] = line["repaired"]
-    return tuple(Measure(key=key, value=float(value), step=line["generation"]) for key, value in figures.items())
+    figures = {key: getattr(line, key) for key in _GENERATION_METRICS if getattr(line, key) is not None}
+    return tuple(Measure(key=key, value=float(value), step=line.generation) for key, value in figures.items())
 
 
 def cost_measures(spent: Spending, step: int) -> tuple[Measure, ...]:
@@ -148,23 +148,23 @@ class Totals:
     trainable: tuple[float, ...] = ()
     spent: Spending = field(default_factory=Spending)
 
-    def after(self, line: Mapping[str, Json], spent: Spending) -> Self:
+    def after(self, line: GenerationLine, spent: Spending) -> Self:
         """Give the totals after one generation more.
 
         Args:
             line: its ledger line.
             spent: what its answers cost.
         """
-        shares = (line["trained"] / line["candidates"],) if line["generation"] and line["candidates"] else ()
+        shares = (line.trained / line.candidates,) if line.generation and line.candidates else ()
         return type(self)(
-            first=line["best"] if self.first is None else self.first,
-            trained=self.trained + line["trained"] + line.get("repaired", 0),
+            first=line.best if self.first is None else self.first,
+            trained=self.trained + line.trained + (line.repaired or 0),
             trainable=(*self.trainable, *shares),
             spent=total((self.spent, spent)),
         )
 
 
-def total_measures(totals: Totals, line: Mapping[str, Json]) -> tuple[Measure, ...]:
+def total_measures(totals: Totals, line: GenerationLine) -> tuple[Measure, ...]:
     """Give the metrics of what adds up over a search.
 
     Args:
@@ -176,10 +176,10 @@ def total_measures(totals: Totals, line: Mapping[str, Json]) -> tuple[Measure, .
         this one, in [0, 1]; `trained_candidates`; and the costs so far as `total_answers` and so on. What does not
         apply yet is left out.
     """
-    step = line["generation"]
+    step = line.generation
     figures = {"trained_candidates": float(totals.trained)}
-    if totals.first is not None:
-        figures["improvement"] = (totals.first - line["best"]) / totals.first if totals.first else 0.0
+    if totals.first is not None and line.best is not None:
+        figures["improvement"] = (totals.first - line.best) / totals.first if totals.first else 0.0
     if totals.trainable:
         figures["trainable_rate"] = sum(totals.trainable) / len(totals.trainable)
     costs = {f"total_{measure.key}": measure.value for measure in cost_measures(totals.spent, step)}

@@ -5,15 +5,16 @@ nothing twice. What it does not: it takes the ledger's lines as they stand; to c
 business.
 """
 
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
-from tacevo.records import Json
+from tacevo.records import to_json
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import alone
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.ledger import read_line
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.tracking.client import find_or_create_experiment, open_store
 from tacevo.tracking.datasets import data_set, source_tags
 from tacevo.tracking.entries import (
@@ -64,21 +65,20 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         writer = SearchWriter(
             client,
             place,
-            key=_key(run_dir, header, member),
-            name=facts["name"],
-            source=source_tags(facts),
-            ledger=frozenset(line["hash"] for line in follow(ledger, _at_once)),
+            key=_key(run_dir, header[1], member),
+            name=facts.name,
+            source=source_tags(to_json(facts)),
+            ledger=frozenset(own for _, own in follow(ledger, _at_once)),
         )
         if member is not None:
             nest(client, place, member, writer.tag)
-        writer.write_params(config_params(facts["config"]))
-        writer.write_data(data_set(facts))
-        last = header["hash"]
+        writer.write_params(config_params(facts.config))
+        writer.write_data(data_set(to_json(facts)))
+        last = header[1]
         sums = _Sums(run_dir)
-        for line in lines:
-            _write_line(writer, run_dir, facts, line, sums)
-            last = line["hash"]
-        if _facts(run_dir)["digest"] == last:
+        for line, last in lines:
+            _write_line(writer, run_dir, facts, (line, last), sums)
+        if _facts(run_dir).digest == last:
             writer.finish(last)
         elif finished is not None or not RunDirectory(run_dir).is_busy:
             writer.stop()
@@ -86,8 +86,11 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             leave_sweep(client, place, member)
 
 
-def follow(path: Path, finished: Callable[[], bool]) -> Iterator[dict[str, Json]]:
-    """Give a ledger's whole lines as they are committed, until `finished`; the file may not exist yet."""
+def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[Line, str]]:
+    """Yield a ledger's whole lines, each with its hash, as they are committed, until `finished`.
+
+    The file may not exist yet.
+    """
     offset = 0
     ended = False
     while not ended:
@@ -95,7 +98,9 @@ def follow(path: Path, finished: Callable[[], bool]) -> Iterator[dict[str, Json]
         whole = _whole_lines(path, offset)
         offset += len(whole)
         for text in whole.splitlines():
-            yield json.loads(text)
+            line: Line
+            line, _, own = read_line(text, line_kind, str(path))
+            yield line, own
 
 
 class _Sums:
@@ -114,18 +119,18 @@ class _Sums:
         self._generation.append(self._known.get(name, Spending()))
         return self._generation[-1]
 
-    def of_generation(self, line: Mapping[str, Json]) -> tuple[Measure, ...]:
+    def of_generation(self, line: GenerationLine) -> tuple[Measure, ...]:
         """Give what the candidates since the last generation cost, and how far the search has come with them."""
         spent, self._generation = total(self._generation), []
         self._totals = self._totals.after(line, spent)
-        return (*cost_measures(spent, line["generation"]), *total_measures(self._totals, line))
+        return (*cost_measures(spent, line.generation), *total_measures(self._totals, line))
 
 
-def _key(run_dir: Path, header: Mapping[str, Json], member: Membership | None) -> str:
+def _key(run_dir: Path, header: str, member: Membership | None) -> str:
     """Name a search: by its folder's id or, where none can be written, by the names of its folder and its sweep's."""
     own = folder_id(run_dir)
     names = [run_dir.resolve().name, *([] if member is None else [member.name])]
-    return content_hash([header["hash"], *(names if own is None else [own])])
+    return content_hash([header, *(names if own is None else [own])])
 
 
 def _at_once() -> bool:
@@ -133,17 +138,16 @@ def _at_once() -> bool:
     return True
 
 
-def _write_line(
-    writer: SearchWriter, run_dir: Path, facts: Mapping[str, Json], line: dict[str, Json], sums: _Sums
-) -> None:
-    if line["kind"] == "generation":
-        writer.write_generation(line["hash"], (*generation_measures(line), *sums.of_generation(line)))
-    elif line["kind"] == "candidate":
+def _write_line(writer: SearchWriter, run_dir: Path, facts: RunRecord, recorded: tuple[Line, str], sums: _Sums) -> None:
+    line, own = recorded
+    if isinstance(line, GenerationLine):
+        writer.write_generation(own, (*generation_measures(line), *sums.of_generation(line)))
+    elif isinstance(line, CandidateLine):
         writer.write_candidate(
-            Entry(name=line["id"], line=line["hash"], failed="stage" in line),
-            candidate_params(line, facts["task"]["instructions"]),
-            (*candidate_measures(line), *cost_measures(sums.of_candidate(line["id"]), 0)),
-            run_dir / "candidates" / f"{line['id']}.py",
+            Entry(name=line.id, line=own, failed=line.stage is not None),
+            candidate_params(line, facts.task.instructions),
+            (*candidate_measures(line), *cost_measures(sums.of_candidate(line.id), 0)),
+            run_dir / "candidates" / f"{line.id}.py",
         )
 
 
@@ -156,6 +160,5 @@ def _whole_lines(path: Path, offset: int) -> bytes:
     return data[: data.rfind(b"\n") + 1]  # a line without its end is not committed yet
 
 
-def _facts(run_dir: Path) -> dict[str, Json]:
-    facts: dict[str, Json] = json.loads((run_dir / "run.json").read_text(encoding="utf-8"))
-    return facts
+def _facts(run_dir: Path) -> RunRecord:
+    return RunDirectory(run_dir).read_run()

@@ -13,6 +13,7 @@ from mlflow import MlflowClient
 
 from tacevo.errors import RunError
 from tacevo.redaction import without_password
+from tacevo.search.files import finished_digest
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import alone
 from tacevo.storage.sweep_directory import Job, SweepDirectory
@@ -115,6 +116,6 @@ def leave_sweep(client: MlflowClient, experiment: str, member: Membership) -> No
 
 def _is_finished(directory: SweepDirectory, job: Job) -> bool:
     try:
-        return directory.run(job).finished_digest() is not None
+        return finished_digest(directory.run(job)) is not None
     except RunError:  # damaged
         return False

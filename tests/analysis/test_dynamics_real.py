@@ -10,6 +10,8 @@ from analysis.runs.run import Run, load_run
 from analysis.tables.dynamics import gate_table
 from tacevo.cli.app import main
 from tacevo.records import Stage
+from tacevo.search.files import read_ledger
+from tacevo.search.lines import CandidateLine
 from tacevo.storage.run_directory import RunDirectory
 
 
@@ -43,11 +45,11 @@ def test_summary_and_gate_table_count_alike(repaired: Run) -> None:
 
 def test_answers_that_were_sent_back_are_known(repaired: Run) -> None:
     """Each with its stage and reason, as the ledger has them; without any, this test would show nothing."""
-    lines = {line["id"]: line for line in RunDirectory(repaired.path).read_ledger() if line["kind"] == "candidate"}
+    ledger = read_ledger(RunDirectory(repaired.path))
+    lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
     assert any(candidate.sent_back for candidate in repaired.candidates)
     for candidate in repaired.candidates:
-        attempts = [(sent["stage"], sent["reason"]) for sent in lines[candidate.id].get("repairs", [])]
-        assert [(stage.value, reason.value) for stage, reason in candidate.sent_back] == attempts
+        assert list(candidate.sent_back) == [(sent.stage, sent.reason) for sent in lines[candidate.id].repairs]
 
 
 def test_elites_follow_from_the_growth(repaired: Run) -> None:

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 from hand_runs import closed, run, trained
+from ledger_lines import candidate
+from ledger_lines import trained as trained_line
 from motif_cases import baseline
+from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 
 from analysis.motifs.motifs import count_motifs
@@ -80,7 +83,7 @@ def test_edited_archive_is_refused(name: str, edit: Callable[[Json], None], spoi
     content = json.loads((spoilt / name).read_text())
     edit(content)
     (spoilt / name).write_text(json.dumps(content))
-    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+    with refused(RunError, place=name):
         load_run(spoilt)
 
 
@@ -91,7 +94,7 @@ def test_archive_that_is_no_json_is_refused(name: str, content: str | None, spoi
     (spoilt / name).unlink()
     if content is not None:
         (spoilt / name).write_text(content)
-    with pytest.raises(RunError, match=rf"{name} is missing, damaged or edited"):
+    with refused(RunError, place=name):
         load_run(spoilt)
 
 
@@ -109,7 +112,7 @@ def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Pat
     described = json.loads((spoilt / "run.json").read_text())
     edit(described)
     (spoilt / "run.json").write_text(json.dumps(described))
-    with pytest.raises(RunError, match=r"run\.json was edited: its configuration or task is not that of the ledger"):
+    with refused(RunError, place="run.json", expected="the configuration and the task of the ledger"):
         load_run(spoilt)
 
 
@@ -133,21 +136,14 @@ def family() -> Run:
 def test_best_networks_are_those_of_a_study() -> None:
     """Neither the baseline nor a copy of it nor a better elite's twin is among them, also where there are too few."""
     hand = family()
-    ledger = [
-        {
-            "kind": "candidate",
-            "id": slot.id,
-            "source": slot.source,
-            "fitness": slot.trained and slot.trained.fitness,
-            "parameters": 1,
-            "flops": 1,
-        }
+    lines = [
+        trained_line(slot.id, slot.trained.fitness, source=slot.source) if slot.trained else candidate(slot.id)
         for slot in hand.candidates
     ]
     assert [best.id for best in hand.best(4)] == ["g01s01", "g02s00", "g02s01", "g02s02"]
     for count in (1, 4, 9):
-        chosen = networks_of(ledger, [elite.id for elite in hand.elites], count)
-        assert [best.id for best in hand.best(count)] == [network["id"] for network in chosen[1:]]
+        chosen = networks_of(lines, [elite.id for elite in hand.elites], count)
+        assert [best.id for best in hand.best(count)] == [network.id for network in chosen[1:]]
 
 
 def test_tables_and_figures_look_at_the_same_networks(searched: Path) -> None:

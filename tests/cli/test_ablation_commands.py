@@ -37,7 +37,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def with_hash(directory: SweepDirectory, job: Job) -> Job:
     """Give a job the hash of its run's configuration, as launching does."""
-    return replace(job, config=recorded_hash(directory.run(job).read_run()["config"]))
+    return replace(job, config=recorded_hash(directory.run(job).read_run().config))
 
 
 @pytest.fixture

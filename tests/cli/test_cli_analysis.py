@@ -262,7 +262,7 @@ def _remove(run: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["tables", "figures", "report", "paper"])
-@pytest.mark.parametrize(("spoil", "said"), [(_cut, "is not finished"), (_remove, "is not the folder of a run")])
+@pytest.mark.parametrize(("spoil", "said"), [(_cut, "is not finished"), (_remove, "expected the directory of a run")])
 def test_what_is_no_finished_run_is_refused(
     command: str, spoil: Callable[[Path], None], said: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

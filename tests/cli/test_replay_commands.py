@@ -40,7 +40,7 @@ def test_edited_cost_in_a_folder_is_found(run: Path, capsys: pytest.CaptureFixtu
     first, *rest = (run / "timings.jsonl").read_text().splitlines()
     edited = json.dumps({**json.loads(first), "output_tokens": 12345})
     (run / "timings.jsonl").write_text("\n".join([edited, *rest]) + "\n")
-    refused(run, "timings.jsonl: g00s00 was recorded with", capsys)
+    refused(run, "timings.jsonl, g00s00: expected ", capsys)
 
 
 def test_edited_summary_in_a_folder_is_found(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -49,14 +49,14 @@ def test_edited_summary_in_a_folder_is_found(run: Path, capsys: pytest.CaptureFi
     described = json.loads((run / "run.json").read_text())
     described["versions"]["tacevo"] = "0.0.1"
     (run / "run.json").write_text(json.dumps(described))
-    refused(run, "the command that began the run writes it anew; this may come of another version", capsys)
+    refused(run, "the command that began the run writes it again; another version may be the reason", capsys)
 
 
 def test_renamed_study_in_a_folder_is_found(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its tables would bear the name."""
     (study,) = (run / "studies").iterdir()
     study.rename(study.with_name("forty_seeds"))
-    refused(run, f"must be {study.name}, which is what it is", capsys)
+    refused(run, f": expected {study.name} twice; got ", capsys)
 
 
 def test_unfinished_study_in_a_folder_is_passed_over(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 from analysis.runs.run import Candidate, Elite, Generation, Measured, Run, Trained
 from tacevo.costs import Spending
 from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage
-from tacevo.rules import FIRST, Era
+from tacevo.rules import FIRST
+from tacevo.search.lines import RulesLine
 
 FACTS = DataFacts(
     fingerprint="ab", kind=Kind.regression, counts=(8, 1, 1), in_channels=3, image_size=32, outputs=1, names=("F",)
@@ -132,5 +133,5 @@ def run(
         elites=tuple(elites),
         bounds=bounds,
         prompt_trials=(),
-        eras=(Era(generation=0, rules=FIRST),),
+        eras=(RulesLine(generation=0, rules=FIRST),),
     )

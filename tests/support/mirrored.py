@@ -1,14 +1,22 @@
 """Runs that a mirror can show, without a search, and what MLflow then says of them."""
 
-import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacevo.records import Json
+from fakes import TASK
+from ledger_lines import ended, header, rejected, run_record, trained
+
+from tacevo.errors import RunError
+from tacevo.records import DataFacts, Instruction, Json, Operator
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import CandidateLine, Line, line_kind
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
+from tacevo.storage.run_directory import Code, RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.typed import convert
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -16,70 +24,36 @@ if TYPE_CHECKING:
 
 #: Tags that hold the id of a folder, which is another for every folder.
 KEYS = {"tacevo.run", "tacevo.sweep_key"}
-INSTRUCTIONS = [{"id": "widen", "text": "Widen every convolution."}, {"id": "gelu", "text": "ReLU to GELU."}]
-HEADER: dict[str, Json] = {"kind": "run", "schema": 1, "task": "force"}
-BASELINE: dict[str, Json] = {
-    "kind": "candidate",
-    "generation": 0,
-    "slot": 0,
-    "id": "g00s00",
-    "operator": "baseline",
-    "parents": [],
-    "prompt": None,
-    "temperature": None,
-    "parameters": 1200,
-    "flops": 34000,
-    "arch_div": 0.5,
-    "eff_ratio": 1.5,
-    "entropy": 0.7,
-    "density": 0.3,
-    "variation": 0.5,
-    "fitness": 0.25,
-    "train_losses": [0.75, 0.5],
-    "validation_losses": [0.5, 0.25],
-    "niche": 4,
-    "status": "new",
-    "curiosity": 1.8,
-}
-MUTATION = {
-    **BASELINE,
-    "slot": 1,
-    "id": "g00s01",
-    "operator": "mutation",
-    "parents": ["g00s00"],
-    "prompt": 1,
-    "temperature": 0.625,
-    "status": "rejected",
-    "curiosity": 0.5,
-}
-REJECTED: dict[str, Json] = {
-    "kind": "candidate",
-    "generation": 0,
-    "slot": 2,
-    "id": "g00s02",
-    "operator": "crossover",
-    "parents": ["g00s00", "g00s01"],
-    "prompt": None,
-    "temperature": 0.6,
-    "stage": "policy",
-    "reason": "forbidden_import",
-}
-GENERATION: dict[str, Json] = {
-    "kind": "generation",
-    "generation": 0,
-    "temperature": 0.6,
-    "next_temperature": 0.65,
-    "candidates": 3,
-    "trained": 2,
-    "best": 0.25,
-    "generation_best": 0.25,
-    "generation_median": 0.25,
-    "coverage": 0.01,
-    "qd_score": 0.8,
-    "prompt_coverage": 0.0,
-}
-SECOND_GENERATION = {**GENERATION, "generation": 1, "candidates": 0, "trained": 0, "temperature": 0.65}
-SECOND_GENERATION |= {"generation_best": None, "generation_median": None}
+INSTRUCTIONS = (
+    Instruction(id="widen", text="Widen every convolution."),
+    Instruction(id="gelu", text="ReLU to GELU."),
+)
+HEADER = header(task="force")
+LOSSES = (0.75, 0.5)
+BASELINE = trained(
+    "g00s00", 0.25, train_losses=LOSSES, parameters=1200, flops=34000, arch_div=0.5, eff_ratio=1.5, niche=4
+)
+MUTATION = trained(
+    "g00s01",
+    0.25,
+    train_losses=LOSSES,
+    prompt=1,
+    temperature=0.625,
+    status=AddStatus.rejected,
+    curiosity=0.5,
+    niche=4,
+    parents=("g00s00",),
+)
+REJECTED = rejected(
+    "g00s02",
+    "policy",
+    "forbidden_import",
+    operator=Operator.crossover,
+    parents=("g00s00", "g00s01"),
+    prompt=None,
+)
+GENERATION = ended(0)
+SECOND_GENERATION = ended(1, candidates=0, trained=0, temperature=0.65, generation_best=None, generation_median=None)
 #: A data set of the sensor's forces, and a commit, as run.json has them.
 DATA: dict[str, Json] = {
     "fingerprint": "0123456789abcdef" * 4,
@@ -91,16 +65,16 @@ DATA: dict[str, Json] = {
     "names": ["Fx", "Fy", "Fz"],
 }
 CODE: dict[str, Json] = {"commit": "fedcba98" * 5, "dirty": False}
-ENTRIES = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
+ENTRIES: list[Line] = [HEADER, BASELINE, MUTATION, REJECTED, GENERATION, SECOND_GENERATION]
 
 
-def build_run(run_dir: Path, entries: list[dict[str, Json]], *, whole: bool = True) -> str:
+def build_run(run_dir: Path, entries: Sequence[Line], *, whole: bool = True) -> str:
     """Write a run directory, or take one further, as a search does; return the digest of its ledger."""
     run_dir.mkdir(parents=True, exist_ok=True)
     for entry in entries:
-        if "fitness" in entry:
-            write_durably(run_dir / "candidates" / f"{entry['id']}.py", f"# {entry['id']}\n")
-    with Ledger(run_dir / "ledger.jsonl") as ledger:
+        if isinstance(entry, CandidateLine) and entry.fitness is not None:
+            write_durably(run_dir / "candidates" / f"{entry.id}.py", f"# {entry.id}\n")
+    with Ledger.open(run_dir / "ledger.jsonl", line_kind) as ledger:
         for entry in entries:
             ledger.commit(entry)
         digest = ledger.digest
@@ -116,8 +90,10 @@ def write_facts(run_dir: Path, digest: str | None) -> None:
         "data": {"source": "simulated", "root": None},
         "tracking": {"kind": "none", "uri": "", "experiment": "tacevo"},
     }
-    facts = {"schema": 1, "name": run_dir.name, "config": config, "data": DATA, "code": CODE, "digest": digest}
-    write_durably(run_dir / "run.json", json.dumps({**facts, "task": {"name": "force", "instructions": INSTRUCTIONS}}))
+    task = replace(TASK, name="force", instructions=INSTRUCTIONS)
+    data = convert(DataFacts, DATA, place="DATA", error=RunError)
+    facts = {"name": run_dir.name, "config": config, "task": task, "data": data, "code": Code(**CODE)}
+    RunDirectory(run_dir).write_run(run_record(**facts, digest=digest))
 
 
 def mirror_once(run_dir: Path, uri: str) -> None:
@@ -184,7 +160,7 @@ def everything(uri: str) -> dict[tuple[str, ...], Any]:
     return said
 
 
-def build_sweep(folder: Path, entries: list[dict[str, Json]], *, arms: Sequence[str] = ("none", "greedy")) -> None:
+def build_sweep(folder: Path, entries: Sequence[Line], *, arms: Sequence[str] = ("none", "greedy")) -> None:
     """Write the folder of a sweep, with a whole run for each arm, and one that is not begun for the next seed."""
     jobs = [
         Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="0" * 64)

@@ -7,6 +7,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -70,7 +71,7 @@ def test_damaged_run_is_named_and_the_others_are_written(
     out, errors = capsys.readouterr()
     assert "2 runs of" in out
     edited, lost = errors.splitlines()
-    assert "edited/ledger.jsonl, line 2 does not match its hash" in edited
+    assert "edited/ledger.jsonl, line 2: expected the line of its hash" in edited
     assert "it has no run.json" in lost
     assert {path[0] for path in everything(uri)} == {"a", "z"}
     written = files_below(runs)
@@ -121,7 +122,7 @@ def test_store_that_is_not_there_is_asked_once(tmp_path: Path, monkeypatch: pyte
 
 def test_killed_command_is_completed_by_the_next(tmp_path: Path, uri: str) -> None:
     """Killed in the middle of a run, and given again, it leaves what an undisturbed one leaves."""
-    many = [{**BASELINE, "slot": slot, "id": f"g00s{slot:02}"} for slot in range(40)]
+    many = [replace(BASELINE, slot=slot, id=f"g00s{slot:02}") for slot in range(40)]
     for name in ("a", "b"):
         build_run(tmp_path / "runs" / name, [ENTRIES[0], *many, ENTRIES[-2]])
     database = tmp_path / "killed.db"

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,8 +36,11 @@ from mirrored import (
 )
 
 from tacevo.costs import Spending
-from tacevo.records import Json, to_json
+from tacevo.records import Reason, Stage
 from tacevo.redaction import Veil, without_password
+from tacevo.search.archive import AddStatus
+from tacevo.search.lines import Line, RepairedAnswer
+from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
@@ -114,7 +118,7 @@ def test_losses_are_steps_from_epoch_one() -> None:
 @pytest.mark.parametrize(("status", "inserted"), [("new", 1.0), ("improved", 1.0), ("rejected", 0.0)])
 def test_inserted_tells_whether_the_archive_took_it(status: str, inserted: float) -> None:
     """A new niche and an improved one both count as an insertion."""
-    measures = candidate_measures({**BASELINE, "status": status})
+    measures = candidate_measures(replace(BASELINE, status=AddStatus(status)))
     assert Measure(key="inserted", value=inserted, step=0) in measures
 
 
@@ -296,9 +300,9 @@ def test_candidate_left_unfinished_is_replaced(run_dir: Path, uri: str) -> None:
     assert open_store(uri)[2]["g00s00"].info.run_id != nested["g00s00"].info.run_id
 
 
-OTHERS: dict[str, list[dict[str, Json]]] = {
-    "candidate": [HEADER, BASELINE, {**MUTATION, "fitness": 0.125}, *ENTRIES[3:]],
-    "generation": [*ENTRIES[:4], {**GENERATION, "coverage": 0.5}, SECOND_GENERATION],
+OTHERS: dict[str, list[Line]] = {
+    "candidate": [HEADER, BASELINE, replace(MUTATION, fitness=0.125), *ENTRIES[3:]],
+    "generation": [*ENTRIES[:4], replace(GENERATION, coverage=0.5), SECOND_GENERATION],
     "fewer candidates": [HEADER, BASELINE, GENERATION],
     "nothing yet": [HEADER],
 }
@@ -306,7 +310,7 @@ OTHERS: dict[str, list[dict[str, Json]]] = {
 
 @pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS.keys())
 def test_search_begun_anew_in_its_folder_is_not_mixed_with_the_former(
-    other: list[dict[str, Json]], run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
+    other: list[Line], run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
 ) -> None:
     """Of the same settings, name and id, but another ledger: what MLflow shows is this one's alone."""
     mirror_once(run_dir, uri)
@@ -381,16 +385,19 @@ def test_line_without_its_end_waits(tmp_path: Path) -> None:
     from tacevo.tracking.mirror import follow
 
     path = tmp_path / "ledger.jsonl"
-    path.write_text('{"slot": 0}\n{"slo', encoding="utf-8")
+    text, digest = sealed_text([HEADER, GENERATION])
+    path.write_text(text[:-9], encoding="utf-8")
     answers = iter([False, True])
 
     def finished() -> bool:
         last = next(answers)
         if last:
-            path.write_text('{"slot": 0}\n{"slot": 1}\n', encoding="utf-8")
+            path.write_text(text, encoding="utf-8")
         return last
 
-    assert list(follow(path, finished)) == [{"slot": 0}, {"slot": 1}]
+    lines = list(follow(path, finished))
+    assert [line for line, _ in lines] == [HEADER, GENERATION]
+    assert lines[-1][1] == digest
 
 
 def test_search_that_ended_before_its_first_line_is_no_run(tmp_path: Path, uri: str) -> None:
@@ -529,7 +536,7 @@ def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
 def test_cost_of_candidates_and_of_their_generation_reach_mlflow(run_dir: Path, uri: str) -> None:
     """What timings.jsonl says of each candidate is on its run, and the sum on the search's, at its generation."""
     for name, dollars in (("g00s01", 0.25), ("g00s02", 0.5)):
-        RunDirectory(run_dir).add_timing({"id": name, **to_json(Spending(answers=1, input_tokens=10, usd=dollars))})
+        RunDirectory(run_dir).add_timing(Spending(answers=1, input_tokens=10, usd=dollars), id=name)
     mirror_once(run_dir, uri)
     client, parent, nested = open_store(uri)
     assert nested["g00s01"].data.metrics["usd"] == 0.25
@@ -553,7 +560,7 @@ def test_cost_without_answers_or_price_is_absent() -> None:
 
 def test_repairs_are_shown_apart() -> None:
     """A repaired candidate says how often it was sent back, and a generation how many trained after that."""
-    line = {**MUTATION, "repairs": [{"answer": "0", "stage": "probe", "reason": "bad_output"}]}
+    line = replace(MUTATION, repairs=(RepairedAnswer(answer="0", stage=Stage.probe, reason=Reason.bad_output),))
     assert candidate_params(line, INSTRUCTIONS)["repairs"] == "1"
-    measures = {measure.key: measure.value for measure in generation_measures({**SECOND_GENERATION, "repaired": 2})}
+    measures = {measure.key: measure.value for measure in generation_measures(replace(SECOND_GENERATION, repaired=2))}
     assert measures["repaired"] == 2

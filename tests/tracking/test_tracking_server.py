@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
@@ -137,7 +138,7 @@ def test_server_that_loses_answers_and_is_killed_has_each_run_once(
     An answer that is lost after the run was made has the client ask again, which makes it twice.
     """
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "8")  # as slow as it may start here
-    more = [{**BASELINE, "slot": slot, "id": f"g00s{slot:02}"} for slot in range(3, 9)]
+    more = [replace(BASELINE, slot=slot, id=f"g00s{slot:02}") for slot in range(3, 9)]
     build_sweep(tmp_path / "runs" / "sweep", [*ENTRIES[:4], *more, *ENTRIES[4:]])
     build_run(tmp_path / "runs" / "alone", ENTRIES)
 

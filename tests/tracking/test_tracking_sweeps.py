@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from threading import Barrier
 
@@ -218,9 +219,9 @@ def test_password_of_a_sweep_is_not_shown(sweep: Path, uri: str) -> None:
 
 def test_totals_adds_up_what_generations_say() -> None:
     """Improvement on generation 0, mean trainable share from generation 1 on, evaluations and costs so far."""
-    second = {**GENERATION, "generation": 1, "candidates": 4, "trained": 1, "repaired": 2, "best": 0.125}
+    second = replace(GENERATION, generation=1, candidates=4, trained=1, repaired=2, best=0.125)
     totals = Totals().after(GENERATION, Spending()).after(second, Spending(answers=1, input_tokens=5, usd=0.5))
-    third = {**second, "generation": 2, "trained": 3, "repaired": 0}
+    third = replace(second, generation=2, trained=3, repaired=0)
     totals = totals.after(third, Spending(answers=2, input_tokens=7, usd=0.25))
     measures = {measure.key: measure for measure in total_measures(totals, third)}
     assert {measure.step for measure in measures.values()} == {2}
@@ -237,7 +238,7 @@ def test_totals_adds_up_what_generations_say() -> None:
 
 def test_totals_leaves_out_what_does_not_apply_yet() -> None:
     """Before anything is trained there is no improvement; generation 0 has no share of trainable answers."""
-    nothing = {**SECOND_GENERATION, "generation": 0, "candidates": 1, "best": None}
+    nothing = replace(SECOND_GENERATION, generation=0, candidates=1, best=None)
     assert total_measures(Totals().after(nothing, Spending()), nothing) == (
         Measure(key="trained_candidates", value=0.0, step=0),
     )
