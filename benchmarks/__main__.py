@@ -21,6 +21,7 @@ from benchmarks.timing import medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
+from tacevo.config.recorded import read_recorded
 from tacevo.data.sources.images import decode
 from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
@@ -108,7 +109,7 @@ def replaying() -> str:
         places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
         view = _silent()
         recorded = medians({"recording": lambda: search(compose([*small, *places]), view)}, rounds=1)
-        replayed = medians({"replay": lambda: replay(Path(folder) / "run", None, view)}, rounds=5)
+        replayed = medians({"replay": lambda: replay(read_recorded(Path(folder) / "run"), view)}, rounds=5)
     return report("replay of 21 candidates", {**replayed, **recorded}, unit="s")
 
 

@@ -19,14 +19,13 @@ from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.profile import Profile
-from tacevo.records import DataFacts, Json, Limits, Mode, to_json
+from tacevo.records import DataFacts, Json, Limits, Mode, Task, to_json
 from tacevo.rules import CURRENT, Rules
 from tacevo.runs.progress import View
 from tacevo.runs.session import Result, record
 from tacevo.runs.wiring import ENTRIES, build_gate, build_tools
 from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.search.development import Tools
-from tacevo.search.proposals import Task
 from tacevo.training.evaluation import Examples
 from tacevo.training.numerics import environment
 

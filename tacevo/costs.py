@@ -1,14 +1,11 @@
 """What answers cost, added up: for a candidate, a generation, a run or a store. Pure."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Self
 
-from tacevo.records import Completion, Json
+from tacevo.records import Completion
 from tacevo.text import counted
 
 
@@ -23,21 +20,6 @@ class Spending:
     usd: float = 0.0
     #: Answers without a price.
     unpriced: int = 0
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Take a spending out of a mapping that may hold more; what is missing is 0.
-
-        Raises:
-            TypeError, ValueError: a figure is not a number.
-        """
-        return cls(
-            answers=int(value.get("answers", 0)),
-            input_tokens=int(value.get("input_tokens", 0)),
-            output_tokens=int(value.get("output_tokens", 0)),
-            usd=float(value.get("usd", 0.0)),
-            unpriced=int(value.get("unpriced", 0)),
-        )
 
 
 def spending_on(completions: Iterable[Completion]) -> Spending:

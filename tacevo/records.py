@@ -238,8 +238,38 @@ class Contract:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Instruction:
+    """One entry of a prompt library."""
+
+    __pydantic_config__ = STRICT
+
+    id: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A task as data: its contract and the texts that ask for networks."""
+
+    __pydantic_config__ = STRICT
+
+    name: str
+    contract: Contract
+    #: Source of the baseline class a0.
+    baseline: str
+    #: The filled-in system prompt.
+    system: str
+    #: The prompt library, in order; a prompt index points into it.
+    instructions: tuple[Instruction, ...]
+    #: The fixed instruction of every crossover.
+    crossover: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """What a candidate may use; over a limit it is killed or rejected with a typed reason."""
+
+    __pydantic_config__ = STRICT
 
     __pydantic_config__ = STRICT
 
@@ -333,3 +363,16 @@ def to_json(record: Any) -> Json:
     if isinstance(record, Sequence) and not isinstance(record, str):
         return [to_json(value) for value in record]
     return record
+
+
+def written(record: Any) -> Json:
+    """Turn a record into JSON as `to_json` does, without the fields that are at their defaults; `kind` always stays.
+
+    So a field that came later leaves the bytes of older records as they are.
+    """
+    if dataclasses.is_dataclass(record) and not isinstance(record, type):
+        fields = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
+        return {field.name: written(value) for field, value in fields if field.name == "kind" or value != field.default}
+    if isinstance(record, tuple):
+        return [written(value) for value in record]
+    return to_json(record)

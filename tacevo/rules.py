@@ -5,13 +5,11 @@ recorded verdicts, profiles and trainings outlive the code that made them. Raise
 of its part that may give another answer; docs/publishing.md says what a raise costs the users.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import pairwise
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Json
+from tacevo.records import STRICT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,21 +24,9 @@ class Rules:
     probe: int
     #: Trainer and judgement of its answer; part of the key of every evaluation.
     training: int
-    #: The pure core: descriptors, archives, temperature, prompts, proposals. It is computed anew in every replay.
+    #: The pure core: descriptors, archives, temperature, prompts, proposals. Every replay computes it again.
     #: From 2 on, a candidate's line names the sampling settings that were not sent.
     core: int
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `recorded` wrote.
-
-        Raises:
-            ValueError: a number is missing, is not an integer, or is one too many.
-        """
-        names = set(cls.__dataclass_fields__)
-        if value.keys() != names or not all(type(number) is int for number in value.values()):
-            raise ValueError(f"expected rules with an integer for each of {sorted(names)}; got {dict(value)}")
-        return cls(**value)
 
 
 #: Rules of the runs whose ledgers record none: those of the first published runs.
@@ -71,71 +57,6 @@ FIRST_PAGES = 1
 PAGES = 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Era:
-    """Generations of a run that were made under the same rules: a run that was continued later may have several."""
-
-    #: The first generation.
-    generation: int
-    rules: Rules
-
-    def line(self) -> dict[str, Json]:
-        """Write the ledger line with which the era begins; the first era begins with the run's header."""
-        return {"kind": "rules", "generation": self.generation, "rules": asdict(self.rules)}
-
-
-def recorded(rules: Rules) -> dict[str, Json]:
-    """Write what a ledger's header records; nothing for the first rules, whose headers had no field for them."""
-    return {} if rules == FIRST else {"rules": asdict(rules)}
-
-
-def eras_of(ledger: Sequence[Mapping[str, Json]]) -> tuple[Era, ...]:
-    """List the eras of a run, in order.
-
-    Args:
-        ledger: its lines, with the header at least.
-
-    Raises:
-        ValueError: a line does not record rules as this package writes them.
-    """
-    eras = [Era(generation=0, rules=_first(ledger))]
-    for line in ledger:
-        if line["kind"] == "rules":
-            eras.append(Era(generation=line["generation"], rules=Rules.from_json(line["rules"])))
-            if eras[-1].generation <= eras[-2].generation:
-                raise ValueError(f"expected eras that begin one after the other; got generation {line['generation']}")
-    return tuple(eras)
-
-
-def eras_in_words(eras: Sequence[Era]) -> str:
-    """Write the numbers that a run began with, and from which generation on which of them changed.
-
-    Args:
-        eras: those of one run, in order; at least one.
-    """
-    begun, *_ = eras
-    words = [", ".join(f"{part} {number}" for part, number in asdict(begun.rules).items())]
-    for before, era in pairwise(eras):
-        changed = asdict(era.rules).items() - asdict(before.rules).items()
-        words.append(f"from generation {era.generation} " + ", ".join(f"{part} {to}" for part, to in sorted(changed)))
-    return "; ".join(words)
-
-
-def by_rules(ledger: Sequence[Mapping[str, Json]]) -> Iterator[tuple[Rules, Mapping[str, Json]]]:
-    """Yield every line with the rules that it was made under."""
-    rules = _first(ledger)
-    for line in ledger:
-        if line["kind"] == "rules":
-            rules = Rules.from_json(line["rules"])
-        yield rules, line
-
-
-def _first(ledger: Sequence[Mapping[str, Json]]) -> Rules:
-    """Read the rules that a run began under."""
-    header = ledger[0].get("rules")
-    return FIRST if header is None else Rules.from_json(header)
-
-
 def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:
     """Check that this code can still compute what a run was made with.
 
@@ -154,9 +75,8 @@ def check_known(part: str, number: int, known: frozenset[int], place: object) ->
     remedy = (
         "a later release made it: update tacevo"
         if release is None
-        else f"release {release} can: git checkout v{release} && make setup"
+        else f"release {release} can compute it: git checkout v{release} && make setup"
     )
-    listed = ", ".join(map(str, sorted(known)))
     raise RunError(
-        f"{place} was made under {part} rules {number}; this release computes {part} rules {listed}; {remedy}"
+        str(number), place=str(place), expected=f"{part} rules {', '.join(map(str, sorted(known)))}", remedy=remedy
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.runs.dynamics import Productivity, Progress
-from analysis.runs.run import Run, sent_temperature
+from analysis.runs.run import Run
 from tacevo.records import Stage
 
 #: How candidates that a stage rejected are drawn: label, colour, hatching.
@@ -105,7 +105,7 @@ def temperature(run: Run) -> Figure:
     A title says where temperatures were not sent.
     """
     figure, (axes,) = new_figure("single", 2.2)
-    sent = [(entry.generation, sent_temperature(entry)) for entry in run.candidates]
+    sent = [(entry.generation, entry.sent_temperature) for entry in run.candidates]
     asked = [(generation, value) for generation, value in sent if value is not None]
     if asked:
         axes.plot(*zip(*asked, strict=True), ".", color=GREY, markersize=2, label="requests")

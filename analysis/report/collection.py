@@ -26,7 +26,7 @@ from analysis.tables.health import health_table, niches_table
 from analysis.tables.motifs import anatomies_table, motifs_table
 from tacevo.errors import RunError
 from tacevo.profile import Profile
-from tacevo.storage.study_directory import studies_of
+from tacevo.studies.directory import studies_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from analysis.report.figure_list import Picture
 from analysis.table import Table
 from analysis.tables.rendering import table_texts
 from tacevo.storage.files import write_durably
-from tacevo.storage.study_directory import NAME
+from tacevo.studies.directory import NAME
 
 #: Is called with the name of a picture once its files are written.
 OnDrawn = Callable[[str], object]

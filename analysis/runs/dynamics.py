@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.runs.run import Run, sent_temperature, was_inserted
+from analysis.runs.run import Run, was_inserted
 from tacevo.costs import Spending, total
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rounding import DIGITS
@@ -204,7 +204,7 @@ def by_temperature(run: Run) -> tuple[Productivity, ...]:
     """Return the productivity of every band of the requests' temperatures in which something was asked, rising."""
     bands: dict[int, list[CandidateLine]] = {}
     for candidate in _mutations(run):
-        temperature = sent_temperature(candidate)
+        temperature = candidate.sent_temperature
         if temperature is not None:
             band = min(int(temperature * BANDS), BANDS - 1)  # the last band holds its upper end
             bands.setdefault(band, []).append(candidate)

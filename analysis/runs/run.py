@@ -7,49 +7,24 @@ run that is not finished is rejected. Nothing is computed here beyond what the f
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-from pydantic import Field
 
 from tacevo.choices import ArchiveKind, Scale
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Json, Operator, to_json
-from tacevo.rules import Era
+from tacevo.records import DataFacts, Operator, Task, to_json
 from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
-from tacevo.search.lines import CandidateLine, GenerationLine, RulesLine, RunLine
-from tacevo.search.proposals import Task
-from tacevo.search.unsent import TEMPERATURE, not_sent
+from tacevo.search.files import EliteEntry, TrialEntry, read_archives, read_finished
+from tacevo.search.lines import CandidateLine, GenerationLine, RulesLine, RunLine, eras_of
+from tacevo.search.unsent import not_sent
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.ledger import unsealed
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.typed import convert
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Occupant:
-    """An elite of the network archive, with the niche that it holds at the end."""
-
-    niche: int
-    id: str
-    fitness: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PromptTrial:
-    """The trial that holds a niche of the prompt archive."""
-
-    niche: int
-    prompt: int
-    temperature: float
-    inserted: bool
-    curiosity: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,14 +42,14 @@ class Run:
     instructions: tuple[str, ...]
     candidates: tuple[CandidateLine, ...]
     generations: tuple[GenerationLine, ...]
-    elites: tuple[Occupant, ...]
+    elites: tuple[EliteEntry, ...]
     #: What the archive ended with; None where nothing was trained, or there are no niches.
     bounds: Bounds | None
-    prompt_trials: tuple[PromptTrial, ...]
+    prompt_trials: tuple[TrialEntry, ...]
     #: The rules that it was made under, from which generation on; at least one.
-    eras: tuple[Era, ...]
+    eras: tuple[RulesLine, ...]
     #: Of Python and packages, by name.
-    versions: Mapping[str, Json]
+    versions: Mapping[str, str]
     #: What the answers of a candidate cost, by its id, as far as timings.jsonl has it.
     spent: Mapping[str, Spending]
 
@@ -113,7 +88,7 @@ class Run:
         """Words on the sampling settings that were not sent, by setting (see `tacevo.search.unsent.not_sent`)."""
         return not_sent([one.dropped for one in self.answered])
 
-    def ranked(self) -> tuple[Occupant, ...]:
+    def ranked(self) -> tuple[EliteEntry, ...]:
         """Return the elites, best fitness first; the earlier candidate where two are equal."""
         return tuple(sorted(self.elites, key=lambda elite: (elite.fitness, elite.id)))
 
@@ -132,11 +107,6 @@ def was_inserted(candidate: CandidateLine) -> bool:
     return candidate.status in {AddStatus.new, AddStatus.improved}
 
 
-def sent_temperature(candidate: CandidateLine) -> float | None:
-    """Return the temperature that a request was sent with; None for the baseline, and where the model refuses it."""
-    return None if TEMPERATURE in candidate.dropped else candidate.temperature
-
-
 def descriptors_of(candidate: CandidateLine, scale: Scale) -> tuple[float, float]:
     """Return ArchDiv and EffRatio of a trained candidate, the latter on a scale.
 
@@ -148,37 +118,6 @@ def descriptors_of(candidate: CandidateLine, scale: Scale) -> tuple[float, float
     return candidate.arch_div, scaled(candidate.eff_ratio, scale)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Description:
-    """What is read of run.json."""
-
-    config: RunConfig
-    task: Task
-    digest: str
-    versions: dict[str, Json]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Archive:
-    elites: tuple[Occupant, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Prompts:
-    trials: tuple[PromptTrial, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Files:
-    """What is read of a run directory."""
-
-    run: _Description
-    header: RunLine
-    ledger: tuple[Annotated[RulesLine | CandidateLine | GenerationLine, Field(discriminator="kind")], ...]
-    archive: _Archive
-    prompts: _Prompts
-
-
 def load_run(path: Path) -> Run:
     """Read the directory of a finished run.
 
@@ -186,41 +125,37 @@ def load_run(path: Path) -> Run:
         RunError: it does not hold a run, is not finished, or was damaged or edited; the message names the file.
     """
     directory = RunDirectory(path)
-    lines = directory.read_finished()
-    archive, prompts = directory.read_archives(lines)
-    header, *later = map(unsealed, lines)
-    content = {"run": directory.read_run(), "header": header, "ledger": later, "archive": archive, "prompts": prompts}
-    files = convert(_Files, content, place=str(path), error=RunError, remedy="restore the directory")
-    _check_description(path, files)
-    candidates = tuple(line for line in files.ledger if isinstance(line, CandidateLine))
-    generations = tuple(line for line in files.ledger if isinstance(line, GenerationLine))
-    rules = (line for line in files.ledger if isinstance(line, RulesLine))
+    record, ledger = read_finished(directory)
+    header = next(line for line in ledger.lines if isinstance(line, RunLine))
+    config = convert(
+        RunConfig, record.config, place=f"{path}/run.json, config", error=RunError, remedy="restore the file"
+    )
+    _check_description(path, config, record.task, header)
+    candidates = tuple(line for line in ledger.lines if isinstance(line, CandidateLine))
+    generations = tuple(line for line in ledger.lines if isinstance(line, GenerationLine))
+    networks, prompts = read_archives(directory, generations[-1])
     return Run(
         path=path,
         name=path.resolve().name,
-        digest=files.run.digest,
-        config=files.run.config,
-        facts=files.header.data,
-        centroids=files.header.centroids,
-        instructions=tuple(instruction.id for instruction in files.run.task.instructions),
+        digest=ledger.digest,
+        config=config,
+        facts=header.data,
+        centroids=header.centroids,
+        instructions=tuple(instruction.id for instruction in record.task.instructions),
         candidates=candidates,
         generations=generations,
-        elites=files.archive.elites,
-        bounds=generations[-1].bounds,
-        prompt_trials=files.prompts.trials,
-        eras=(
-            Era(generation=0, rules=files.header.rules),
-            *(Era(generation=line.generation, rules=line.rules) for line in rules),
-        ),
-        versions=files.run.versions,
+        elites=networks.elites,
+        bounds=networks.bounds,
+        prompt_trials=prompts.trials,
+        eras=eras_of(ledger.lines),
+        versions=record.versions,
         spent=directory.read_spending(),
     )
 
 
-def _check_description(path: Path, files: _Files) -> None:
+def _check_description(path: Path, config: RunConfig, task: Task, header: RunLine) -> None:
     """Check that run.json has the configuration and the task of the ledger's first line."""
-    same_config = to_json(identity(files.run.config)) == files.header.config
-    if not same_config or content_hash(to_json(files.run.task)) != files.header.task:
+    if to_json(identity(config)) != header.config or content_hash(to_json(task)) != header.task:
         raise RunError(
             "another one",
             place=f"{path}/run.json",

@@ -7,29 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.records import Kind, Recipe
+from tacevo.studies.lines import Network
 from tacevo.studies.terms import Terms
 
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
 
 LOWER_IS_BETTER = {"mse": True, "accuracy": False}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Network:
-    """A network of the study."""
-
-    #: `baseline`, or `variant 1` for the best elite, `variant 2` for the next, ...
-    name: str
-    #: The candidate's id in the run.
-    id: str
-    #: SHA-256 of its source.
-    source: str
-    #: Its fitness in the search, by which it was chosen.
-    fitness: float
-    parameters: int
-    #: Of one image, forwards.
-    flops: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,52 +1,17 @@
 """Finished studies as records; one that is not whole is rejected, with the rows named."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.studies.scores import Network, Score, Study
+from analysis.studies.scores import Score, Study
 from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Reason, Recipe
-from tacevo.storage.study_directory import StudyDirectory
-from tacevo.studies.terms import Terms
+from tacevo.studies.directory import StudyDirectory
+from tacevo.studies.lines import FailedLine, ScoreLine
 from tacevo.text import listed
-from tacevo.typed import convert
 
 #: Rows that a message names.
 MOST = 6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Header:
-    """What is read of the first line of scores.jsonl."""
-
-    run: str
-    task: str
-    data: DataFacts
-    recipe: Recipe
-    numerics: str
-    terms: Terms
-    seeds: int
-    networks: tuple[Network, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Failed:
-    """A training that failed."""
-
-    network: str
-    seed: int
-    reason: Reason
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Files:
-    """What is read of a study's directory."""
-
-    header: _Header
-    scores: tuple[Score | _Failed, ...]
-    units: tuple[str, ...]
 
 
 def load_study(path: Path) -> Study:
@@ -57,36 +22,37 @@ def load_study(path: Path) -> Study:
             the message names the rows.
     """
     directory = StudyDirectory(path)
-    described = directory.read()
-    header, *lines = directory.read_scores()
-    if described.get("digest") != (header, *lines)[-1]["hash"]:
+    record, scores = directory.read(), directory.read_scores()
+    if record.digest != scores.digest:
         raise RunError(
             "another digest, or none",
             place=f"{path}/study.json",
             expected="the digest that scores.jsonl ends with",
             remedy="continue the study by `tacevo study`",
         )
-    content = {"header": header, "scores": lines, "units": described.get("units")}
-    files = convert(_Files, content, place=str(path), error=RunError, remedy="restore the directory")
-    _check_failed(path, [row for row in files.scores if isinstance(row, _Failed)])
-    found, facts = files.header, files.header.data
-    if len(files.units) not in {0, len(facts.names)}:
+    _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
+    found, facts = scores.header, scores.header.data
+    if len(record.units) not in {0, len(facts.names)}:
         raise RunError(
-            listed(files.units), place=f"{path}/study.json, units", expected=f"one for each of {listed(facts.names)}"
+            listed(record.units), place=f"{path}/study.json, units", expected=f"one for each of {listed(facts.names)}"
         )
     study = Study(
         run=found.run,
         task=found.task,
         kind=facts.kind,
         names=facts.names,
-        units=files.units,
+        units=record.units,
         fingerprint=facts.fingerprint,
         recipe=found.recipe,
         numerics=found.numerics,
         terms=found.terms,
         seeds=found.seeds,
         networks=found.networks,
-        scores=tuple(row for row in files.scores if isinstance(row, Score)),
+        scores=tuple(
+            Score(network=row.network, seed=row.seed, epoch=row.epoch, metrics=row.metrics, confusion=row.confusion)
+            for row in scores.rows
+            if isinstance(row, ScoreLine)
+        ),
     )
     check_study(study)
     return study
@@ -119,7 +85,7 @@ def _networks(study: Study) -> str:
     return f"{listed(network.name for network in study.networks)} of run {study.run[:12]}"
 
 
-def _check_failed(path: Path, failed: Sequence[_Failed]) -> None:
+def _check_failed(path: Path, failed: Sequence[FailedLine]) -> None:
     """Check that no training failed."""
     if failed:
         rows = listed((f"{row.network} with seed {row.seed}" for row in failed), most=MOST)

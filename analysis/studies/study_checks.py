@@ -4,8 +4,9 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 
 from analysis.statistics.samples import not_finite
-from analysis.studies.scores import Network, Study
+from analysis.studies.scores import Study
 from tacevo.errors import RunError
+from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
 BASELINE = "baseline"

@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 
 from analysis.runs.dynamics import improvement, spending
-from analysis.runs.run import Run, sent_temperature
+from analysis.runs.run import Run
 from analysis.statistics.effects import Effects, Interval, effects, median
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.warnings import Caution, cautions
@@ -200,7 +200,7 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
     """Leave out what changes no network: texts of requests and answers, and what the prompt archive recorded."""
     return replace(
         candidate,
-        temperature=sent_temperature(candidate),
+        temperature=candidate.sent_temperature,
         request=None,
         answer=None,
         repairs=tuple(replace(sent, answer="") for sent in candidate.repairs),

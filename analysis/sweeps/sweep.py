@@ -7,6 +7,7 @@ from pathlib import Path
 from analysis.runs.run import Run, load_run
 from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
+from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 
 #: The arm that all others are compared with: the search as it is.
@@ -76,7 +77,7 @@ def load_sweep(path: Path) -> Sweep:
 def _absence(directory: SweepDirectory, job: Job) -> str | None:
     """Return why a job has no result; None where it has one."""
     run = directory.run(job)
-    if run.finished_digest() is not None:
+    if finished_digest(run) is not None:
         return None
     failure = directory.failure(job)
     if failure is not None:

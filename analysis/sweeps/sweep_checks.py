@@ -11,7 +11,7 @@ from typing import NoReturn
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json, to_json
-from tacevo.rules import eras_in_words
+from tacevo.search.lines import eras_in_words
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 

@@ -9,12 +9,13 @@ from analysis.statistics.samples import Sample
 from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
 from analysis.studies.metrics import SHARES, metric_name, named_metrics
-from analysis.studies.scores import LOWER_IS_BETTER, Network, Study
+from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.warnings import caution_notes
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.rounding import rounded
+from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
 

@@ -13,20 +13,20 @@ from pathlib import Path
 from tacevo.bundles.open import Opened, insist_on_walls
 from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.identity import identity
-from tacevo.config.recorded import read_run
+from tacevo.config.recorded import read_recorded
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import Json, Mode
-from tacevo.rules import CURRENT, Era, Rules, eras_of
+from tacevo.rules import CURRENT, Rules
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import View
 from tacevo.runs.session import Result, record, require_means
 from tacevo.runs.wiring import open_tools
 from tacevo.sandbox.client import Notice
 from tacevo.search.development import Tools
+from tacevo.search.lines import RulesLine
 from tacevo.storage.canonical import differences, readable, shown
 from tacevo.storage.listing import take_in
-from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import counted
 
 #: Groups that say where and how safely a run is computed and written: those of the published run are another machine's.
@@ -59,33 +59,32 @@ def continue_run(
         "SWEEP/JOB -o FILE.zip`"
     )
     insist_on_walls(published)
-    directory = RunDirectory(run)
-    settings, task, facts = read_run(directory)
-    recorded = directory.read_finished()
-    config = continued(settings, overrides)
-    with directory.believed():
-        eras = _eras(recorded, settings.search.generations, mix_rules, view)
+    recorded = read_recorded(run)
+    task, facts, ledger = recorded.record.task, recorded.record.data, recorded.ledger
+    config = continued(recorded.config, overrides)
+    eras = _eras(recorded.eras, recorded.config.search.generations, mix_rules, view)
     _refuse_same_folder(config, run)
     require_means(config)
     read = sorted(check(published))
     data = load_same(config, facts, view)
     entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
     written, _ = take_in(published.store, entries, Path(config.store.root))
-    view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
+    view.say(
+        f"{counted(len(ledger.lines), 'ledger line')} replayed; {written} of {len(read)} store entries were new here"
+    )
 
     def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
         return open_tools(config, task, facts, data, Mode.record, rules=rules, notice=notice)
 
-    return record(config, task, facts, tools, view, begun=recorded, eras=eras)
+    return record(config, task, facts, tools, view, begun=ledger, eras=eras)
 
 
-def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool, view: View) -> tuple[Era, ...]:
+def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: View) -> tuple[RulesLine, ...]:
     """List the eras of a continued run: those of the published one and, where its rules are old, one more.
 
     Raises:
         RunError: they are old, and the user did not ask for a mix.
     """
-    eras = eras_of(recorded)
     last = eras[-1].rules
     if last == CURRENT:
         return eras
@@ -97,7 +96,7 @@ def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool
             "would be judged differently; continue all the same with --rules current, which the ledger records"
         )
     view.say(f"from generation {generations + 1} on, the current rules apply: {others}")
-    return (*eras, Era(generation=generations + 1, rules=CURRENT))
+    return (*eras, RulesLine(generation=generations + 1, rules=CURRENT))
 
 
 def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:

@@ -16,6 +16,7 @@ from tacevo.bundles.format import JOBS, SWEEP, unpack_verified
 from tacevo.choices import Confinement, Device
 from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
+from tacevo.search.files import finished_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, sweep_text
 
@@ -174,7 +175,7 @@ def _insist_on_finished(directory: SweepDirectory) -> None:
     """
     unfinished = []
     for job in directory.read()[1]:
-        if directory.run(job).finished_digest() is None:
+        if finished_digest(directory.run(job)) is None:
             reason = directory.failure(job)
             unfinished.append(job.name if reason is None else f"{job.name} (failed: {reason})")
     if unfinished:
@@ -192,10 +193,8 @@ def _store_of(found: Opened) -> Path:
     """
     roots = set()
     for run in found.runs:
-        directory = RunDirectory(run)
-        described = directory.read_run()
-        with directory.believed():
-            roots.add(Path(described["config"]["store"]["root"]))
+        config, _, _ = read_run(RunDirectory(run))
+        roots.add(Path(config.store.root))
     if len(roots) > 1:
         listed = ", ".join(sorted(map(str, roots)))
         raise RunError(f"the runs of {found.folder} keep their answers in several stores: {listed}; a sweep has one")
@@ -204,18 +203,11 @@ def _store_of(found: Opened) -> Path:
 
 def _name(run: Path) -> str:
     """Read the name of a run, which becomes that of a folder."""
-    directory = RunDirectory(run)
     try:
-        with directory.believed():
-            name = directory.read_run()["name"]
+        name = RunDirectory(run).read_run().name
     except RunError as error:
         raise BundleError(str(error)) from error
-    if (
-        not (isinstance(name, str) and name.isprintable())
-        or "/" in name
-        or name in {"", ".", ".."}
-        or len(name.encode()) > 255
-    ):
+    if not name.isprintable() or "/" in name or name in {"", ".", ".."} or len(name.encode()) > 255:
         raise BundleError(f"{run}/run.json: the name of a run must be that of a folder; got {json.dumps(name)[:100]}")
     return name
 

@@ -18,18 +18,19 @@ from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, rerun
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
-from tacevo.config.recorded import read_run
+from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import Json
-from tacevo.rules import FIRST_PAGES, PAGES
+from tacevo.records import to_json
+from tacevo.rules import PAGES
 from tacevo.runs.progress import View
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.runs.summary import summarise
+from tacevo.search.files import read_elites
 from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.study_directory import StudyDirectory, studies_of
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
+from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.sweeps.check import check_jobs
 
 
@@ -94,7 +95,7 @@ def publish(
         staged = _staged(request, found, folder, view)
         read: set[Path] = set()
         with standing_for(staged.folder, request.run):
-            runs = over_runs(staged, lambda run: rerun(run, str(store), view, seen=read.add), view.say)
+            runs = over_runs(staged, lambda run: rerun(read_recorded(run, str(store)), view, seen=read.add), view.say)
             if staged.jobs is not None:
                 check_jobs(SweepDirectory(staged.folder))
         tables, figures = make_pages(staged.folder, store)
@@ -119,17 +120,17 @@ def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened
         RunError: a run is not finished, or a study is none of its finished ones.
     """
     if found.jobs is None:
-        run = _publishable(RunDirectory(found.folder))
-        _stage(found.folder, run, folder / run["name"], _studies(request, found.folder, run["digest"], view))
-        return replace(found, folder=folder / run["name"])
+        run = _publishable(read_recorded(found.folder))
+        _stage(found.folder, run, folder / run.record.name, _studies(request, found.folder, run.ledger.digest, view))
+        return replace(found, folder=folder / run.record.name)
     if request.studies:
         raise RunError("a sweep is published with every finished study of its runs; name none")
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
     staged = replace(found, folder=folder / SWEEP)
     for source, target in zip(found.runs, staged.runs, strict=True):
-        run = _publishable(RunDirectory(source))
-        _stage(source, run, target, _studies(request, source, run["digest"], view))
+        run = _publishable(read_recorded(source))
+        _stage(source, run, target, _studies(request, source, run.ledger.digest, view))
     _, jobs = directory.read()
     SweepDirectory(staged.folder).write((), [_published_job(staged.folder, job) for job in jobs])
     return staged
@@ -145,15 +146,14 @@ def _published_job(folder: Path, job: Job) -> Job:
     return replace(job, arm=arm, overrides=(), config=config_hash(config))
 
 
-def _publishable(directory: RunDirectory) -> dict[str, Json]:
-    """Read run.json of a finished run without what belongs to one machine: paths, addresses, a tracker.
+def _publishable(run: RecordedRun) -> RecordedRun:
+    """Return a finished run without what belongs to one machine: paths, addresses, a tracker.
 
     None of it is part of the run's identity (`tacevo.config.identity.identity`).
     """
-    directory.read_finished()
-    run = directory.read_run()
-    with directory.believed():
-        return {**run, "name": run["name"] or "run", "config": published_config(run["config"]), "pages": PAGES}
+    record = run.record
+    config = published_config(record.config)
+    return replace(run, record=replace(record, name=record.name or "run", config=config, pages=PAGES))
 
 
 def _day(request: Request, found: Opened) -> str:
@@ -166,25 +166,25 @@ def _day(request: Request, found: Opened) -> str:
 
 
 def _last_day(run: Path) -> str:
-    path = run / "timings.jsonl"
-    try:
-        last = path.read_text(encoding="utf-8").splitlines()[-1]
-        return str(json.loads(last)["at"])[: len("YYYY-MM-DD")]
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise ConfigError(f"{path} does not say when the run ended; give the day with --date YYYY-MM-DD") from error
+    timings = RunDirectory(run).read_timings()
+    if not timings:
+        place = f"{run}/timings.jsonl"
+        raise ConfigError("none", place=place, expected="lines with a time", remedy="set the day by --date YYYY-MM-DD")
+    return timings[-1].at[: len("YYYY-MM-DD")]
 
 
-def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[StudyDirectory]) -> None:
+def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) -> None:
     """Lay what is to be published of a run into another folder."""
     shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
         if (source / name).exists() and name != "run.json":
             shutil.copy(source / name, staged / name)
     directory = RunDirectory(staged)
-    if RunDirectory(source).read_run().get("pages", FIRST_PAGES) != PAGES:  # by another release
-        summary = summarise(run, directory.read_ledger(), directory.read_elites(), directory.read_spending())
+    if run.directory.read_run().pages != PAGES:  # by another release
+        elites = [elite.id for elite in read_elites(directory)]
+        summary = summarise(run.record, run.config, run.ledger.lines, elites, directory.read_spending())
         directory.write_text("summary.md", summary)
-    directory.write_json("run.json", run)
+    directory.write_run(run.record)
     for study in studies:
         folder = staged / "studies" / study.path.name
         folder.mkdir(parents=True)
@@ -215,7 +215,7 @@ def _studies(request: Request, run: Path, digest: str, view: View) -> list[Study
 
 def _is_finished(study: StudyDirectory, digest: str) -> bool:
     recorded = study.read()
-    return recorded.get("digest") is not None and recorded.get("run") == digest
+    return recorded.digest is not None and recorded.run == digest
 
 
 def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
@@ -237,11 +237,10 @@ def _run_members(place: str, staged: Path, done: Rerun) -> dict[str, bytes]:
 
 def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     """Gather what the pages say of what is published."""
-    directories = [RunDirectory(path) for path in staged.runs]
     jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
     return Subject(
-        runs=tuple(directory.read_run() for directory in directories),
-        candidates=sum(line["kind"] == "candidate" for directory in directories for line in directory.read_ledger()),
+        runs=tuple(to_json(done.run.record) for done in runs),
+        candidates=sum(len(done.run.candidates) for done in runs),
         studies=tuple(done.studies for done in runs),
         jobs=jobs,
     )

@@ -12,18 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.bundles.open import Opened, over_runs
-from tacevo.config.recorded import doubting
+from tacevo.config.recorded import RecordedRun, doubting, read_recorded
 from tacevo.environment import deviations, versions
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
 from tacevo.reproduce.replay import Replayed, replay
-from tacevo.rules import FIRST_PAGES, PAGES
+from tacevo.rules import PAGES
 from tacevo.runs.progress import View
 from tacevo.runs.summary import summarise
-from tacevo.storage.ledger import unsealed
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.search.files import read_elites
 from tacevo.storage.store import EMPTY, OTHERWISE, Seen
-from tacevo.storage.study_directory import name_study, studies_of
 from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.studies.directory import name_study, studies_of
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
@@ -38,11 +37,15 @@ _INCOMPLETE = "a bundle has every entry that its replay reads, so this one was e
 class Rerun:
     """A run whose search and studies were run again, and found to be as recorded."""
 
+    run: RecordedRun
     replayed: Replayed
     #: Digest of each study, by name.
     studies: Mapping[str, str]
-    #: Number of the summary, which was compared where it is the current one (`tacevo.rules.PAGES`).
-    pages: int
+
+    @property
+    def pages(self) -> int:
+        """Number of the summary, which was compared where it is the current one (`tacevo.rules.PAGES`)."""
+        return self.run.record.pages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +83,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
 
     def check(run: Path) -> Rerun:
         with _refusing(run):
-            checked = rerun(run, str(bundle.store), view, seen=read.add)
+            checked = rerun(read_recorded(run, str(bundle.store)), view, seen=read.add)
             _check_files(run, checked)
             return checked
 
@@ -99,12 +102,11 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
     return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
 
 
-def rerun(run: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Rerun:
-    """Run a search and its studies again, and hold all of its own files against that.
+def rerun(run: RecordedRun, view: View, *, seen: Seen | None = None) -> Rerun:
+    """Run a search and its studies again, and compare all of its own files with that.
 
     Args:
-        run: its folder.
-        store: where the stores lie, if not where the run had them.
+        run: the run.
         view: who is told.
         seen: told of every store entry that is read.
 
@@ -112,15 +114,15 @@ def rerun(run: Path, store: str | None, view: View, *, seen: Seen | None = None)
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
     """
     check_sizes(run)
-    replayed = replay(run, store, view, seen=seen)
-    studies = replay_studies(run, store, view, seen=seen)
-    with doubting(deviations(RunDirectory(run).read_run()["versions"], versions())):  # a summary is its version's
-        pages = check_records(run, replayed)
-    _check_names(run, studies)
-    return Rerun(replayed=replayed, studies=studies, pages=pages)
+    replayed = replay(run, view, seen=seen)
+    studies = replay_studies(run, view, seen=seen)
+    with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
+        check_records(run, replayed)
+    _check_names(run.directory.path, studies)
+    return Rerun(run=run, replayed=replayed, studies=studies)
 
 
-def check_sizes(run: Path) -> None:
+def check_sizes(run: RecordedRun) -> None:
     """See that a run's configuration and studies speak of as many candidates and scores as there are.
 
     Otherwise a few digits could ask for more memory than there is.
@@ -128,56 +130,43 @@ def check_sizes(run: Path) -> None:
     Raises:
         RunError: they do not.
     """
-    directory = RunDirectory(run)
-    lines = directory.read_finished()
-    with directory.believed():
-        search = directory.read_run()["config"]["search"]
-        initial, generations, candidates = (int(search[key]) for key in ("initial", "generations", "candidates"))
-        changes = sum(line["kind"] == "rules" for line in lines)
-        expected = 1 + (1 + initial + 1) + generations * (candidates + 1) + changes
-    if len(lines) != expected:
-        raise RunError(f"{run}/ledger.jsonl has {len(lines)} lines; the configuration in run.json gives {expected}")
-    for study in studies_of(run):
+    search, lines = run.config.search, len(run.ledger.lines)
+    expected = 1 + (1 + search.initial + 1) + search.generations * (search.candidates + 1) + len(run.eras) - 1
+    if lines != expected:
+        raise RunError(
+            f"{lines} lines", place=str(run.directory.ledger), expected=f"{expected}, by the configuration in run.json"
+        )
+    for study in studies_of(run.directory.path):
         recorded = study.read()
-        if recorded.get("digest") is None:
+        if recorded.digest is None:
             continue  # not finished, and not replayed either
-        scores = study.read_scores()
-        with directory.believed():
-            trainings = recorded["seeds"] * len(recorded["networks"])
-        if len(scores) != 1 + trainings:
-            raise RunError(f"{study.path}/study.json speaks of {trainings} trainings; it has {len(scores) - 1} scores")
+        rows, trainings = len(study.read_scores().rows), recorded.seeds * len(recorded.networks)
+        if rows != trainings:
+            raise RunError(f"{rows} scores", place=str(study.scores), expected=f"{trainings}, as in study.json")
 
 
-def check_records(run: Path, replayed: Replayed) -> int:
+def check_records(run: RecordedRun, replayed: Replayed) -> None:
     """Compare what stands beside a run's ledger and archives with its replay: costs, and a summary of this release.
-
-    Returns:
-        The number of the run's pages; the summary was compared where it is `tacevo.rules.PAGES`.
 
     Raises:
         DivergenceError: they are not what follows from the records.
     """
-    directory = RunDirectory(run)
-    remedy = "the command that began the run writes it anew"
-    spending = directory.read_spending()
+    remedy = "the command that began the run writes it again"
+    path = run.directory.path
+    spending = run.directory.read_spending()
     for name, spent in sorted(spending.items()):
-        if replayed.spending.get(name) != spent:
-            raise DivergenceError(
-                f"{run}/timings.jsonl: {name} was recorded with {spent} and its answers give "
-                f"{replayed.spending.get(name)}; {remedy}"
-            )
-    recorded_run = directory.read_run()
-    with directory.believed():
-        pages = int(recorded_run.get("pages", FIRST_PAGES))
-    if pages != PAGES:
-        return pages
-    summary = summarise(recorded_run, directory.read_ledger(), directory.read_elites(), spending)
-    path = run / "summary.md"
+        if (computed := replayed.spending.get(name)) != spent:
+            place = f"{path}/timings.jsonl, {name}"
+            raise DivergenceError(str(spent), place=place, expected=f"{computed}, by its answers", remedy=remedy)
+    if run.record.pages != PAGES:
+        return
+    elites = [elite.id for elite in read_elites(run.directory)]
+    summary = summarise(run.record, run.config, run.ledger.lines, elites, spending)
+    path = path / "summary.md"
     recorded = path.read_text(encoding="utf-8") if path.exists() else ""
     found = _first_line(recorded, summary)
     if found is not None:
-        raise DivergenceError(f"{path}, {found}; {remedy}")
-    return pages
+        raise DivergenceError(found, place=str(path), remedy=remedy)
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
@@ -189,10 +178,13 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
     for study in studies_of(run):
         if study.path.name not in replayed:
             continue
-        header = unsealed(study.read_scores()[0])
-        name = name_study(header, epochs=header["recipe"]["epochs"])
-        if {study.path.name, study.read()["name"]} != {name}:
-            raise DivergenceError(f"{study.path} and the name in its study.json must be {name}, which is what it is")
+        name = name_study(study.read_scores().header)
+        if {study.path.name, study.read().name} != {name}:
+            raise DivergenceError(
+                f"{study.path.name} and {study.read().name}",
+                place=f"{study.path}, names of the directory and in study.json",
+                expected=f"{name} twice",
+            )
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:

@@ -5,27 +5,28 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from tacevo.choices import Numerics
-from tacevo.config.compose import compose
+from tacevo.config.compose import compose, from_plain
 from tacevo.config.folder import conf_root
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Json, Mode, Rejection
+from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, written
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import ENTRIES, build_gate
 from tacevo.sandbox.client import Notice, Sandbox
 from tacevo.sandbox.confinement import in_force, report
-from tacevo.search.proposals import Task
-from tacevo.search.unsent import TEMPERATURE, sent_temperature
+from tacevo.search.files import read_elites, read_ledger
+from tacevo.search.lines import CandidateLine
+from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
 from tacevo.training.numerics import environment
@@ -121,8 +122,8 @@ def _words(verdict: dict[str, Json]) -> str:
     return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
 
 
-#: Ledger fields of a candidate that are shown elsewhere, or to nobody.
-_HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses", "repairs"}
+#: Ledger fields of a candidate that are shown elsewhere, or not at all.
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs"}
 
 
 def show_run(path: Path) -> str:
@@ -132,11 +133,12 @@ def show_run(path: Path) -> str:
         RunError: this is no run directory, or it is damaged.
     """
     directory = RunDirectory(path)
-    run, lines = directory.read_run(), directory.read_ledger()
-    with directory.believed():
-        finished = bool(lines) and run["digest"] == lines[-1]["hash"]
-        state = f"digest: {run['digest']}" if finished else "Not finished: the command that began it continues it."
-        return f"{summarise(run, lines, directory.read_elites(), directory.read_spending())}\n{state}\n"
+    run, ledger = directory.read_run(), read_ledger(directory)
+    finished = run.digest == ledger.digest
+    state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
+    elites = [elite.id for elite in read_elites(directory)]
+    summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
+    return f"{summary}\n{state}\n"
 
 
 def show_candidate(path: Path, name: str) -> str:
@@ -146,36 +148,36 @@ def show_candidate(path: Path, name: str) -> str:
         RunError: this is no run directory, or it has no such candidate.
     """
     directory = RunDirectory(path)
-    run, lines = directory.read_run(), directory.read_ledger()
-    found = [line for line in lines if line.get("id") == name]
-    if not found:
-        last = next((line["id"] for line in reversed(lines) if "id" in line), "none yet")
-        raise RunError(f"{path} has no candidate {name!r}; ids look like g02s03, and the last one is {last}")
-    with directory.believed():
-        line = found[0]
-        parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
-        if "repairs" in line:
-            reasons = ", ".join(f"{sent['stage']}: {sent['reason']}" for sent in line["repairs"])
-            parts.append(f"Answers that were sent back before this one: {len(line['repairs'])} ({reasons})")
-        if "validation_losses" in line:
-            parts.append(_losses(line))
-        return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"
+    run = directory.read_run()
+    lines = {line.id: line for line in read_ledger(directory).lines if isinstance(line, CandidateLine)}
+    line = lines.get(name)
+    if line is None:
+        last = next(reversed(lines), "none yet")
+        expected = f"the id of a candidate, such as g02s03; the last one is {last}"
+        raise RunError(repr(name), place=str(path), expected=expected)
+    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line)]
+    if line.repairs:
+        reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
+        parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
+    if line.train_losses is not None and line.validation_losses is not None:
+        parts.append(_losses(line.train_losses, line.validation_losses))
+    return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"
 
 
-def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:
-    """Give the words that the candidate was asked for with."""
-    if line["operator"] == "baseline":
+def _instruction(task: Task, line: CandidateLine) -> str:
+    """Return the words that the candidate was asked for with."""
+    if line.operator is Operator.baseline:
         return "none; this is the task's baseline"
-    if line["prompt"] is None:
-        return str(run["task"]["crossover"]).strip()
-    instruction = run["task"]["instructions"][line["prompt"]]
-    return f"{instruction['id']}: {instruction['text'].strip()}"
+    if line.prompt is None:
+        return task.crossover.strip()
+    instruction = task.instructions[line.prompt]
+    return f"{instruction.id}: {instruction.text.strip()}"
 
 
-def _fields(line: Mapping[str, Json]) -> str:
-    rows = [[key, _value(value)] for key, value in line.items() if key not in _HIDDEN and value is not None]
-    if line[TEMPERATURE] is not None and sent_temperature(line) is None:
-        planned = f"not sent: the model refuses it ({_value(line[TEMPERATURE])} was planned)"
+def _fields(line: CandidateLine) -> str:
+    rows = [[key, _value(value)] for key, value in written(line).items() if key not in _HIDDEN and value is not None]
+    if line.temperature is not None and line.sent_temperature is None:
+        planned = f"not sent: the model refuses it ({_value(line.temperature)} was planned)"
         rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
     return table(["field", "value"], sorted(rows))
 
@@ -186,9 +188,9 @@ def _value(value: Json) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _losses(line: Mapping[str, Json]) -> str:
-    pairs = zip(line["train_losses"], line["validation_losses"], strict=True)
-    rows = [[str(epoch), f"{train:.6g}", f"{validation:.6g}"] for epoch, (train, validation) in enumerate(pairs, 1)]
+def _losses(train: Sequence[float], validation: Sequence[float]) -> str:
+    pairs = enumerate(zip(train, validation, strict=True), 1)
+    rows = [[str(epoch), f"{of_train:.6g}", f"{of_validation:.6g}"] for epoch, (of_train, of_validation) in pairs]
     return table(["epoch", "training loss", "validation loss"], rows)
 
 

@@ -72,7 +72,7 @@ def _replay(options: argparse.Namespace) -> int:
             verified = verify_bundle(found, view)
             runs = verified.runs
             beside = [in_bundle(verified), f"bundle digest: {found.digest}"]
-        trained = [] if options.retrain is None else [_retrain(found, options, view)]
+        trained = [] if options.retrain is None else [_retrain(runs, options, view)]
     for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
         print(printable(text))
     return DONE
@@ -82,10 +82,11 @@ def _rerun(found: "Opened", store: str | None, view: "View") -> tuple["Rerun", .
     """Run every search and study of a folder again; compare a sweep's list of jobs with them."""
     from tacevo.bundles.open import over_runs
     from tacevo.bundles.verify import rerun
+    from tacevo.config.recorded import read_recorded
     from tacevo.storage.sweep_directory import SweepDirectory
     from tacevo.sweeps.check import check_jobs
 
-    runs = over_runs(found, lambda run: rerun(run, store, view), view.say)
+    runs = over_runs(found, lambda run: rerun(read_recorded(run, store), view), view.say)
     if found.jobs is not None:
         check_jobs(SweepDirectory(found.folder))
     return runs
@@ -125,20 +126,22 @@ def _diff(options: argparse.Namespace) -> int:
     if options.retrain is not None or options.store is not None:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
     from tacevo.bundles.open import opened
-    from tacevo.reproduce.compare import compare, describe, read_recorded
+    from tacevo.reproduce.compare import compare, describe, read_compared
 
     with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
         remedy = "give the folders of two runs, of a sweep those of two jobs (a published one is unpacked for that)"
-        found = compare(read_recorded(one.one_run(remedy)), read_recorded(other.one_run(remedy)))
+        found = compare(read_compared(one.one_run(remedy)), read_compared(other.one_run(remedy)))
     print(printable(describe(found)))
     return DONE if found.is_equal else DIFFERENT
 
 
-def _retrain(found: "Opened", options: argparse.Namespace, view: "View") -> str:
+def _retrain(runs: Sequence["Rerun"], options: argparse.Namespace, view: "View") -> str:
     """Train candidates of a run or a sweep again; say what was compared."""
     from tacevo.reproduce.retrain import describe, retrain
 
-    return describe(retrain(found.runs, options.store, options.retrain or None, view))
+    store = options.store  # of a published run, the images may lie elsewhere than what it holds
+    recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
+    return describe(retrain(recorded, options.retrain or None, view))
 
 
 def _count(text: str) -> int:
@@ -189,11 +192,12 @@ def _continue(options: argparse.Namespace) -> int:
 
 def _checked(published: "Opened", view: "View") -> set[Path]:
     """Replay a run, and of a bundle verify all of it; give the store entries that it needs."""
+    from tacevo.config.recorded import read_recorded
     from tacevo.reproduce.replay import replay
 
     if published.root is not None:
         verify_bundle(published, view)
         return set(published.store.rglob("*.json"))
     read: set[Path] = set()
-    replay(published.folder, str(published.store), view, seen=read.add)
+    replay(read_recorded(published.folder, str(published.store)), view, seen=read.add)
     return read

@@ -1,65 +1,118 @@
-"""The configuration, task and data facts that a run recorded."""
+"""A finished run as it was recorded, read and checked once."""
 
 import contextlib
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
 
 from tacevo.choices import DataSource
 from tacevo.config.compose import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
-from tacevo.errors import CacheMissError, ConfigError, DivergenceError, RunError
-from tacevo.records import Contract, DataFacts
-from tacevo.search.proposals import Instruction, Task
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.errors import ConfigError, RunError, TacevoError
+from tacevo.records import DataFacts, Task
+from tacevo.search.files import NetworkFile, PromptFile, read_archives, read_finished
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, RulesLine, eras_of
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import RunDirectory, RunRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedRun:
+    """A finished run, whose ledger's chain was checked."""
+
+    directory: RunDirectory
+    #: What run.json holds.
+    record: RunRecord
+    #: As this machine may use it, see `read_settings`.
+    config: RunConfig
+    ledger: Sealed[Line]
+    #: In order; more than one where the run was continued under other rules.
+    eras: tuple[RulesLine, ...]
+
+    @property
+    def candidates(self) -> tuple[CandidateLine, ...]:
+        """The candidates' lines."""
+        return tuple(line for line in self.ledger.lines if isinstance(line, CandidateLine))
+
+    @property
+    def generations(self) -> tuple[GenerationLine, ...]:
+        """The generations' lines, one at least."""
+        return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
+
+    def with_store(self, store: str) -> Self:
+        """Return the run with its stores elsewhere."""
+        return replace(self, config=replace(self.config, store=StoreConfig(root=store)))
+
+    def read_archives(self) -> tuple[NetworkFile, PromptFile]:
+        """Read both archives, and compare them with the ledger."""
+        return read_archives(self.directory, self.generations[-1])
+
+
+def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
+    """Read a finished run.
+
+    Args:
+        path: its directory.
+        store: where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: it is not finished, or something of it was damaged or edited.
+        ConfigError: as `read_settings`.
+    """
+    directory = RunDirectory(path)
+    record, ledger = read_finished(directory)
+    config = read_settings(directory, record, store)
+    return RecordedRun(directory=directory, record=record, config=config, ledger=ledger, eras=eras_of(ledger.lines))
+
+
+def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
+    """Return the configuration of a run, with no more workers than this machine has cores.
+
+    Args:
+        directory: the run's.
+        record: what its run.json holds.
+        store: where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: run.json has another number of simulated images than the run had, or a configuration that this version
+            does not know.
+        ConfigError: its prompt pool is larger than its library.
+    """
+    place = f"{directory.path}/run.json"
+    try:
+        config = from_plain(record.config)
+    except ConfigError as error:
+        expected = "a configuration of this version"
+        raise RunError(str(error), place=place, expected=expected, remedy="restore it") from error
+    config.prompts.check_library(len(record.task.instructions))
+    images = sum(record.data.counts)
+    if config.data.source is DataSource.simulated and config.data.images != images:
+        raise RunError(
+            str(config.data.images),
+            place=f"{place}, data.images",
+            expected=f"the {images} images of the run's data set",
+            remedy="restore it",
+        )
+    root = config.store.root if store is None else store
+    here = replace(config.executor, workers=min(config.executor.workers, os.cpu_count() or 1))
+    return replace(config, store=StoreConfig(root=root), executor=here)
+
+
+def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:
+    """Read a run's configuration, task and data facts, finished or not; arguments and errors of `read_settings`."""
+    record = directory.read_run()
+    return read_settings(directory, record, store), record.task, record.data
 
 
 @contextlib.contextmanager
 def doubting(others: Sequence[str]) -> Iterator[None]:
-    """Say beside a failure of a replay which versions are others; where none is, it stays as it is."""
+    """Name the versions that are others here beside a failure of a replay."""
     try:
         yield
-    except (CacheMissError, ConfigError, DivergenceError) as error:
-        if not others:
-            raise
-        raise type(error)(f"{error}; this may come of another version: {', '.join(others)}") from error
-
-
-def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:
-    """Read a run's configuration, task and data facts.
-
-    Args:
-        directory: the run's.
-        store: where its stores lie, if not where the run had them.
-
-    Returns:
-        The configuration, with no more workers than this machine has cores; the task; the facts.
-
-    Raises:
-        RunError: run.json is missing or damaged, or speaks of more or fewer simulated images than the run had.
-        ConfigError: its configuration is none of this version.
-    """
-    run = directory.read_run()
-    try:
-        task = run["task"]
-        rebuilt = Task(
-            name=task["name"],
-            contract=Contract.from_json(task["contract"]),
-            baseline=task["baseline"],
-            system=task["system"],
-            instructions=tuple(Instruction(**entry) for entry in task["instructions"]),
-            crossover=task["crossover"],
-        )
-        config, facts = from_plain(run["config"]), DataFacts.from_json(run["data"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise RunError(f"{directory.path}/run.json is damaged: {type(error).__name__}: {error}") from error
-    config.prompts.check_library(len(rebuilt.instructions))
-    images = sum(facts.counts)
-    if config.data.source is DataSource.simulated and config.data.images != images:
-        raise RunError(
-            f"{directory.path}/run.json has data.images={config.data.images}, and a data set of {images}; restore it"
-        )
-    root = config.store.root if store is None else store
-    workers = min(config.executor.workers, os.cpu_count() or 1)
-    here = replace(config.executor, workers=workers)
-    return replace(config, store=StoreConfig(root=root), executor=here), rebuilt, facts
+    except TacevoError as error:
+        if others:
+            doubt = f"another version may be the reason: {', '.join(others)}"
+            error.remedy = f"{error.remedy}; {doubt}" if error.remedy else doubt
+        raise

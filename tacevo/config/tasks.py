@@ -10,8 +10,8 @@ from tacevo.config.compose import read_named
 from tacevo.config.ranges import Settings, is_a
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Contract, DataFacts, Kind
-from tacevo.search.proposals import Instruction, Task, system_prompt
+from tacevo.records import Contract, DataFacts, Instruction, Kind, Task
+from tacevo.search.proposals import system_prompt
 from tacevo.typed import convert
 
 _Words = Annotated[str, is_a("text that is not empty", str.strip)]

@@ -1,25 +1,24 @@
 """`tacevo replay RUN --diff OTHER`: where two recorded runs part, and how far they agree beyond that.
 
-Nothing is run again: both ledgers are read, checked line by line, and held against each other. What agrees is said to
+Nothing is run again: both ledgers are read, checked line by line, and compared. What agrees is said to
 agree (tier C of docs/determinism.md); only ledgers without any difference are called equal.
 """
 
 import json
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 from scipy.stats import spearmanr
 
 from tacevo.choices import ArchiveKind
-from tacevo.errors import RunError
+from tacevo.config.recorded import read_recorded
 from tacevo.records import Json
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, RunLine
 from tacevo.storage.canonical import differences, shown, value_at
-from tacevo.storage.ledger import first_difference, place_of, unsealed
-from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.study_directory import studies_of
+from tacevo.storage.ledger import first_difference, place_of
+from tacevo.studies.directory import Scores, studies_of
 from tacevo.text import counted
 
 #: Settings that say where a run lies, and nothing about the run.
@@ -33,21 +32,18 @@ _LEAST_RANKED = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recorded:
+class Compared:
     """A finished run as it is compared."""
 
     #: As in run.json.
-    config: Mapping[str, Json]
-    #: All lines, the header first.
-    ledger: Sequence[dict[str, Json]]
-    #: Of every trained source, by its hash.
-    fitness: Mapping[str, float]
-    #: Figures of the last generation.
-    end: Mapping[str, Json]
+    config: dict[str, Json]
+    #: Whether its network archive has niches.
+    has_niches: bool
+    lines: tuple[Line, ...]
     #: Hashes of the elites' sources, by niche of the final network archive.
-    elites: Mapping[int, str]
-    #: Lines of every finished study by what it is, e.g. `4 elites, 20 seeds, 50 epochs`; the header first.
-    studies: Mapping[str, Sequence[dict[str, Json]]]
+    elites: Mapping[int, str | None]
+    #: Every finished study by what it is, e.g. `4 elites, 20 seeds, 50 epochs`.
+    studies: Mapping[str, Scores]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +101,7 @@ class StudyAgreement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Two runs, held against each other."""
+    """Two runs, compared."""
 
     #: Ledger lines of each.
     lines: tuple[int, int]
@@ -120,7 +116,7 @@ class Comparison:
     agreement: Agreement
     overlap: Overlap
     #: The figures of each one's last generation.
-    ends: tuple[Mapping[str, Json], Mapping[str, Json]]
+    ends: tuple[Mapping[str, float | None], Mapping[str, float | None]]
     studies: tuple[StudyAgreement, ...]
 
     @property
@@ -129,76 +125,49 @@ class Comparison:
         return self.divergence is None and self.lines[0] == self.lines[1]
 
 
-def read_recorded(path: Path) -> Recorded:
+def read_compared(path: Path) -> Compared:
     """Read a finished run to be compared.
 
     Raises:
         RunError: it is not finished, or something of it was damaged or edited.
     """
-    directory = RunDirectory(path)
-    ledger = directory.read_finished()
-    with directory.believed():
-        finished = [study.read_scores() for study in studies_of(path) if study.read()["digest"] is not None]
-        studies = {_kind_of_study(scores[0]): scores for scores in finished}
-        sources = {line["id"]: line["source"] for line in ledger if "fitness" in line}
-        elites = {int(niche): str(sources[name]) for niche, name in directory.read_niches().items()}
-        return Recorded(
-            config=dict(directory.read_run()["config"]),
-            ledger=ledger,
-            fitness=fitness_by_source(ledger),
-            end=last_generation(ledger),
-            elites=elites,
-            studies=studies,
-        )
+    run = read_recorded(path)
+    sources = {line.id: line.source for line in run.candidates}
+    finished = [study.read_scores() for study in studies_of(path) if study.read().digest is not None]
+    return Compared(
+        config=run.record.config,
+        has_niches=run.config.archive.kind is ArchiveKind.cvt,
+        lines=run.ledger.lines,
+        elites={elite.niche: sources[elite.id] for elite in run.read_archives()[0].elites},
+        studies={_kind_of_study(scores): scores for scores in finished},
+    )
 
 
-def compare(one: Recorded, other: Recorded) -> Comparison:
-    """Hold two runs against each other.
-
-    Raises:
-        RunError: one of them holds something that no search writes.
-    """
-    try:
-        return _compare(one, other)
-    except RecursionError as error:
-        raise RunError("one of the runs holds a value that is nested deeper than any that a search writes") from error
-
-
-def _compare(one: Recorded, other: Recorded) -> Comparison:
-    pairs = list(zip(one.ledger, other.ledger, strict=False))
-    places = (place for place, pair in enumerate(pairs) if unsealed(pair[0]) != unsealed(pair[1]))
+def compare(one: Compared, other: Compared) -> Comparison:
+    """Compare two runs."""
+    pairs = list(zip(one.lines, other.lines, strict=False))
+    places = (place for place, pair in enumerate(pairs) if pair[0] != pair[1])
     first, second = next(places, None), next(places, None)
     header_differs = first == 0
     return Comparison(
-        lines=(len(one.ledger), len(other.ledger)),
+        lines=(len(one.lines), len(other.lines)),
         equal=len(pairs) if first is None else first,
         divergence=None if first is None else _divergence(*pairs[first]),
         decision=_divergence(*pairs[second]) if header_differs and second is not None else None,
         settings=tuple(_settings(one.config, other.config)),
-        agreement=agreement(one.fitness, other.fitness),
+        agreement=agreement(fitness_by_source(one.lines), fitness_by_source(other.lines)),
         overlap=_overlap(one, other),
-        ends=(one.end, other.end),
+        ends=(_end(one), _end(other)),
         studies=tuple(
-            _study(name, one.studies[name][1:], other.studies[name][1:])
-            for name in one.studies
-            if name in other.studies
+            _study(name, one.studies[name], other.studies[name]) for name in one.studies if name in other.studies
         ),
     )
 
 
-def fitness_by_source(ledger: Iterable[Mapping[str, Json]]) -> dict[str, float]:
-    """Give the fitness of every trained source by its hash."""
-    return {str(line["source"]): float(line["fitness"]) for line in ledger if "fitness" in line}
-
-
-def last_generation(ledger: Sequence[Mapping[str, Json]]) -> Mapping[str, Json]:
-    """Give the figures of a run's end: the last line of a generation.
-
-    Raises:
-        IndexError: there is none.
-    """
-    line = [line for line in ledger if line["kind"] == "generation"][-1]
-    return {name: line[name] for name in _FIGURES}
+def fitness_by_source(lines: Iterable[Line]) -> dict[str, float]:
+    """Return the fitness of every trained source by its hash."""
+    candidates = [line for line in lines if isinstance(line, CandidateLine)]
+    return {line.source: line.fitness for line in candidates if line.source and line.fitness is not None}
 
 
 def agreement(one: Mapping[str, float], other: Mapping[str, float]) -> Agreement:
@@ -273,22 +242,30 @@ def _of_study(study: StudyAgreement) -> str:
     return same if study.first is None else f"{same}; first difference: {study.first}"
 
 
-def _divergence(one: dict[str, Json], other: dict[str, Json]) -> Divergence:
+def _divergence(one: object, other: object) -> Divergence:
     field, values = first_difference(one, other)
     return Divergence(place=place_of(one), field=field, values=values)
 
 
-def _settings(one: Mapping[str, Json], other: Mapping[str, Json]) -> Iterable[Divergence]:
-    for field in differences(dict(one), dict(other)):
+def _settings(one: dict[str, Json], other: dict[str, Json]) -> Iterable[Divergence]:
+    for field in differences(one, other):
         if shown(field) not in _PLACES:
             values = (json.dumps(value_at(one, field)), json.dumps(value_at(other, field)))
             yield Divergence(place=str(field[0]), field=shown(field), values=values)
 
 
-def _overlap(one: Recorded, other: Recorded) -> Overlap:
+def _end(run: Compared) -> dict[str, float | None]:
+    """Return the figures of a run's last generation."""
+    last = [line for line in run.lines if isinstance(line, GenerationLine)][-1]
+    return {name: getattr(last, name) for name in _FIGURES}
+
+
+def _overlap(one: Compared, other: Compared) -> Overlap:
     first, second = one.elites, other.elites
     both = first.keys() & second.keys()
-    alike = one.ledger[0].get("centroids") == other.ledger[0].get("centroids") and _has_niches(one)
+    centroids = [{line.centroids for line in run.lines if isinstance(line, RunLine)} for run in (one, other)]
+    # Places of an archive without niches mean nothing in another.
+    alike = one.has_niches and other.has_niches and centroids[0] == centroids[1]
     return Overlap(
         elites=(len(first), len(second)),
         sources=len(set(first.values()) & set(second.values())),
@@ -296,18 +273,13 @@ def _overlap(one: Recorded, other: Recorded) -> Overlap:
     )
 
 
-def _has_niches(run: Recorded) -> bool:
-    """Say whether a run's archive has niches; the places of one that has none mean nothing in another."""
-    return ArchiveKind(run.config["archive"].get("kind", ArchiveKind.cvt)) is ArchiveKind.cvt
+def _kind_of_study(scores: Scores) -> str:
+    elites = len(scores.header.networks) - 1
+    return f"{elites} elites, {scores.header.seeds} seeds, {scores.header.recipe.epochs} epochs"
 
 
-def _kind_of_study(header: Mapping[str, Json]) -> str:
-    elites = len(header["networks"]) - 1
-    return f"{elites} elites, {header['seeds']} seeds, {header['recipe']['epochs']} epochs"
-
-
-def _study(name: str, one: Sequence[dict[str, Json]], other: Sequence[dict[str, Json]]) -> StudyAgreement:
-    pairs = list(zip(one, other, strict=False))
-    apart = [pair for pair in pairs if unsealed(pair[0]) != unsealed(pair[1])]
-    first = next((_divergence(*pair) for pair in islice(apart, 1)), None)
+def _study(name: str, one: Scores, other: Scores) -> StudyAgreement:
+    pairs = list(zip(one.rows, other.rows, strict=False))
+    apart = [pair for pair in pairs if pair[0] != pair[1]]
+    first = next((_divergence(*pair) for pair in apart), None)
     return StudyAgreement(name=name, rows=len(pairs), same=len(pairs) - len(apart), first=first)

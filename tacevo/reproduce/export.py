@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
+from tacevo.config.recorded import read_recorded
 from tacevo.errors import StoreError
 from tacevo.records import Json
 from tacevo.reproduce.replay import replay
 from tacevo.runs.progress import View
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in
-from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import KINDS
 from tacevo.studies.study import replay_studies
 
@@ -70,9 +70,10 @@ def export(run: Path, target: Path, store: str | None, view: View) -> int:
         RunError: this is no finished run.
     """
     read: set[Path] = set()
-    digest = replay(run, store, view, seen=read.add).digest
-    replay_studies(run, store, view, seen=read.add)
-    root = Path(store or RunDirectory(run).read_run()["config"]["store"]["root"])
+    recorded = read_recorded(run, store)
+    digest = replay(recorded, view, seen=read.add).digest
+    replay_studies(recorded, view, seen=read.add)
+    root = Path(recorded.config.store.root)
     entries = {path.relative_to(root).as_posix(): path.read_bytes() for path in sorted(read)}
     manifest = {"schema": SCHEMA, "digest": digest, "entries": sorted(entries)}
     text = json.dumps(manifest, indent=1) + "\n"

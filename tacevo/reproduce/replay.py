@@ -1,24 +1,22 @@
-"""Replay: a recorded search run again from its stores alone, and held against every line and file of it."""
+"""Replay: a recorded search run again from its stores alone, and compared with every line and file of it."""
 
-import json
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from pathlib import Path
 
-from tacevo.config.recorded import doubting, read_run
+from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import deviations, versions
 from tacevo.errors import DivergenceError
-from tacevo.records import Json, Mode, Rejection
-from tacevo.rules import CORES, Rules, check_known, eras_of
-from tacevo.runs.header import archive_files, run_header
+from tacevo.records import Mode, Rejection
+from tacevo.rules import CORES, Rules, check_known
+from tacevo.runs.eras import run_eras, run_header
 from tacevo.runs.progress import View, Watcher
 from tacevo.runs.wiring import build_plan, open_tools
-from tacevo.search.algorithm import Plan, SearchState, run_eras
+from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome, Tools
-from tacevo.storage.canonical import differences, shown, value_at
-from tacevo.storage.ledger import Ledger
+from tacevo.search.files import NETWORKS, PROMPTS, NetworkFile, archive_files, read_archive_files
+from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
 from tacevo.storage.store import Seen
 
@@ -30,7 +28,7 @@ class Replayed:
     digest: str
     #: Ledger lines that were compared.
     lines: int
-    #: What the recorded answers of each candidate cost when they were had; the replay itself asks nobody.
+    #: What the answers of each candidate cost when they were recorded; the replay itself makes no call.
     spending: Mapping[str, Spending]
     #: Names of the candidates' files that were compared.
     files: frozenset[str]
@@ -41,86 +39,72 @@ class Replayed:
         return total(self.spending.values())
 
 
-def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Replayed:
+def replay(run: RecordedRun, view: View, *, seen: Seen | None = None) -> Replayed:
     """Run a recorded search again from its stores alone, and compare every line and file of it.
 
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
-    rules that the run recorded, whatever those of this release are.
+    rules that the run recorded, which may be others than this release's.
 
     Args:
-        path: the run directory.
-        store: where the stores lie, if not where the run had them.
-        view: who is told.
+        run: the run.
+        view: shows the progress.
         seen: told of every store entry that the replay reads, from any thread.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.
         CacheMissError: a store lacks an answer.
-        RunError: this is no run directory, its ledger is damaged, or this release cannot compute its core rules.
+        RunError: this release cannot compute the run's core rules.
     """
-    directory = RunDirectory(path)
-    with directory.believed():
-        others = deviations(directory.read_run()["versions"], versions())
+    others = deviations(run.record.versions, versions())
     for other in others:
         view.say(f"another version: {other}")
     with doubting(others):
-        return _replay(directory, store, view, seen)
+        return _replay(run, view, seen)
 
 
-def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen | None) -> Replayed:
+def _replay(run: RecordedRun, view: View, seen: Seen | None) -> Replayed:
     """Run the search again, and compare."""
-    config, task, facts = read_run(directory, store)
-    recorded = directory.read_finished()
-    with directory.believed():
-        eras = eras_of(recorded)
-    for era in eras:
-        check_known("core", era.rules.core, CORES, directory.path)
+    config, task, facts = run.config, run.record.task, run.record.data
+    for era in run.eras:
+        check_known("core", era.rules.core, CORES, run.directory.path)
     plan = build_plan(config, task, Mode.replay, seen=seen)
 
     def tools(rules: Rules) -> AbstractContextManager[Tools]:
         return open_tools(config, task, facts, None, Mode.replay, rules=rules, seen=seen)
 
-    with Ledger(None, recorded) as ledger:
-        ledger.commit(run_header(config, task, facts, plan, eras[0].rules))
-        verifier = _Verifier(directory, plan, view)
-        state = run_eras(plan, eras, tools, ledger, verifier)
-        if ledger.committed != len(recorded):
-            raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
-        _compare_files(directory, plan, state)
-        return Replayed(
-            digest=ledger.digest,
-            lines=ledger.committed,
-            spending=verifier.spending,
-            files=frozenset(verifier.files),
+    ledger = Ledger(run.ledger)
+    ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))
+    verifier = _Verifier(run.directory, plan, view)
+    state = run_eras(plan, run.eras, tools, ledger, verifier)
+    if ledger.committed != ledger.recorded:
+        raise DivergenceError(
+            f"{ledger.recorded} lines", place=str(run.directory.ledger), expected=f"{ledger.committed} lines"
         )
+    _compare_archives(run, plan, state)
+    return Replayed(
+        digest=ledger.digest,
+        lines=ledger.committed,
+        spending=verifier.spending,
+        files=frozenset(verifier.files),
+    )
 
 
-def _compare_files(directory: RunDirectory, plan: Plan, state: SearchState) -> None:
-    """Hold what stands beside the ledger against the replayed search.
+def _compare_archives(run: RecordedRun, plan: Plan, state: SearchState) -> None:
+    """Compare archive.json and prompts.json with the replayed search.
 
     Raises:
-        DivergenceError: a file was edited, or is missing; the message names it.
+        DivergenceError: one was edited; the message names the field.
+        RunError: one is missing or damaged.
     """
-    for name, content in archive_files(plan, state).items():
-        path = directory.path / name
-        recorded = _read_json(path) if path.exists() else None
-        if recorded != content:
-            field = differences(recorded, content)[0]
-            was, now = (json.dumps(value_at(value, field) if field else None) for value in (recorded, content))
-            values = f": field {shown(field)!r} was recorded as {was[:200]} and is now {now[:200]}" if field else ""
-            raise DivergenceError(f"{path} is missing, or is not what the search gives{values}")
-
-
-def _read_json(path: Path) -> Json | None:
-    """Read a JSON file; None where it is none, which equals nothing that a search gives."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
-        return None
+    for recorded, computed in zip(read_archive_files(run.directory), archive_files(plan, state), strict=True):
+        if recorded != computed:
+            field, (was, now) = first_difference(recorded, computed)
+            name = NETWORKS if isinstance(recorded, NetworkFile) else PROMPTS
+            raise DivergenceError(was, place=f"{run.directory.path / name}, {field}", expected=now)
 
 
 class _Verifier(Watcher):
-    """Holds every candidate's file against what the replay gives."""
+    """Compares every candidate's file with the replay."""
 
     def __init__(self, directory: RunDirectory, plan: Plan, view: View) -> None:
         super().__init__(plan, view)
@@ -146,5 +130,8 @@ class _Verifier(Watcher):
             return
         self.files.append(f"{name}{ending}")
         if self._directory.read_kept(name) != expected:
-            folder = self._directory.path / "candidates"
-            raise DivergenceError(f"the file of {name} in {folder} is missing, or is not what was judged")
+            raise DivergenceError(
+                "a file that is missing or was edited",
+                place=f"{self._directory.path}/candidates/{name}{ending}",
+                expected="what was judged",
+            )

@@ -1,4 +1,4 @@
-"""`tacevo replay RUN --retrain [N]`: recorded evaluations computed again and held against their records, bit by bit.
+"""`tacevo replay RUN --retrain [N]`: recorded evaluations computed again and compared with their records, bit by bit.
 
 Nothing is read from the store of evaluations and nothing is written to it. The weights' digest is computed in the
 confined process, so it is that process's claim, then as now; losses of validation and digest of predictions are not.
@@ -6,21 +6,21 @@ confined process, so it is that process's claim, then as now; losses of validati
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
-from tacevo.config.recorded import read_run
+from tacevo.config.recorded import RecordedRun
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
 from tacevo.randomness import stream
 from tacevo.records import Json, Reason, Rejection, Training
-from tacevo.rules import TRAININGS, by_rules, check_known
+from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import View
 from tacevo.runs.wiring import open_trainer
 from tacevo.sandbox.confinement import require
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.search.lines import CandidateLine, by_rules, with_training
+from tacevo.storage.run_directory import RunRecord
 from tacevo.training.numerics import check_machine
 
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
@@ -55,87 +55,82 @@ class Retrained:
 class _Chosen:
     """What of one run is trained again."""
 
-    run: Path
-    #: Ledger lines of evaluations.
-    lines: tuple[Mapping[str, Json], ...]
+    run: RecordedRun
+    #: Of evaluations.
+    lines: tuple[CandidateLine, ...]
 
 
-def retrain(runs: Sequence[Path], store: str | None, count: int | None, view: View) -> Retrained:
+def retrain(runs: Sequence[RecordedRun], count: int | None, view: View) -> Retrained:
     """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
 
     An evaluation that several runs share counts once.
 
     Args:
-        runs: the run directories, one or a sweep's; their ledgers must have been checked.
-        store: where the stores lie, if not where the runs had them; of these the images are used.
+        runs: one, or those of a sweep.
         count: how many evaluations to draw from those of all runs, with the first run's seed; None for all of them.
-        view: who is told.
+        view: shows the progress.
 
     Raises:
         DivergenceError: the first difference.
-        DataError: a run's data set is not there, or is another one.
+        DataError: a run's data set is missing, or is another one.
         ConfigError: this machine cannot compute what a run's numerics ask for.
         RunError: a candidate's source is missing or was edited, run.json is damaged, or this release's trainer cannot
             train as the run's did.
     """
-    pairs = _evaluations(runs)
-    seed = read_run(RunDirectory(runs[0]))[0].seed
-    drawn = sampled(pairs, count, seed)
-    chosen = [_Chosen(run=run, lines=tuple(line for of, line in drawn if of == run)) for run in runs]
+    pairs = evaluations(runs)
+    drawn = sampled(pairs, count, runs[0].config.seed)
+    chosen = [_Chosen(run=run, lines=tuple(line for of, line in drawn if of is run)) for run in runs]
     doubts: dict[str, None] = {}
     for part in chosen:
         if part.lines:
-            name = f"{part.run.name} " if len(runs) > 1 else ""
-            doubts |= dict.fromkeys(_retrain(part, store, view, name))
+            name = f"{part.run.directory.path.name} " if len(runs) > 1 else ""
+            doubts |= dict.fromkeys(_retrain(part, view, name))
     lines = [line for part in chosen for line in part.lines]
-    trained = [line for line in lines if "stage" not in line]
+    trained = [line for line in lines if line.stage is None]
     return Retrained(
         trained=len(trained),
         rejected=len(lines) - len(trained),
         of=len(pairs),
-        not_recorded=tuple(name for name in _FIELDS if any(name not in line for line in trained)),
+        not_recorded=tuple(name for name in _FIELDS if any(getattr(line, name) is None for line in trained)),
         doubts=tuple(doubts),
     )
 
 
-def _evaluations(runs: Sequence[Path]) -> list[tuple[Path, Mapping[str, Json]]]:
-    """List the evaluations of all runs, each with the first run that has it."""
-    found: dict[str, tuple[Path, Mapping[str, Json]]] = {}
+def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, CandidateLine]]:
+    """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
+
+    Each is listed once, with the first run and line that have it.
+    """
+    found: dict[str, tuple[RecordedRun, CandidateLine]] = {}
     for run in runs:
-        directory = RunDirectory(run)
-        ledger = directory.read_ledger()
-        with directory.believed():
-            numbers = {line["hash"]: rules.training for rules, line in by_rules(ledger)}
-        for line in evaluated(ledger):
-            found.setdefault(line["evaluation"], (run, line))
-            check_known("training", numbers[line["hash"]], TRAININGS, run)
+        for rules, line in by_rules(run.ledger.lines):
+            if line.evaluation is not None and line.reason not in _BY_MACHINE:
+                found.setdefault(line.evaluation, (run, line))
+                check_known("training", rules.training, TRAININGS, run.directory.path)
     return list(found.values())
 
 
-def _retrain(chosen: _Chosen, store: str | None, view: View, name: str) -> tuple[str, ...]:
+def _retrain(chosen: _Chosen, view: View, name: str) -> tuple[str, ...]:
     """Train candidates of one run again and compare; say why equal bits were not promised.
 
     Args:
         chosen: the candidates, one or more.
-        store: see `retrain`.
-        view: who is told.
+        view: shows the progress.
         name: what stands before a candidate's id; empty where there is one run only.
     """
-    directory = RunDirectory(chosen.run)
-    config, task, facts = read_run(directory, store)
+    run, config = chosen.run, chosen.run.config
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
-    with directory.believed():
-        doubts = doubts_of(directory.read_run(), config.numerics.kind, config.training.device, versions(), machine())
+    doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    sources = [directory.read_source(line["id"], line["source"]) for line in chosen.lines]
-    data = load_same(config, facts, view)
-    with open_trainer(config, task, data) as (train, executor):
+    sources = [run.directory.read_source(line.id, str(line.source)) for line in chosen.lines]
+    data = load_same(config, run.record.data, view)
+    with open_trainer(config, run.record.task, data) as (train, executor):
         results = zip(chosen.lines, executor.map(train, sources), strict=True)
         for number, (line, result) in enumerate(results, start=1):
-            _insist_on_equal(name, line, result, doubts)
-            view.say(f"{name}{line['id']}: as recorded ({number} of {len(chosen.lines)})")
+            _check_equal(name, line, result, doubts)
+            view.say(f"{name}{line.id}: as recorded ({number} of {len(chosen.lines)})")
     return doubts
 
 
@@ -152,15 +147,6 @@ def describe(found: Retrained) -> str:
     return "\n".join(lines)
 
 
-def evaluated(ledger: Sequence[Mapping[str, Json]]) -> list[Mapping[str, Json]]:
-    """Give the first line of every evaluation whose outcome does not hang on the machine's speed or memory."""
-    lines: dict[str, Mapping[str, Json]] = {}
-    for line in ledger:
-        if "evaluation" in line and line.get("reason") not in _BY_MACHINE:
-            lines.setdefault(line["evaluation"], line)
-    return list(lines.values())
-
-
 def sampled(lines: Sequence[T], count: int | None, seed: int) -> list[T]:
     """Draw lines without repetition, in their order; all of them where `count` is None or not below their number."""
     if count is None or count >= len(lines):
@@ -169,35 +155,34 @@ def sampled(lines: Sequence[T], count: int | None, seed: int) -> list[T]:
     return [lines[place] for place in sorted(places.tolist())]
 
 
-def difference(line: Mapping[str, Json], result: Training | Rejection) -> str | None:
+def difference(line: CandidateLine, result: Training | Rejection) -> str | None:
     """Name the first field in which a recomputed evaluation differs from its ledger line, with both values.
 
     Fields that the line does not have are passed over.
     """
-    recorded, recomputed = _outcome(line.get("reason")), _outcome(getattr(result, "reason", None))
-    if isinstance(result, Rejection) or "reason" in line:
+    if isinstance(result, Rejection) or line.reason is not None:
+        recorded, recomputed = _outcome(line.reason), _outcome(getattr(result, "reason", None))
         return None if recorded == recomputed else _differ("the outcome", recorded, recomputed)
-    fields = (result.train_losses, result.validation_losses, result.predictions_sha256, result.weights_sha256)
-    for name, value in zip(_FIELDS, fields, strict=True):
-        if name in line and isinstance(value, tuple):
-            if len(line[name]) != len(value):
-                return _differ(f"the number of {name}", len(line[name]), len(value))
-            for epoch, (was, now) in enumerate(zip(line[name], value, strict=True), start=1):
-                if was != now:
-                    return _differ(f"{name} of epoch {epoch}", was, now)
-        elif name in line and line[name] != value:
-            return _differ(name, line[name], value)
+    computed = with_training(line, result)
+    for name in _FIELDS:
+        was, now = getattr(line, name), getattr(computed, name)
+        if was is None or was == now:
+            continue
+        if isinstance(was, str) or len(was) != len(now):
+            return _differ(name, was, now)
+        epoch = next(epoch for epoch, pair in enumerate(zip(was, now, strict=True)) if pair[0] != pair[1])
+        return _differ(f"{name} of epoch {epoch + 1}", was[epoch], now[epoch])
     return None
 
 
 def doubts_of(
-    run: Mapping[str, Json],
+    run: RunRecord,
     numerics: Numerics,
     device: Device,
     packages: Mapping[str, str],
     hardware: Mapping[str, Json],
 ) -> tuple[str, ...]:
-    """Say why a run's training bits are not promised to come again here.
+    """Say why this machine is not promised to reproduce a run's training bits.
 
     Args:
         run: what run.json holds.
@@ -206,21 +191,21 @@ def doubts_of(
         packages: versions of this environment, as `versions` gives them.
         hardware: this machine, as `machine` describes it.
     """
-    doubts = deviations({name: run["versions"][name] for name in _COMPUTING}, packages)
+    doubts = deviations({name: run.versions.get(name) for name in _COMPUTING}, packages)
     promised_by = ["cpu", "architecture"] if numerics is Numerics.fast else []
     promised_by += ["gpu"] if device is Device.cuda else []
-    return doubts + deviations({name: run["machine"][name] for name in promised_by}, hardware)
+    return doubts + deviations({name: run.machine.get(name) for name in promised_by}, hardware)
 
 
-def _outcome(reason: Json) -> str:
-    return "trained" if reason is None else str(reason)
+def _outcome(reason: Reason | None) -> str:
+    return "trained" if reason is None else reason.value
 
 
 def _differ(what: str, recorded: object, recomputed: object) -> str:
     return f"{what}: recorded {recorded}, recomputed {recomputed}"
 
 
-def _insist_on_equal(name: str, line: Mapping[str, Json], result: Training | Rejection, doubts: Sequence[str]) -> None:
+def _check_equal(name: str, line: CandidateLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
     found = difference(line, result)
     if found is None:
@@ -228,6 +213,6 @@ def _insist_on_equal(name: str, line: Mapping[str, Json], result: Training | Rej
     reasons = [f"not promised: {doubt}" for doubt in doubts]
     if isinstance(result, Rejection) and result.reason in _BY_MACHINE:
         reasons.append("this depends on the machine's speed and memory; try with executor.workers=1 or a quiet machine")
-    if "not_portable" in line:
-        reasons.append(f"the candidate uses {', '.join(line['not_portable'])}, whose bits depend on the CPU")
-    raise DivergenceError("; ".join([f"{name}{line['id']} differs in {found}", *reasons]))
+    if line.not_portable:
+        reasons.append(f"the candidate uses {', '.join(line.not_portable)}, whose bits depend on the CPU")
+    raise DivergenceError(found, place=f"{name}{line.id}", remedy="; ".join(reasons))

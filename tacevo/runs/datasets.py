@@ -27,7 +27,7 @@ def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue:
     Args:
         config: of the run.
         facts: of the run's data set.
-        view: who is told.
+        view: shows the progress.
         catalogue: of the source, where it is there already.
 
     Raises:
@@ -36,8 +36,10 @@ def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue:
     data = load_data(config, view.data, view.say, catalogue=catalogue)
     if data.facts.fingerprint != facts.fingerprint:
         raise DataError(
-            f"data={config.data.source} has the fingerprint {data.facts.fingerprint[:12]}; the run had "
-            f"{facts.fingerprint[:12]}: images, labels or split are others. Restore the data set of the run"
+            f"one with the fingerprint {data.facts.fingerprint[:12]}: images, labels or split differ",
+            place=f"data={config.data.source}",
+            expected=f"the run's data set, of fingerprint {facts.fingerprint[:12]}",
+            remedy="restore the data set of the run",
         )
     return data
 
@@ -127,6 +129,8 @@ def _sensor_task(config: RunConfig) -> SensorTask:
         return SensorTask(config.task.name)
     except ValueError as error:
         raise ConfigError(
-            f"data={config.data.source} knows the tasks {', '.join(SensorTask)}; got task.name={config.task.name}; "
-            "choose other data"
+            config.task.name,
+            place=f"task.name with data={config.data.source}",
+            expected=f"one of {', '.join(SensorTask)}",
+            remedy="choose other data",
         ) from error

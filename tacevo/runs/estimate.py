@@ -13,10 +13,10 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.errors import StoreError
 from tacevo.llm.prices import PriceTable, likely_tokens
-from tacevo.records import Completion, Delivery, Message, Mode, Request, to_json
+from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
-from tacevo.search.proposals import Settings, Task, crossover_text, plan_initial
+from tacevo.search.proposals import Settings, crossover_text, plan_initial
 from tacevo.storage.listing import check_completion, scan
 from tacevo.storage.store import Store
 from tacevo.text import table

@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from tacevo.config.recorded import read_run
+from tacevo.config.recorded import read_recorded
 from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
-from tacevo.rules import by_rules
 from tacevo.runs.wiring import open_gate
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.search.lines import by_rules
 
 
 def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
@@ -24,19 +23,17 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
         CacheMissError: a probe is missing.
         RunError: a candidate's file is not what was trained, or the limits of the run reject its source.
     """
-    directory = RunDirectory(path)
-    config, task, _ = read_run(directory, store)
-    with directory.believed():
-        trained = {
-            line["id"]: (rules, line["source"])
-            for rules, line in by_rules(directory.read_ledger())
-            if "fitness" in line
-        }
+    run = read_recorded(path, store)
+    trained = {
+        line.id: (rules, line.source)
+        for rules, line in by_rules(run.ledger.lines)
+        if line.source is not None and line.fitness is not None
+    }
     found = {}
-    with open_gate(config, task.contract, Mode.replay) as (gate_under, _):
+    with open_gate(run.config, run.record.task.contract, Mode.replay) as (gate_under, _):
         gates = {rules: gate_under(rules) for rules, _ in trained.values()}
         for name, (rules, digest) in trained.items():
-            verdict = gates[rules].measure(directory.read_source(name, digest))
+            verdict = gates[rules].measure(run.directory.read_source(name, digest))
             if not isinstance(verdict, Admitted):
                 detail = f"{name} was trained, and is rejected now: {verdict.reason}: {verdict.detail}"
                 raise RunError(detail, place=str(path), remedy="restore run.json")

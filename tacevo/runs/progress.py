@@ -18,10 +18,10 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from tacevo.records import Json
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.archive import coverage
 from tacevo.search.development import Outcome
+from tacevo.search.lines import CandidateLine, SearchLine
 from tacevo.text import printable
 
 
@@ -52,7 +52,7 @@ class SweepView(Listener, Protocol):
 class View(Listener, Protocol):
     """Who is told how far a run is."""
 
-    def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
+    def committed(self, line: SearchLine, coverage: float, best: float) -> None:
         """Show a line of the ledger, and how far the archive is with it."""
 
 
@@ -86,14 +86,14 @@ class PlainView:
         if done == total:
             self.say(f"data: {total} images made")
 
-    def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
+    def committed(self, line: SearchLine, coverage: float, best: float) -> None:
         """Write a line at the end of each generation."""
-        if line["kind"] == "candidate":
+        if isinstance(line, CandidateLine):
             self._done += 1
-        elif line["kind"] == "generation":
-            repaired = f" and {line['repaired']} after repair" if "repaired" in line else ""
+        else:
+            repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             self.say(
-                f"generation {line['generation']}: {line['trained']} of {line['candidates']} candidates trained"
+                f"generation {line.generation}: {line.trained} of {line.candidates} candidates trained"
                 f"{repaired}, best "
                 f"{best:.4g}, coverage {coverage:.0%} ({self._done}{self._of_total} candidates done)"
             )
@@ -174,13 +174,13 @@ class LiveView(_LiveBars):
         self._generations = generations
         self._search = self._progress.add_task(f"generation 0/{generations}", total=total, note="")
 
-    def committed(self, line: dict[str, Json], coverage: float, best: float) -> None:
+    def committed(self, line: SearchLine, coverage: float, best: float) -> None:
         """Move the bar of the candidates."""
-        if line["kind"] == "candidate":
+        if isinstance(line, CandidateLine):
             self._progress.update(
                 self._search,
                 advance=1,
-                description=f"generation {line['generation']}/{self._generations}",
+                description=f"generation {line.generation}/{self._generations}",
                 note=f"best {best:.4g}  coverage {coverage:.0%}",
             )
 
@@ -246,7 +246,7 @@ class Watcher:
     def developed(self, outcome: Outcome) -> None:
         """Nothing is shown before it is committed."""
 
-    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+    def committed(self, line: SearchLine, state: SearchState) -> None:
         """Show a line."""
         archive = state.networks.archive
         best = min((-elite.objective for elite in archive.elites.values()), default=math.nan)

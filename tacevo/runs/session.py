@@ -1,10 +1,10 @@
-"""A whole run: its data, its directory, its ledger and the search between them; and its replay."""
+"""A whole run: its data, its directory, its ledger and the search between them."""
 
 import contextlib
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import Tracking
@@ -14,23 +14,25 @@ from tacevo.config.tasks import load_task
 from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError
-from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
+from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
-from tacevo.rules import CURRENT, PAGES, Era, Rules
+from tacevo.rules import CURRENT, PAGES, Rules
 from tacevo.runs.datasets import load_data
-from tacevo.runs.header import archive_files, run_header
+from tacevo.runs.eras import run_eras, run_header
 from tacevo.runs.progress import View, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import build_plan, open_tools
 from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, require
-from tacevo.search.algorithm import Plan, SearchState, run_eras
+from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome, Tools
-from tacevo.search.proposals import Task
+from tacevo.search.files import archive_files, read_ledger, write_archives
+from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.ledger import Ledger
-from tacevo.storage.run_directory import SCHEMA, RunDirectory
+from tacevo.storage.files import write_durably
+from tacevo.storage.ledger import Ledger, Sealed, sealed_text
+from tacevo.storage.run_directory import Code, RunDirectory, RunRecord
 from tacevo.storage.store import sweep_stores
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import check_machine
@@ -51,7 +53,7 @@ class Result:
 
 
 def search(config: RunConfig, view: View) -> Result:
-    """Run a search, or take up the one that was begun under the same configuration.
+    """Run a search, or resume the one that was begun under the same configuration.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
@@ -68,11 +70,11 @@ def search(config: RunConfig, view: View) -> Result:
 
 
 def require_means(config: RunConfig) -> None:
-    """Tell what a search lacks here before anything is made.
+    """Check, before anything is made, that this machine has what a search needs.
 
     Raises:
         SandboxError: candidates cannot be confined as the configuration asks.
-        ConfigError: the machine cannot compute as it asks, or the model cannot be reached for want of a key.
+        ConfigError: the machine cannot compute as it asks, or the model's key is missing.
     """
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
@@ -86,19 +88,20 @@ def record(
     tools: Callable[[Rules, Notice], AbstractContextManager[Tools]],
     view: View,
     *,
-    begun: Sequence[dict[str, Json]] = (),
-    eras: Sequence[Era] = (Era(generation=0, rules=CURRENT),),
+    begun: Sealed[Line] | None = None,
+    eras: Sequence[RulesLine] = (RulesLine(generation=0, rules=CURRENT),),
 ) -> Result:
-    """Run a search with given effects into its run directory, or take up the one that was begun there.
+    """Run a search with given effects into its run directory, or resume the one that was begun there.
 
     Args:
         config: the configuration.
         task: the task.
         facts: of the data set.
-        tools: opens the effects under given rules when the directory is ready, and has what holds each candidate told.
-        view: who is told.
-        begun: the ledger of another run that this one continues; its lines are held against the search as those of a
-            stopped run are.
+        tools: opens the effects under given rules when the directory is ready; its callback takes what confines each
+            candidate.
+        view: shows the progress.
+        begun: the ledger of another run that this one continues; the search is compared with its lines as with those
+            of a stopped run.
         eras: the rules to search under, from which generation on.
 
     Raises:
@@ -106,7 +109,8 @@ def record(
     """
     plan = build_plan(config, task, Mode.record)
     header = run_header(config, task, facts, plan, eras[0].rules)
-    directory = RunDirectory(_run_path(config, [header, config.search.generations, *(era.line() for era in eras[1:])]))
+    decisive = [written(header), config.search.generations, *map(written, eras[1:])]
+    directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
         directory.sweep()
@@ -122,15 +126,28 @@ def record(
         return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=best)
 
 
-def _opened(directory: RunDirectory, begun: Sequence[dict[str, Json]]) -> Ledger:
-    """Open the ledger, which begins with the lines of the run that is continued, if one is."""
-    if begun:
-        directory.begin_with(begun)
-    return Ledger(directory.ledger)
+def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
+    """Open the ledger, which begins with the lines of the run that is continued, if one is.
+
+    Raises:
+        RunError: another ledger stands there.
+    """
+    if begun is not None:
+        standing = read_ledger(directory)
+        if not standing.lines:
+            write_durably(directory.ledger, sealed_text(begun.lines)[0])
+        elif standing.hashes[: len(begun.hashes)] != begun.hashes:
+            raise RunError(
+                "another run, or less of this one",
+                place=f"run.dir={directory.path}",
+                expected="the run that is continued",
+                remedy="choose another run.dir",
+            )
+    return Ledger.open(directory.ledger, line_kind)
 
 
 def _run_path(config: RunConfig, content: Json) -> Path:
-    """Name the folder of a run after what decides it, so that the same command finds it again."""
+    """Name the directory of a run after what decides it, so that the same command finds it again."""
     if config.run.dir is not None:
         return Path(config.run.dir)
     name = content_hash(content)[:8]
@@ -139,25 +156,24 @@ def _run_path(config: RunConfig, content: Json) -> Path:
 
 def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFacts) -> None:
     """Write run.json, unless the begun run has it already; the ledger's header has just been found to be ours."""
-    described = {"task": to_json(task), "data": to_json(facts)}
     if (directory.path / "run.json").exists():
         run = directory.read_run()
-        if {key: run.get(key) for key in described} == described:
+        if (run.task, run.data) == (task, facts):
             return
-    directory.write_json(
-        "run.json",
-        {
-            "schema": SCHEMA,
-            "name": directory.path.name,
-            "config": _publishable(config),
-            **described,
-            "versions": versions(),
-            "machine": machine(),
-            "code": checked_out(),
-            "confinement": [],  # nothing has been in force for anybody yet
-            "digest": None,
-            "pages": PAGES,
-        },
+    code = checked_out()
+    directory.write_run(
+        RunRecord(
+            name=directory.path.name,
+            config=_publishable(config),
+            task=task,
+            data=facts,
+            versions=versions(),
+            machine=machine(),
+            code=None if code is None else Code(**code),
+            confinement=(),  # no candidate has run yet
+            digest=None,
+            pages=PAGES,
+        )
     )
 
 
@@ -169,34 +185,38 @@ def _publishable(config: RunConfig) -> dict[str, Json]:
     return plain
 
 
-def _commit_header(ledger: Ledger, header: dict[str, Json], directory: RunDirectory) -> None:
+def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> None:
     try:
         ledger.commit(header)
     except DivergenceError as error:
         raise RunError(
-            f"run.dir={directory.path} holds another run, or one under other rules ({error}); choose another run.dir"
+            f"another run, or one under other rules ({error})",
+            place=f"run.dir={directory.path}",
+            expected="no run, or this one",
+            remedy="choose another run.dir",
         ) from error
 
 
 def _stage(ledger: Ledger) -> str:
-    return "new" if ledger.recorded == 0 else f"taken up after {ledger.recorded} ledger lines"
+    return "new" if ledger.recorded == 0 else f"resumed after {ledger.recorded} ledger lines"
 
 
 def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
     if ledger.recorded > ledger.committed:
         raise RunError(
-            f"run.dir={directory.path} holds a longer run ({ledger.recorded} ledger lines; this one has "
-            f"{ledger.committed}); raise search.generations, or choose another run.dir"
+            f"a longer run of {ledger.recorded} ledger lines",
+            place=f"run.dir={directory.path}",
+            expected=f"at most the {ledger.committed} ledger lines of this run",
+            remedy="raise search.generations, or choose another run.dir",
         )
 
 
 def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
     """Write what is known only at the end; return the summary."""
-    run = directory.read_run()
-    run |= {"config": _publishable(config), "digest": digest, "pages": PAGES}
-    directory.write_json("run.json", run)
+    run = replace(directory.read_run(), config=_publishable(config), digest=digest, pages=PAGES)
+    directory.write_run(run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
-    summary = summarise(run, directory.read_ledger(), names, directory.read_spending())
+    summary = summarise(run, config, read_ledger(directory).lines, names, directory.read_spending())
     directory.write_text("summary.md", summary)
     return summary
 
@@ -220,7 +240,7 @@ def _mirrored(config: RunConfig, directory: RunDirectory, view: View) -> Iterato
 
 
 class Walls:
-    """Keeps in run.json what held the candidates of a run, each way once, in the order in which they came.
+    """Keeps in run.json what confined the candidates of a run, each way once, in the order in which they came.
 
     A run may be continued where less is in force; a candidate that is recalled from the stores adds nothing.
 
@@ -234,17 +254,13 @@ class Walls:
         self._known: set[tuple[str, ...]] = set()
 
     def note(self, measures: tuple[str, ...]) -> None:
-        """Keep what held one candidate, which has not been given an answer yet."""
+        """Keep what confined one candidate, before its answer is used."""
         with self._lock:
             if measures in self._known:
                 return
             run, described = self._directory.read_run(), in_force(measures)
-            with self._directory.believed():
-                kept = run["confinement"]
-            if not isinstance(kept, list):  # earlier versions wrote what the machine had, which held nobody for certain
-                kept = []
-            if described not in kept:
-                self._directory.write_json("run.json", {**run, "confinement": [*kept, described]})
+            if described not in run.confinement:
+                self._directory.write_run(replace(run, confinement=(*run.confinement, described)))
             self._known.add(measures)
 
 
@@ -269,15 +285,14 @@ class _Recorder(Watcher):
         spent = spending_on(outcome.completions)
         self._generation.append(spent)
         if self._spent.get(name) != spent:
-            self._directory.add_timing({"id": name, "seconds": round(outcome.seconds, 3), **to_json(spent)})
+            self._directory.add_timing(spent, id=name, seconds=round(outcome.seconds, 3))
 
-    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+    def committed(self, line: SearchLine, state: SearchState) -> None:
         """Show a line, and write the archives at the end of each generation that was not complete before."""
         super().committed(line, state)
-        if line["kind"] != "generation":
+        if not isinstance(line, GenerationLine):
             return
         spent, self._generation = total(self._generation), []
         if self._ledger.committed >= self._ledger.recorded:
-            self._directory.add_timing({"generation": line["generation"], **to_json(spent)})
-            for name, content in archive_files(self._plan, state).items():
-                self._directory.write_json(name, content)
+            self._directory.add_timing(spent, generation=line.generation)
+            write_archives(self._directory, archive_files(self._plan, state))

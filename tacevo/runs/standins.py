@@ -13,14 +13,12 @@ T = TypeVar("T")
 
 
 def refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> NoReturn:
-    """Refuse the job of a sandbox; stores that only read never give one.
+    """Refuse the job of a sandbox; stores that only read never start one.
 
     Raises:
         SandboxError: always.
     """
-    raise SandboxError(
-        f"expected every {entry} of a replay in its stores; got a job for a sandbox; record the run again"
-    )
+    raise SandboxError("a job for a sandbox", expected=f"every {entry} in the stores", remedy="record the run again")
 
 
 class InPlace(Executor):

@@ -1,13 +1,16 @@
 """What a run found, in words and tables, from its ledger alone."""
 
+import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
 from tacevo.choices import ArchiveKind
+from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total, usd
-from tacevo.records import Json, Operator, Stage
-from tacevo.rules import eras_in_words, eras_of
-from tacevo.search.unsent import TEMPERATURE, dropped_settings, not_sent
+from tacevo.records import Operator, Stage
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, eras_in_words, eras_of
+from tacevo.search.unsent import TEMPERATURE, not_sent
+from tacevo.storage.run_directory import RunRecord
 from tacevo.text import misreported, table
 
 #: How many elites the summary lists.
@@ -15,15 +18,17 @@ TOP = 5
 
 
 def summarise(
-    run: Mapping[str, Json],
-    lines: Sequence[Mapping[str, Json]],
-    elites: Sequence[str],
+    run: RunRecord,
+    config: RunConfig,
+    lines: Sequence[Line],
+    elites: Collection[str],
     spent: Mapping[str, Spending],
 ) -> str:
     """Write the summary of a run as Markdown.
 
     Args:
         run: what run.json holds.
+        config: the configuration in it.
         lines: the ledger.
         elites: ids of the network archive's elites.
         spent: what each candidate's answers cost, by id, as far as that is known.
@@ -32,74 +37,76 @@ def summarise(
         A page with the search's size, its best networks, a table of the gate's stages, one of generations, and the
         cost of the answers.
     """
-    candidates = {line["id"]: line for line in lines if line["kind"] == "candidate"}
-    generations = [line for line in lines if line["kind"] == "generation"]
-    parts = [f"# {run['name']}", _headline(run, candidates, generations), *_rules(lines)]
+    candidates = {line.id: line for line in lines if isinstance(line, CandidateLine)}
+    generations = [line for line in lines if isinstance(line, GenerationLine)]
+    parts = [f"# {run.name}", _headline(run, config, len(candidates), len(generations)), *_rules(lines)]
     parts += _not_sent(candidates.values())
     if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
-        parts += [_progress(generations, run["config"]["archive"]), *_costs(candidates, generations, spent)]
+        parts += [_progress(generations, config), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
 
 
-def _headline(
-    run: Mapping[str, Json], candidates: Mapping[str, Mapping[str, Json]], generations: Sequence[Mapping[str, Json]]
-) -> str:
-    config, data = run["config"], run["data"]
-    train, validation, test = data["counts"]
-    size = data["image_size"]
+def _headline(run: RunRecord, config: RunConfig, candidates: int, generations: int) -> str:
+    train, validation, test = run.data.counts
+    size = run.data.image_size
     return (
-        f"Task {run['task']['name']}, seed {config['seed']}, requests answered by {config['llm']['model']}, "
-        f"{config['numerics']['kind']} numerics. {len(candidates)} candidates in {len(generations)} generations "
-        f"(the first is generation 0). Data {data['fingerprint'][:12]}: {train} training, {validation} validation and "
+        f"Task {run.task.name}, seed {config.seed}, requests answered by {config.llm.model}, "
+        f"{config.numerics.kind} numerics. {candidates} candidates in {generations} generations "
+        f"(the first is generation 0). Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and "
         f"{test} test images of {size} x {size} pixels; the test images play no part in a search."
     )
 
 
-def _rules(lines: Sequence[Mapping[str, Json]]) -> list[str]:
+def _rules(lines: Sequence[Line]) -> list[str]:
     """Say from which generation on other rules hold, where a run was continued under others."""
     eras = eras_of(lines) if lines else ()
     return [f"Made under more than one set of rules: {eras_in_words(eras)}."] if len(eras) > 1 else []
 
 
-def _not_sent(lines: Collection[Mapping[str, Json]]) -> list[str]:
+def _not_sent(lines: Collection[CandidateLine]) -> list[str]:
     """Say which sampling settings the model refuses, where it refuses any, and what that makes of T."""
-    said = not_sent([dropped_settings(line) for line in lines if line["operator"] != Operator.baseline])
+    said = not_sent([line.dropped for line in lines if line.operator is not Operator.baseline])
     planned = ["T, and the temperatures of the prompt archive, are what was planned."] if TEMPERATURE in said else []
     return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
 
 
-def _found(candidates: Mapping[str, Mapping[str, Json]], elites: Sequence[str]) -> str:
+def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str]) -> str:
     """Set the best elites beside the baseline and the best of generation 0."""
-    baseline = next(line for line in candidates.values() if line["operator"] == "baseline")
-    first = min(line["fitness"] for line in candidates.values() if line["generation"] == 0 and "fitness" in line)
-    ranked = sorted((candidates[name] for name in elites), key=lambda line: (line["fitness"], line["id"]))
+    trained = {name: line for name, line in candidates.items() if line.fitness is not None}
+    baseline = next(line for line in candidates.values() if line.operator is Operator.baseline)
+    first = min(_fitness(line) for line in trained.values() if line.generation == 0)
+    ranked = sorted((trained[name] for name in elites), key=lambda line: (_fitness(line), line.id))
     rows = [
-        [line["id"], _number(line["fitness"]), f"{line['parameters']:,}", f"{line['flops']:,}",
-         _number(line["arch_div"]), _number(line["eff_ratio"]), line["operator"]]
+        [line.id, _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
+         _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
-    best = ranked[0]["fitness"]
+    best, reference = _fitness(ranked[0]), _fitness(baseline)
     return (
-        f"## Found\n\nBest fitness {_number(best)} by {ranked[0]['id']}: {_improvement(best, first)} than the best of "
-        f"generation 0 ({_number(first)}) and {_improvement(best, baseline['fitness'])} than the baseline "
-        f"({_number(baseline['fitness'])}). Fitness is the validation loss after the short training; lower wins.\n\n"
+        f"## Found\n\nBest fitness {_number(best)} by {ranked[0].id}: {_improvement(best, first)} than the best of "
+        f"generation 0 ({_number(first)}) and {_improvement(best, reference)} than the baseline "
+        f"({_number(reference)}). Fitness is the validation loss after the short training; lower wins.\n\n"
         + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
     )
 
 
-def _stages(lines: Collection[Mapping[str, Json]]) -> str:
+def _fitness(line: CandidateLine) -> float:
+    return math.nan if line.fitness is None else line.fitness
+
+
+def _stages(lines: Collection[CandidateLine]) -> str:
     """Count where first answers were rejected, corrected or not; what is left at the end is the paper's rate.
 
     The baseline is not an answer, so it is not counted, as in `analysis.runs.dynamics.gate_stages`.
     """
-    answers = [_first(line) for line in lines if line["operator"] != "baseline"]
+    answers = [line.repairs[0] if line.repairs else line for line in lines if line.operator is not Operator.baseline]
     left = len(answers)
-    reasons = Counter((first["stage"], first["reason"]) for first in answers if "stage" in first)
+    reasons = Counter((first.stage, first.reason) for first in answers if first.stage and first.reason)
     rows = []
     for stage in Stage:
-        lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where == stage.value}
+        lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where is stage}
         left -= sum(lost.values())
         detail = ", ".join(f"{reason} {count}" for reason, count in lost.items()) or "-"
         rows.append(
@@ -111,43 +118,34 @@ def _stages(lines: Collection[Mapping[str, Json]]) -> str:
     return "\n\n".join([page, *misreported((reason, count) for (_, reason), count in reasons.items())])
 
 
-def _first(line: Mapping[str, Json]) -> Mapping[str, Json]:
-    """Give what became of a candidate's first answer."""
-    first: Mapping[str, Json] = line["repairs"][0] if "repairs" in line else line
-    return first
-
-
-def _repaired(lines: Collection[Mapping[str, Json]]) -> list[str]:
+def _repaired(lines: Collection[CandidateLine]) -> list[str]:
     """Say what came of the answers that were sent back, where any was."""
-    sent_back = [line for line in lines if "repairs" in line]
+    sent_back = [line for line in lines if line.repairs]
     if not sent_back:
         return []
-    attempts = sum(len(line["repairs"]) for line in sent_back)
-    admitted = sum("source" in line for line in sent_back)
-    trained = sum("fitness" in line for line in sent_back)
+    attempts = sum(len(line.repairs) for line in sent_back)
+    admitted = sum(line.source is not None for line in sent_back)
+    trained = sum(line.fitness is not None for line in sent_back)
     return [
         f"Repaired: {len(sent_back)} answers were sent back, {attempts} times in all; {admitted} then passed the gate, "
         f"and {trained} of these trained. The table above counts them as rejected, where their first answer was."
     ]
 
 
-def _unpromised(lines: Collection[Mapping[str, Json]]) -> list[str]:
+def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     """Name the candidates whose training need not come again bit by bit, and what they use, where there are such."""
-    kinds = {
-        "not_portable": "Bits depend on the CPU, even under portable numerics",
-        "not_deterministic": "Bits may differ from one training to the next, for want of a deterministic form",
-    }
     found = {
-        words: [f"{line['id']} ({', '.join(line[kind])})" for line in lines if kind in line]
-        for kind, words in kinds.items()
+        "Bits depend on the CPU, even under portable numerics": {line.id: line.not_portable for line in lines},
+        "Bits may differ from one training to the next, for want of a deterministic form": {
+            line.id: line.not_deterministic for line in lines
+        },
     }
-    return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in found.items() if names]
+    named = {words: [f"{id} ({', '.join(used)})" for id, used in uses.items() if used] for words, uses in found.items()}
+    return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in named.items() if names]
 
 
 def _costs(
-    candidates: Mapping[str, Mapping[str, Json]],
-    generations: Sequence[Mapping[str, Json]],
-    spent: Mapping[str, Spending],
+    candidates: Mapping[str, CandidateLine], generations: Sequence[GenerationLine], spent: Mapping[str, Spending]
 ) -> list[str]:
     """Add up what the answers cost when they were recorded, generation by generation."""
     known = {name: spent[name] for name in candidates if name in spent}
@@ -156,22 +154,22 @@ def _costs(
         return []
     rows = []
     for line in generations:
-        number = line["generation"]
-        part = total(known[name] for name in known if candidates[name]["generation"] == number)
-        rows.append([str(number), str(part.answers), f"{part.input_tokens:,}", f"{part.output_tokens:,}", usd(part)])
+        part = total(known[name] for name in known if candidates[name].generation == line.generation)
+        tokens = [f"{part.input_tokens:,}", f"{part.output_tokens:,}"]
+        rows.append([str(line.generation), str(part.answers), *tokens, usd(part)])
     header = ["generation", "answers", "input tokens", "output tokens", "cost"]
-    asked = sum(line["operator"] != "baseline" for line in candidates.values())
+    asked = sum(line.operator is not Operator.baseline for line in candidates.values())
     missing = asked - sum(part.answers > 0 for part in known.values())
     gap = f" The cost of {missing} candidates is not in timings.jsonl." if missing else ""
     whole = f"{in_words(run)} (input + output), by the prices of the day each was recorded.{gap}"
     return [f"## Cost\n\n{whole}\n\n{table(header, rows)}"]
 
 
-def _progress(generations: Sequence[Mapping[str, Json]], archive: Mapping[str, Json]) -> str:
+def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
     rows = [
-        [str(line["generation"]), _trained(line), _number(line["best"]),
-         _number(line["generation_median"]), f"{line['coverage']:.0%}", f"{line['prompt_coverage']:.0%}",
-         f"{line['qd_score']:.3f}", f"{line['temperature']:.2f}"]
+        [str(line.generation), _trained(line), _number(line.best),
+         _number(line.generation_median), f"{line.coverage:.0%}", f"{line.prompt_coverage:.0%}",
+         f"{line.qd_score:.3f}", f"{line.temperature:.2f}"]
         for line in generations
     ]  # fmt: skip
     header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
@@ -179,15 +177,15 @@ def _progress(generations: Sequence[Mapping[str, Json]], archive: Mapping[str, J
         "`trained` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
         "coverage of the two archives."
     )
-    if archive.get("kind") == ArchiveKind.best:
-        words += f" That of networks has no niches, but places for the best {archive['kept']}."
+    if config.archive.kind is ArchiveKind.best:
+        words += f" That of networks has no niches, but places for the best {config.archive.kept}."
     return f"## Generations\n\n{words}\n\n{table(header, rows)}"
 
 
-def _trained(line: Mapping[str, Json]) -> str:
+def _trained(line: GenerationLine) -> str:
     """Write how many candidates of a generation trained, with those after a repair apart."""
-    repaired = f" + {line['repaired']} repaired" if "repaired" in line else ""
-    return f"{line['trained']}/{line['candidates']}{repaired}"
+    repaired = "" if line.repaired is None else f" + {line.repaired} repaired"
+    return f"{line.trained}/{line.candidates}{repaired}"
 
 
 def _number(value: float | None) -> str:

@@ -10,7 +10,7 @@ from tacevo.config.schema import ArchiveConfig, ExecutorConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
-from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe
+from tacevo.records import Contract, DataFacts, Limits, Mode, Recipe, Task
 from tacevo.rules import CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.standins import InPlace, refuse_to_run
@@ -19,7 +19,7 @@ from tacevo.search.algorithm import Plan
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
 from tacevo.search.development import Evaluate, Tools
-from tacevo.search.proposals import Settings, Task
+from tacevo.search.proposals import Settings
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting

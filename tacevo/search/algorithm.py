@@ -12,37 +12,33 @@ resuming and extending a run are this same loop.
 import hashlib
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from typing import Protocol
 
 from tacevo.choices import Axis, PromptPolicy, Scale, TemperatureRule
 from tacevo.errors import ConfigError
-from tacevo.profile import Profile
-from tacevo.records import Completion, Json, Operator, Rejection, to_json
-from tacevo.rules import Era, Rules
+from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.search.archive import (
     AddStatus,
     Elite,
+    Growing,
     NetworkArchive,
     Placed,
     Places,
-    Point,
     Tessellation,
     coverage,
     qd_score,
     quality,
 )
 from tacevo.search.descriptors import Descriptor, describe, scaled
-from tacevo.search.development import Attempt, Outcome, Tools, develop
-from tacevo.search.growing import Growing
+from tacevo.search.development import Outcome, Tools, develop
+from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, begun, with_training
 from tacevo.search.prompts import PromptArchive, Trial, curiosity
-from tacevo.search.proposals import Parent, Proposal, Settings, Task, plan_generation, plan_initial
+from tacevo.search.proposals import Parent, Proposal, Settings, plan_generation, plan_initial
 from tacevo.search.temperature import next_temperature
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.ledger import Ledger
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +58,7 @@ class Plan:
     temperature_rule: TemperatureRule
     temperature_start: float
     temperature_step: float
-    #: How often an answer that the gate turned away is sent back.
+    #: How often an answer that the gate rejected is sent back.
     repairs: int = 0
     #: The axes of the network archive.
     axes: tuple[Axis, ...] = tuple(Axis)
@@ -97,20 +93,27 @@ class SearchState:
     best: float = math.inf
 
 
+class Ledger(Protocol):
+    """Where the lines of a search go (`tacevo.storage.ledger`)."""
+
+    def commit(self, line: SearchLine) -> None:
+        """Append a line, or compare it with the one that stands in its place."""
+
+
 class Observer(Protocol):
     """Who watches a search; nothing it does may change one."""
 
     def developed(self, outcome: Outcome) -> None:
         """Take an outcome before it is committed."""
 
-    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+    def committed(self, line: SearchLine, state: SearchState) -> None:
         """Take a line of the ledger after it was committed, and the state that results."""
 
 
 def run_search(
     plan: Plan, tools: Tools, ledger: Ledger, observer: Observer, *, since: SearchState | None = None
 ) -> SearchState:
-    """Run a search from its beginning, or from a later state, to generation G, through the stores and onto the ledger.
+    """Run a search from its beginning, or from a later state, to generation G.
 
     Raises:
         DivergenceError: the ledger holds a line that the search does not reproduce.
@@ -122,51 +125,19 @@ def run_search(
     return state
 
 
-def run_eras(
-    plan: Plan,
-    eras: Sequence[Era],
-    open_tools: Callable[[Rules], AbstractContextManager[Tools]],
-    ledger: Ledger,
-    observer: Observer,
-) -> SearchState:
-    """Run a search whose generations follow several rules, one after the other; each change has a ledger line.
-
-    Args:
-        plan: of the whole search.
-        eras: from generation 0 on; one, unless the run was continued under other rules.
-        open_tools: opens the effects under the rules of an era.
-        ledger: for every line.
-        observer: who watches.
-
-    Raises:
-        TacevoError: as `run_search`.
-    """
-    state = None
-    ends = [era.generation - 1 for era in eras[1:]] + [plan.generations]
-    for era, end in zip(eras, ends, strict=True):
-        if state is not None:
-            ledger.commit(era.line())
-        with open_tools(era.rules) as tools:
-            part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
-            state = run_search(part, tools, ledger, observer, since=state)
-    if state is None:
-        raise ValueError("a search has one era at least; got none")
-    return state
-
-
 def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run one generation: plan, complete, admit, evaluate, commit."""
-    proposals = propose(state, plan)
-    lines: list[dict[str, Json]] = []
-    before = state
-    for outcome in develop(proposals, tools, repairs=plan.repairs):
-        _insist_on_baseline(outcome, plan.task)
+    before, lines = state, []
+    for outcome in develop(propose(state, plan), tools, repairs=plan.repairs):
+        _check_baseline(outcome, plan.task)
         observer.developed(outcome)
-        state, entry = commit(state, plan, outcome, tools.evaluation_key)
-        lines.append(ledger.commit(entry))
-        observer.committed(lines[-1], state)
-    state, entry = close(before, state, plan, lines)
-    observer.committed(ledger.commit(entry), state)
+        state, line = commit(state, plan, outcome, tools.evaluation_key)
+        lines.append(line)
+        ledger.commit(line)
+        observer.committed(line, state)
+    state, last = close(before, state, plan, lines)
+    ledger.commit(last)
+    observer.committed(last, state)
     return state
 
 
@@ -187,184 +158,117 @@ def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
 
 def commit(
     state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str], str]
-) -> tuple[SearchState, dict[str, Json]]:
-    """Fold one outcome into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger entry.
+) -> tuple[SearchState, CandidateLine]:
+    """Fold one outcome into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
-    A candidate that was turned away is discarded: it changes no archive.
+    A rejected candidate is discarded: it changes no archive.
     """
-    entry = _entry(outcome, plan)
-    if outcome.admitted is None:
-        return state, entry
-    descriptor = describe(outcome.admitted.profile)
-    entry |= {"evaluation": evaluation_key(outcome.admitted.source)} | _measured(outcome.admitted.profile, descriptor)
-    if isinstance(outcome.result, Rejection):
-        return state, entry
-    fitness = outcome.result.fitness
-    placed = Placed(
-        elite=Elite(name=outcome.proposal.id, objective=-fitness),
-        point=_point(descriptor, plan),
+    line, admitted, result = begun(outcome, names_dropped=plan.names_dropped), outcome.admitted, outcome.result
+    if isinstance(result, Rejection):
+        line = replace(line, stage=result.stage, reason=result.reason)
+    if admitted is None:
+        return state, line
+    descriptor = describe(admitted.profile)
+    line = replace(
+        line,
+        source=hashlib.sha256(admitted.source.encode()).hexdigest(),
+        evaluation=evaluation_key(admitted.source),
+        parameters=admitted.profile.parameters,
+        flops=admitted.profile.flops,
+        not_portable=admitted.profile.not_portable,
+        **asdict(descriptor),
     )
+    if isinstance(result, Rejection):
+        return state, line
+    placed = Placed(elite=Elite(name=line.id, objective=-result.fitness), point=_point(descriptor, plan))
     networks, niche, status = state.networks.offer(plan.networks, placed)
-    score = curiosity(fitness, inserted=status is not AddStatus.rejected)
-    state = replace(state, networks=networks, candidates=_with_child(state.candidates, outcome, score))
-    entry |= {
-        "fitness": fitness,
-        "train_losses": list(outcome.result.train_losses),
-        "validation_losses": list(outcome.result.validation_losses),
-        "predictions": outcome.result.predictions_sha256,
-        "weights": outcome.result.weights_sha256,
-        "niche": niche,
-        "status": status.value,
-        "curiosity": score,
-    }
-    if outcome.result.not_deterministic:
-        entry["not_deterministic"] = list(outcome.result.not_deterministic)
-    state, prompt_entry = _record_prompt(state, plan, outcome.proposal, status, score)
-    return state, entry | prompt_entry
+    score = curiosity(result.fitness, inserted=status is not AddStatus.rejected)
+    candidates = _with_child(state.candidates, outcome.proposal, admitted.source, result.fitness, score)
+    line = replace(with_training(line, result), niche=niche, status=status, curiosity=score)
+    return _record_prompt(replace(state, networks=networks, candidates=candidates), plan, line, score)
 
 
 def close(
-    before: SearchState, state: SearchState, plan: Plan, lines: Sequence[Mapping[str, Json]]
-) -> tuple[SearchState, dict[str, Json]]:
+    before: SearchState, state: SearchState, plan: Plan, lines: Sequence[CandidateLine]
+) -> tuple[SearchState, GenerationLine]:
     """End a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
 
     Generation 0 leaves T_1 as it is: there is no generation before it to compare with. `trained` counts first answers
-    only, as the paper has it; those that were corrected are counted apart, where any was sent back.
+    only, as the paper has it; repaired ones are counted apart, where any answer was sent back.
     """
-    elites = state.networks.archive.elites
+    elites, trials = state.networks.archive.elites, state.prompts.trials
     best = min((-elite.objective for elite in elites.values()), default=math.inf)
     temperature = state.temperature
     if state.generation > 0:
         temperature = next_temperature(
             plan.temperature_rule, temperature, best=best, best_before=before.best, step=plan.temperature_step
         )
-    bounds = state.networks.bounds
-    fitnesses = [line["fitness"] for line in lines if "fitness" in line]
-    repaired = [line for line in lines if "fitness" in line and "repairs" in line]
-    entry: dict[str, Json] = {
-        "kind": "generation",
-        "generation": state.generation,
-        "temperature": state.temperature,
-        "next_temperature": temperature,
-        "candidates": len(lines),
-        "trained": len(fitnesses) - len(repaired),
-        "best": best if math.isfinite(best) else None,
-        "generation_best": min(fitnesses, default=None),
-        "generation_median": round(statistics.median(fitnesses), 12) if fitnesses else None,
-        "coverage": coverage(state.networks.archive, plan.networks.niches),
-        "qd_score": round(qd_score(state.networks.archive, quality), 12),
-        "prompt_coverage": coverage(state.prompts.archive, plan.prompts.niches),
-        "bounds": None if bounds is None else to_json(bounds),
-        "archive": content_hash({str(niche): to_json(elites[niche]) for niche in elites}),
-        "prompt_archive": content_hash({str(niche): to_json(trial) for niche, trial in state.prompts.trials.items()}),
-    }
-    if any("repairs" in line for line in lines):
-        entry["repaired"] = len(repaired)
-    return replace(state, generation=state.generation + 1, temperature=temperature, best=best), entry
+    fitnesses = [line.fitness for line in lines if line.fitness is not None]
+    repaired = sum(line.fitness is not None for line in lines if line.repairs)
+    line = GenerationLine(
+        generation=state.generation,
+        temperature=state.temperature,
+        next_temperature=temperature,
+        candidates=len(lines),
+        trained=len(fitnesses) - repaired,
+        best=best if math.isfinite(best) else None,
+        generation_best=min(fitnesses, default=None),
+        generation_median=round(statistics.median(fitnesses), 12) if fitnesses else None,
+        coverage=coverage(state.networks.archive, plan.networks.niches),
+        qd_score=round(qd_score(state.networks.archive, quality), 12),
+        prompt_coverage=coverage(state.prompts.archive, plan.prompts.niches),
+        bounds=state.networks.bounds,
+        archive=content_hash(to_json(elites)),
+        prompt_archive=content_hash(to_json(trials)),
+        repaired=repaired if any(line.repairs for line in lines) else None,
+    )
+    return replace(state, generation=state.generation + 1, temperature=temperature, best=best), line
 
 
-def _insist_on_baseline(outcome: Outcome, task: Task) -> None:
+def _check_baseline(outcome: Outcome, task: Task) -> None:
     """Refuse to search from a baseline that does not train."""
-    if outcome.proposal.operator is Operator.baseline and isinstance(outcome.result, Rejection):
-        result = outcome.result
+    result = outcome.result
+    if outcome.proposal.operator is Operator.baseline and isinstance(result, Rejection):
         raise ConfigError(
-            f"the baseline of task {task.name} (task.baseline) does not train: {result.stage}, {result.reason}: "
-            f"{result.detail}"
+            f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
+            place=f"task.baseline of task {task.name}",
+            expected="a network that trains",
         )
 
 
-def _entry(outcome: Outcome, plan: Plan) -> dict[str, Json]:
-    """Begin a candidate's ledger entry with what was asked and what came of it."""
-    proposal = outcome.proposal
-    entry: dict[str, Json] = {
-        "kind": "candidate",
-        "generation": proposal.generation,
-        "slot": proposal.slot,
-        "id": proposal.id,
-        "operator": proposal.operator.value,
-        "parents": list(proposal.parents),
-        "prompt": proposal.prompt,
-        "request": None if proposal.request is None else content_hash(to_json(proposal.request)),
-        "temperature": None if proposal.request is None else proposal.request.temperature,
-        **_answered(outcome.completion, plan),
-    }
-    if outcome.attempts:
-        entry["repairs"] = [_attempted(attempt, plan) for attempt in outcome.attempts]
-    if outcome.admitted is not None:
-        entry["source"] = hashlib.sha256(outcome.admitted.source.encode()).hexdigest()
-    if isinstance(outcome.result, Rejection):
-        entry |= {"stage": outcome.result.stage.value, "reason": outcome.result.reason.value}
-    return entry
-
-
-def _answered(completion: Completion | None, plan: Plan) -> dict[str, Json]:
-    """Name an answer by its hash, with the settings that its request was sent without, where there are such."""
-    if completion is None:
-        return {"answer": None}
-    dropped = {"dropped": list(completion.dropped)} if completion.dropped and plan.names_dropped else {}
-    return {"answer": content_hash(completion.content()), **dropped}
-
-
-def _attempted(attempt: Attempt, plan: Plan) -> dict[str, Json]:
-    """Write down an answer that was sent back."""
-    return {
-        **_answered(attempt.completion, plan),
-        "stage": attempt.rejection.stage.value,
-        "reason": attempt.rejection.reason.value,
-    }
-
-
-def _measured(profile: Profile, descriptor: Descriptor) -> dict[str, Json]:
-    """Write down what the probe measured; which kernels are not portable, only where there are such."""
-    entry: dict[str, Json] = {"parameters": profile.parameters, "flops": profile.flops, **to_json(descriptor)}
-    return entry | ({"not_portable": list(profile.not_portable)} if profile.not_portable else {})
-
-
 def _record_prompt(
-    state: SearchState, plan: Plan, proposal: Proposal, status: AddStatus, score: float
-) -> tuple[SearchState, dict[str, Json]]:
+    state: SearchState, plan: Plan, line: CandidateLine, score: float
+) -> tuple[SearchState, CandidateLine]:
     """Let a mutation's prompt configuration compete in A_P; the mutations of generation 0 come before it begins."""
-    without = plan.settings.prompts is PromptPolicy.none
-    if without or proposal.prompt is None or proposal.generation == 0:
-        return state, {}
-    trial = Trial(
-        prompt=proposal.prompt,
-        temperature=state.temperature,
-        inserted=status is not AddStatus.rejected,
-        curiosity=score,
+    if plan.settings.prompts is PromptPolicy.none or line.prompt is None or line.generation == 0:
+        return state, line
+    inserted = line.status is not AddStatus.rejected
+    trial = Trial(prompt=line.prompt, temperature=state.temperature, inserted=inserted, curiosity=score)
+    prompts, niche, status = state.prompts.record(
+        plan.prompts, trial, prompts=len(plan.task.instructions), name=line.id
     )
-    prompts, niche, prompt_status = state.prompts.record(
-        plan.prompts, trial, prompts=len(plan.task.instructions), name=proposal.id
-    )
-    return replace(state, prompts=prompts), {"prompt_niche": niche, "prompt_status": prompt_status.value}
+    return replace(state, prompts=prompts), replace(line, prompt_niche=niche, prompt_status=status)
 
 
-def _point(descriptor: Descriptor, plan: Plan) -> Point:
-    """Give a candidate's coordinates on the axes of the network archive, before normalisation."""
+def _point(descriptor: Descriptor, plan: Plan) -> tuple[float, ...]:
+    """Return a candidate's coordinates on the axes of the network archive, before normalisation."""
     values = {Axis.arch_div: descriptor.arch_div, Axis.eff_ratio: scaled(descriptor.eff_ratio, plan.eff_ratio_scale)}
     return tuple(values[axis] for axis in plan.axes)
 
 
-def _with_child(candidates: Growing[Candidate], outcome: Outcome, score: float) -> Growing[Candidate]:
-    """Add a candidate, and tell its parents how curious it was."""
-    proposal = outcome.proposal
-    if outcome.admitted is None or isinstance(outcome.result, Rejection):
-        raise ValueError(f"{proposal.id} was turned away and cannot be a parent")
+def _with_child(
+    candidates: Growing[Candidate], proposal: Proposal, source: str, fitness: float, score: float
+) -> Growing[Candidate]:
+    """Add a candidate, and its curiosity to that of the parent that it is a mutation of."""
     exact = Fraction(score)
     for name in proposal.parents if proposal.operator is Operator.mutation else ():
         parent = candidates[name]
         taught = replace(parent, curiosity=parent.curiosity + exact, curiosities=parent.curiosities + 1)
         candidates = candidates.adding(name, taught)
-    child = Candidate(
-        id=proposal.id,
-        source=outcome.admitted.source,
-        fitness=outcome.result.fitness,
-        curiosity=exact,
-        curiosities=1,
-    )
+    child = Candidate(id=proposal.id, source=source, fitness=fitness, curiosity=exact, curiosities=1)
     return candidates.adding(child.id, child)
 
 
 def _parent(candidate: Candidate) -> Parent:
-    mean = float(candidate.curiosity) / candidate.curiosities  # the sum is rounded once, whatever the order
+    mean = float(candidate.curiosity) / candidate.curiosities  # the sum is rounded once, so its order does not matter
     return Parent(id=candidate.id, source=candidate.source, fitness=candidate.fitness, curiosity=mean)

@@ -82,7 +82,7 @@ def variation(graph: Graph) -> float:
 
     Returns:
         The mean over the properties that the network has; one without values is left out, a network with none
-        gives 0, and so does a property whose values are all 0, where the mean is no divisor.
+        gives 0, and so does a property whose values are all 0, where the mean cannot divide.
     """
     properties = [values for values in (graph.channels, graph.kernels, graph.hidden) if values]
     if not properties:
@@ -104,7 +104,7 @@ def width(graph: Graph) -> int:
 
 
 def scaled(eff_ratio: float, scale: Scale) -> float:
-    """Give an Efficiency Ratio as the archive's axis has it: as it is, or its decimal logarithm.
+    """Return an Efficiency Ratio as the archive's axis has it: as it is, or its decimal logarithm.
 
     A network without counted FLOPs has ratio 0; on a logarithmic axis it stands at the smallest positive number.
     """

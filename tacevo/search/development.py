@@ -33,7 +33,7 @@ class Tools:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempt:
-    """An answer that the gate turned away and that was sent back."""
+    """An answer that the gate rejected and that was sent back."""
 
     completion: Completion
     rejection: Rejection
@@ -46,7 +46,7 @@ class Outcome:
     proposal: Proposal
     #: The last answer; None for the baseline, which no model was asked for.
     completion: Completion | None
-    #: None where the gate turned the answer away.
+    #: None where the gate rejected the answer.
     admitted: Admitted | None
     result: Training | Rejection
     #: Wall time of gate and training; for people, never for the ledger.
@@ -56,7 +56,7 @@ class Outcome:
 
     @property
     def completions(self) -> tuple[Completion, ...]:
-        """Every answer that was had for the proposal, in order."""
+        """Every answer to the proposal, in order."""
         last = () if self.completion is None else (self.completion,)
         return (*(attempt.completion for attempt in self.attempts), *last)
 
@@ -65,7 +65,7 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) ->
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once; each answer goes through the gate and into training as soon as it arrives, and
-    equal sources are trained once. What the gate turned away is sent back together when all of that is
+    equal sources are trained once. What the gate rejected is sent back together when all of that is
     done, training included, up to `repairs` times.
 
     Args:
@@ -74,7 +74,7 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) ->
         repairs: how often an answer may be corrected.
 
     Raises:
-        LLMError: an answer could not be had.
+        LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
     """
     tools = replace(tools, evaluate=_Once(tools.evaluate))
@@ -103,7 +103,7 @@ def _ask(
 
 
 def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: LLM) -> Iterator[tuple[int, Completion]]:
-    """Give each answer with its place among the proposals.
+    """Yield each answer with its place among the proposals.
 
     Raises:
         CacheMissError: a replay, which answers in order, has no answer to the next one; the message names its slot.
@@ -115,11 +115,12 @@ def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: L
             answered += 1
             yield places[position], completion
     except CacheMissError as error:
-        raise _missed(proposals[places[answered]], error) from error
+        error.place = _place_of(proposals[places[answered]])
+        raise
 
 
-def _missed(proposal: Proposal, error: CacheMissError) -> CacheMissError:
-    return CacheMissError(f"generation {proposal.generation}, slot {proposal.slot}: {error}")
+def _place_of(proposal: Proposal) -> str:
+    return f"generation {proposal.generation}, slot {proposal.slot}"
 
 
 def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
@@ -143,7 +144,8 @@ def _develop_one(
         gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
         result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
     except CacheMissError as error:
-        raise _missed(proposal, error) from error
+        error.place = _place_of(proposal)
+        raise
     return Outcome(
         proposal=proposal,
         completion=completion,
@@ -176,6 +178,6 @@ class _Once:
         if first:
             try:
                 answer.set_result(self._evaluate(source))
-            except BaseException as error:  # whatever it is, the waiting thread must hear of it
+            except BaseException as error:  # the waiting thread must raise it, too
                 answer.set_exception(error)
         return answer.result()

@@ -1,4 +1,4 @@
-"""The one interface between the search and whatever writes networks."""
+"""The one interface between the search and what writes networks."""
 
 from collections.abc import Iterator, Sequence
 from typing import Protocol
@@ -19,6 +19,6 @@ class LLM(Protocol):
             Pairs (position in `requests`, completion) in the order of arrival, each position exactly once.
 
         Raises:
-            LLMError: an answer could not be had; the answers yielded before it remain good.
+            LLMError: a request failed after all retries; the answers yielded before it remain good.
         """
         ...

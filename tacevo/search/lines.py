@@ -1,16 +1,20 @@
-"""What a search decided, one record for each line of its ledger.
+"""What a search decided, one record for each line of its ledger; and the rules that the lines were made under.
 
 A field without a default is in every line; one with a default only where it differs from it. Lines that were written
 before a field existed therefore keep their bytes.
 """
 
-import dataclasses
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
-from tacevo.records import STRICT, DataFacts, Json, Operator, Reason, Stage, to_json
+from tacevo.errors import RunError
+from tacevo.records import STRICT, Completion, DataFacts, Json, Operator, Reason, Stage, Training, to_json
 from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import AddStatus, Bounds
+from tacevo.search.development import Outcome
+from tacevo.storage.canonical import content_hash
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +38,7 @@ class RunLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RulesLine:
-    """The generations from here on were made under other rules."""
+    """An era begins: the generations from here on were made under these rules."""
 
     __pydantic_config__ = STRICT
 
@@ -107,6 +111,11 @@ class CandidateLine:
     prompt_status: AddStatus | None = None
     kind: Literal["candidate"] = "candidate"
 
+    @property
+    def sent_temperature(self) -> float | None:
+        """The temperature that the request was sent with; None where none was, as for the baseline."""
+        return None if "temperature" in self.dropped else self.temperature
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GenerationLine:
@@ -137,14 +146,110 @@ class GenerationLine:
     kind: Literal["generation"] = "generation"
 
 
-Line = RunLine | RulesLine | CandidateLine | GenerationLine
+#: What a search itself commits.
+SearchLine = CandidateLine | GenerationLine
+
+Line = RunLine | RulesLine | SearchLine
+
+_KINDS: Mapping[str, type[Line]] = {
+    "run": RunLine,
+    "rules": RulesLine,
+    "candidate": CandidateLine,
+    "generation": GenerationLine,
+}
 
 
-def written(line: Line | RepairedAnswer) -> dict[str, Json]:
-    """Return a line as JSON, without the fields that are at their defaults."""
-    kept = [
-        field.name
-        for field in dataclasses.fields(line)
-        if field.name == "kind" or getattr(line, field.name) != field.default
-    ]
-    return {name: to_json(getattr(line, name)) for name in kept}
+def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
+    """Return the class of a line that is read as JSON; None where a search writes no such line."""
+    return _KINDS.get(str(entry.get("kind")))
+
+
+def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
+    """Begin a candidate's line with what was asked and what the model said.
+
+    Args:
+        outcome: of the candidate.
+        names_dropped: whether the line names the sampling settings that were not sent.
+    """
+    proposal, completion = outcome.proposal, outcome.completion
+    return CandidateLine(
+        generation=proposal.generation,
+        slot=proposal.slot,
+        id=proposal.id,
+        operator=proposal.operator,
+        parents=proposal.parents,
+        prompt=proposal.prompt,
+        request=None if proposal.request is None else content_hash(to_json(proposal.request)),
+        temperature=None if proposal.request is None else proposal.request.temperature,
+        answer=None if completion is None else content_hash(completion.content()),
+        dropped=_dropped(completion, names_dropped),
+        repairs=tuple(
+            RepairedAnswer(
+                answer=content_hash(attempt.completion.content()),
+                stage=attempt.rejection.stage,
+                reason=attempt.rejection.reason,
+                dropped=_dropped(attempt.completion, names_dropped),
+            )
+            for attempt in outcome.attempts
+        ),
+    )
+
+
+def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:
+    return completion.dropped if completion is not None and names_dropped else ()
+
+
+def with_training(line: CandidateLine, training: Training) -> CandidateLine:
+    """Return a candidate's line with what its training gave."""
+    return replace(
+        line,
+        fitness=training.fitness,
+        train_losses=training.train_losses,
+        validation_losses=training.validation_losses,
+        predictions=training.predictions_sha256,
+        weights=training.weights_sha256,
+        not_deterministic=training.not_deterministic,
+    )
+
+
+def eras_of(lines: Sequence[Line]) -> tuple[RulesLine, ...]:
+    """Return where each of a run's eras begins, in order: the first at generation 0, under the header's rules.
+
+    A run that was continued under later rules has more than one era.
+
+    Raises:
+        RunError: the ledger does not begin with a header, or an era does not follow the one before it.
+    """
+    eras: list[RulesLine] = []
+    for line in lines:
+        if isinstance(line, RunLine):
+            eras.append(RulesLine(generation=0, rules=line.rules))
+        elif not eras:
+            break
+        elif isinstance(line, RulesLine):
+            eras.append(line)
+    if not eras or any(after.generation <= before.generation for before, after in pairwise(eras)):
+        generations = [era.generation for era in eras]
+        expected = "a header, and then rules that begin at later and later generations"
+        raise RunError(f"rules from generations {generations}", place="ledger.jsonl", expected=expected)
+    return tuple(eras)
+
+
+def eras_in_words(eras: Sequence[RulesLine]) -> str:
+    """Write the numbers that a run began with, and from which generation on which of them changed."""
+    begun, *_ = eras
+    words = [", ".join(f"{part} {number}" for part, number in asdict(begun.rules).items())]
+    for before, era in pairwise(eras):
+        changed = asdict(era.rules).items() - asdict(before.rules).items()
+        words.append(f"from generation {era.generation} " + ", ".join(f"{part} {to}" for part, to in sorted(changed)))
+    return "; ".join(words)
+
+
+def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, CandidateLine]]:
+    """Yield every candidate's line with the rules that it was made under."""
+    rules = FIRST
+    for line in lines:
+        if isinstance(line, CandidateLine):
+            yield rules, line
+        elif not isinstance(line, GenerationLine):
+            rules = line.rules

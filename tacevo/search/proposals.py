@@ -11,36 +11,12 @@ import numpy as np
 
 from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting
+from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting, Task
 from tacevo.search.prompts import PromptArchive, draw_pool, draw_prompt, draw_weighted
 from tacevo.search.temperature import clip
 
 #: Rejections that no further turn can mend.
 _NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Instruction:
-    """One entry of a prompt library."""
-
-    id: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
-    """A task as data: its contract and the texts that ask for networks."""
-
-    name: str
-    contract: Contract
-    #: Source of the baseline class a0.
-    baseline: str
-    #: The filled-in system prompt.
-    system: str
-    #: The prompt library, in order; a prompt index points into it.
-    instructions: tuple[Instruction, ...]
-    #: The fixed instruction of every crossover.
-    crossover: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,7 +207,7 @@ def repair_request(request: Request, answer: str, rejection: Rejection) -> Reque
 def repair_text(rejection: Rejection) -> str:
     """Write the user message that sends an answer back.
 
-    It is part of the request's key: another wording, here or of the gate's `detail`, asks a model anew.
+    It is part of the request's key: another wording, here or of the gate's `detail`, asks a model again.
     """
     return (
         f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
@@ -263,7 +239,7 @@ def _baseline(task: Task) -> Proposal:
 
 
 def _founder(task: Task) -> Parent:
-    """Give the baseline as a parent, without competitors that its figures could matter to."""
+    """Return the baseline as a parent, without competitors that its figures could matter to."""
     return Parent(id=_baseline(task).id, source=task.baseline, fitness=0.0, curiosity=1.0)
 
 

@@ -6,7 +6,7 @@ from tacevo.choices import TemperatureRule
 def next_temperature(
     rule: TemperatureRule, temperature: float, *, best: float, best_before: float, step: float
 ) -> float:
-    """Give the temperature of the next generation, T_{g+1}.
+    """Return the temperature of the next generation, T_{g+1}.
 
     `paper` is the formula as printed: up when the archive best is no worse than before, else down; an archive's
     best never gets worse, so it only ever rises. `stall` raises it only when the generation brought no better

@@ -1,23 +1,10 @@
 """What was planned and not sent to a model, because the model refuses it, as ledger lines say; pure."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-
-from tacevo.records import Json
+from collections.abc import Collection, Sequence
 
 #: The sampling setting that a search adapts.
 TEMPERATURE = "temperature"
-
-
-def dropped_settings(line: Mapping[str, Json]) -> tuple[str, ...]:
-    """Return the sampling settings that a request was sent without; ledgers of earlier releases name none."""
-    return tuple(line.get("dropped", ()))
-
-
-def sent_temperature(line: Mapping[str, Json]) -> float | None:
-    """Return the temperature that a candidate's request was sent with; None where none was, as for the baseline."""
-    temperature: float | None = None if TEMPERATURE in dropped_settings(line) else line["temperature"]
-    return temperature
 
 
 def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:

@@ -1,62 +1,84 @@
-"""The ledger: what a search decided, one JSON line at a time, each sealed with the hash of the line before.
+"""The ledger: what was decided, one JSON line at a time, each sealed with the hash of the line before.
 
-What it promises: the last hash, the digest, stands for every decision of the run; a line, once committed,
-survives a crash; a run that is computed again is held against its ledger line by line. Time stamps, durations,
-host names and paths never enter it.
+What it promises: the last hash, the digest, stands for every decision; a line, once committed, survives a crash; what
+is computed again is compared with its ledger line by line. Time stamps, durations, host names and paths never enter it.
 """
 
 import json
 import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from tacevo.errors import DivergenceError, RunError
-from tacevo.records import Json
+from tacevo.records import Json, written
 from tacevo.storage.canonical import canonical, content_hash, differences, shown, value_at
+from tacevo.typed import convert
+
+#: A record of one line.
+L_co = TypeVar("L_co", covariant=True)
+
+#: Returns the class of a line that is read as JSON; None where there is none.
+KindOf = Callable[[Mapping[str, Json]], type[L_co] | None]
 
 #: The hash before the first line.
 GENESIS = "0" * 64
 
-
-def seal(entry: dict[str, Json], previous: str) -> dict[str, Json]:
-    """Link an entry to the line before it and add its own hash."""
-    linked = {**entry, "previous": previous}
-    return {**linked, "hash": content_hash(linked)}
+_RESTORE = "restore the file, or start in a new run.dir"
 
 
-def is_sealed(line: dict[str, Json], previous: str) -> bool:
-    """Tell whether a line is as it was sealed, behind the line of that hash."""
-    return line == seal(unsealed(line), previous)
+@dataclass(frozen=True, slots=True)
+class Sealed(Generic[L_co]):
+    """The lines of a ledger whose chain was checked."""
+
+    lines: tuple[L_co, ...] = ()
+    #: Of each line.
+    hashes: tuple[str, ...] = ()
+
+    @property
+    def digest(self) -> str:
+        """The last hash, which stands for all lines."""
+        return self.hashes[-1] if self.hashes else GENESIS
+
+
+_NO_LINES: Sealed[object] = Sealed()
 
 
 class Ledger:
-    """The ledger of one run, open for committing.
+    """A ledger, open for committing.
 
-    Committing where a line already stands compares instead of appending; so the same loop writes a run, takes
-    up a killed one and checks a finished one.
+    Committing where a line already stands compares instead of appending; so the same loop writes a run, resumes a
+    killed one and checks a finished one. Without a file, lines are compared and counted only.
 
     Args:
-        path: the file, `ledger.jsonl`; None keeps the lines in memory only.
-        recorded: lines to be held against, for a ledger in memory.
-
-    Raises:
-        RunError: the file is damaged before its last line.
+        recorded: the lines that stand there.
+        file: where further lines are written.
     """
 
-    def __init__(self, path: Path | None, recorded: tuple[dict[str, Json], ...] = ()) -> None:
+    def __init__(self, recorded: Sealed[object] = _NO_LINES, file: FileIO | None = None) -> None:
         self._recorded = recorded
-        self._file: FileIO | None = None
-        self._count = 0
+        self._file = file
+        #: The number of lines committed in this session.
+        self.committed = 0
         self.digest = GENESIS
-        if path is not None:
-            self._recorded, length = _read(path)
-            self._file = path.open("ab", buffering=0)  # no rest of a failed line waits to be written at the end
-            self._file.truncate(length)  # a line torn by a crash was never committed
+
+    @classmethod
+    def open(cls, path: Path, kind_of: KindOf[object]) -> Self:
+        """Open the ledger in a file, new or begun.
+
+        Raises:
+            RunError: the file is damaged before its last line.
+        """
+        recorded = read_lines(path, kind_of)
+        length = len(_whole(path))
+        file = path.open("ab", buffering=0)  # no rest of a failed line waits to be written at the end
+        file.truncate(length)  # a line torn by a crash was never committed
+        return cls(recorded, file)
 
     def __enter__(self) -> Self:
-        """Give the open ledger."""
         return self
 
     def __exit__(
@@ -69,43 +91,98 @@ class Ledger:
     @property
     def recorded(self) -> int:
         """The number of lines that stood here before."""
-        return len(self._recorded)
+        return len(self._recorded.lines)
 
-    @property
-    def committed(self) -> int:
-        """The number of lines committed in this session."""
-        return self._count
-
-    def commit(self, entry: dict[str, Json]) -> dict[str, Json]:
-        """Append an entry, or hold it against the line that stands in its place.
-
-        Returns:
-            The entry with `previous` and `hash`.
+    def commit(self, line: object) -> None:
+        """Append a line, a record, or compare it with the one that stands in its place.
 
         Raises:
             DivergenceError: the recorded line differs; the message names generation, slot and field.
             RunError: the disk is full or fails; the lines before this one are safe.
             ValueError: a number is NaN or infinite.
         """
-        line = seal(entry, self.digest)
-        if self._count < len(self._recorded):
-            _compare(self._recorded[self._count], line)
+        sealed = seal(written(line), self.digest)
+        if self.committed < self.recorded:
+            if self._recorded.hashes[self.committed] != sealed["hash"]:
+                raise _divergence(self._recorded.lines[self.committed], line)
         elif self._file is not None:
-            _append(self._file, f"{canonical(line)}\n".encode())
-        self._count += 1
-        self.digest = line["hash"]
-        return line
+            _append(self._file, f"{canonical(sealed)}\n".encode())
+        self.committed += 1
+        self.digest = sealed["hash"]
 
 
-def read_ledger(path: Path) -> tuple[dict[str, Json], ...]:
-    """Read a ledger and check its chain; a last line torn by a crash is left out.
+def seal(entry: dict[str, Json], previous: str) -> dict[str, Json]:
+    """Link a line's JSON to the line before it and add its own hash."""
+    linked = {**entry, "previous": previous}
+    return {**linked, "hash": content_hash(linked)}
+
+
+def sealed_text(lines: Sequence[object]) -> tuple[str, str]:
+    """Return the text of a whole ledger, and its digest."""
+    texts, digest = [], GENESIS
+    for line in lines:
+        sealed = seal(written(line), digest)
+        digest = sealed["hash"]
+        texts.append(f"{canonical(sealed)}\n")
+    return "".join(texts), digest
+
+
+def _by_number(lines: Sequence[object]) -> str:
+    return f"line {len(lines) + 1}"
+
+
+def read_lines(
+    path: Path, kind_of: KindOf[L_co], name_line: Callable[[Sequence[L_co]], str] = _by_number
+) -> Sealed[L_co]:
+    """Read a ledger as records and check its chain; a last line torn by a crash is left out, and so is a missing file.
+
+    Args:
+        path: the file.
+        kind_of: returns the class of a line, e.g. `tacevo.search.lines.line_kind`.
+        name_line: names the line behind the given ones, for messages.
 
     Raises:
-        RunError: the file is missing, or a line was damaged or edited.
+        RunError: a line was damaged or edited, or is not a line of such a ledger; the message names it.
     """
-    if not path.exists():
-        raise RunError(f"{path} is missing; give the folder of a run, as `tacevo search` printed it")
-    return _read(path)[0]
+    lines: list[L_co] = []
+    hashes = [GENESIS]
+    for text in _whole(path).splitlines():
+        place = f"{path}, {name_line(lines)}"
+        line, previous, own = read_line(text, kind_of, place)
+        if previous != hashes[-1] or own != seal(written(line), previous)["hash"]:
+            raise RunError(
+                "another one: it, or the line before it, was edited",
+                place=place,
+                expected="the line of its hash",
+                remedy=_RESTORE,
+            )
+        lines.append(line)
+        hashes.append(own)
+    return Sealed(tuple(lines), tuple(hashes[1:]))
+
+
+def read_line(text: bytes, kind_of: KindOf[L_co], place: str) -> tuple[L_co, str, str]:
+    """Read one line as a record, with the previous line's hash and its own, which are not checked.
+
+    Raises:
+        RunError: it is not a line of such a ledger.
+    """
+    try:
+        entry = json.loads(text)
+        canonical(entry)  # fails on NaN and infinity, which Python's reader lets through
+    except (ValueError, RecursionError) as error:
+        raise RunError(str(error), place=place, expected="JSON", remedy=_RESTORE) from error
+    kind = kind_of(entry) if isinstance(entry, dict) else None
+    if kind is None:
+        raise RunError(_brief(entry), place=place, expected="a line of a known kind", remedy=_RESTORE)
+    previous, own = (str(entry.pop(name, None)) for name in ("previous", "hash"))
+    return convert(kind, entry, place=place, error=RunError, remedy=_RESTORE), previous, own
+
+
+def _whole(path: Path) -> bytes:
+    """Read the whole lines of a ledger."""
+    data = path.read_bytes() if path.exists() else b""
+    return data[: data.rfind(b"\n") + 1]
 
 
 def _append(file: FileIO, data: bytes) -> None:
@@ -116,77 +193,38 @@ def _append(file: FileIO, data: bytes) -> None:
         os.fsync(file.fileno())
     except OSError as error:
         raise RunError(
-            f"{file.name} cannot be written: {error.strerror}; the lines before are safe. Make room, and run the same "
-            "command again"
+            f"{error.strerror}, while a line was written; the lines before it are safe",
+            place=str(file.name),
+            remedy="make room, and run the same command again",
         ) from error
 
 
-def _read(path: Path) -> tuple[tuple[dict[str, Json], ...], int]:
-    """Read the whole lines of a ledger, and how many bytes they take."""
-    data = path.read_bytes() if path.exists() else b""
-    length = data.rfind(b"\n") + 1
-    lines: list[dict[str, Json]] = []
-    previous = GENESIS
-    for number, text in enumerate(data[:length].splitlines(), 1):
-        lines.append(_checked(path, number, text, previous))
-        previous = lines[-1]["hash"]
-    return tuple(lines), length
-
-
-def _checked(path: Path, number: int, text: bytes, previous: str) -> dict[str, Json]:
-    """Parse one line and hold it against its own hash and its predecessor's."""
-    try:
-        line: dict[str, Json] = json.loads(text)
-        sound = is_sealed(line, previous)
-    except (ValueError, AttributeError, RecursionError) as error:
-        raise RunError(
-            f"{path}, line {number} is not JSON ({error}); restore the file, or start in a new run.dir"
-        ) from error
-    if not sound:
-        raise RunError(
-            f"{path}, line {number} does not match its hash: it, or the line before it, was edited; restore the file, "
-            "or start in a new run.dir"
-        )
-    return line
-
-
-def _compare(recorded: dict[str, Json], line: dict[str, Json]) -> None:
-    """Raise on the first field in which a recomputed line differs from the recorded one."""
-    if recorded["hash"] == line["hash"]:
-        return
+def _divergence(recorded: object, line: object) -> DivergenceError:
+    """Write the first field in which a recomputed line differs from the recorded one."""
     field, (was, now) = first_difference(recorded, line)
-    raise DivergenceError(f"{place_of(recorded)}: field {field!r} was recorded as {was} and is now {now}")
+    return DivergenceError(now, place=f"{place_of(recorded)}, {field}", expected=f"{was} as recorded")
 
 
-def first_difference(one: dict[str, Json], other: dict[str, Json]) -> tuple[str, tuple[str, str]]:
-    """Name the first field in which two lines differ, with both values, shortened for a person.
-
-    Args:
-        one: a line whose content, the seal left out, is not the other's.
-        other: that one.
-    """
-    lines = unsealed(one), unsealed(other)
+def first_difference(one: object, other: object) -> tuple[str, tuple[str, str]]:
+    """Return the first field in which two lines differ, with both values, shortened for a person."""
+    lines = written(one), written(other)
     field = differences(*lines)[0]
     was, now = (_brief(value_at(line, field)) for line in lines)
     return shown(field), (was, now)
 
 
-def place_of(line: dict[str, Json]) -> str:
-    """Say where a line stands, in the words of a run or of a study."""
-    match line:
+def place_of(line: object) -> str:
+    """Return where a line stands, in the words of a run or of a study."""
+    match written(line):
         case {"network": network, "seed": seed}:
             return f"{network}, seed {seed}"
         case {"generation": generation, "slot": slot}:
             return f"generation {generation}, slot {slot}"
         case {"generation": generation}:
             return f"generation {generation}"
-        case _:
-            return f"the {line.get('kind', 'run')}'s header"
-
-
-def unsealed(line: dict[str, Json]) -> dict[str, Json]:
-    """Give what a line says, without the hashes that seal it."""
-    return {key: value for key, value in line.items() if key not in {"previous", "hash"}}
+        case {"kind": kind}:
+            return f"the {kind}'s header"
+    raise ValueError(f"{line} is not a line of a ledger")
 
 
 def _brief(value: Json, limit: int = 200) -> str:

@@ -11,24 +11,23 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.config.recorded import doubting, read_run
+from tacevo.config.recorded import RecordedRun, doubting, read_recorded
 from tacevo.config.schema import RunConfig
 from tacevo.config.study import StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import deviations, machine, versions
-from tacevo.errors import DivergenceError, RunError
+from tacevo.errors import DivergenceError
 from tacevo.randomness import derived_seed
-from tacevo.records import DataFacts, Json, Kind, Limits, Mode, Recipe, Rejection
+from tacevo.records import Kind, Limits, Mode, Rejection
 from tacevo.rules import STUDY
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Listener, StudyView
 from tacevo.runs.wiring import open_studies, recipe_of
 from tacevo.sandbox.confinement import require
-from tacevo.search.proposals import Task
-from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Seen, sweep_stores
-from tacevo.storage.study_directory import StudyDirectory, describes, name_study, studies_of
-from tacevo.studies.networks import networks_of, score_line, study_header, study_rules
+from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
+from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
+from tacevo.studies.networks import networks_of
 from tacevo.studies.terms import Margin, Terms, fewest_seeds
 from tacevo.text import counted
 from tacevo.training.full import FullEvaluator, FullTraining
@@ -53,7 +52,7 @@ class Studied:
 class _Job:
     """One network to be trained with one seed."""
 
-    network: dict[str, Json]
+    network: Network
     #: 0 to S - 1.
     index: int
     source: str
@@ -63,24 +62,23 @@ class _Job:
     @property
     def row(self) -> str:
         """Name the row of the scores."""
-        return f"{self.network['name']}, seed {self.index}"
+        return f"{self.network.name}, seed {self.index}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Plan:
     """All that a study follows from."""
 
+    run: RecordedRun
     #: Of the run, with the training of the study.
     config: RunConfig
-    task: Task
-    facts: DataFacts
-    header: dict[str, Json]
+    header: StudyHeader
     #: In the order of the scores.
     jobs: tuple[_Job, ...]
 
 
 def study(config: StudyConfig, view: StudyView) -> Studied:
-    """Study a finished run, or take up a study that was begun under the same configuration.
+    """Study a finished run, or resume a study that was begun under the same configuration.
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
@@ -88,8 +86,7 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     """
     path, limits = Path(config.run or ""), Limits(seconds=config.seconds, memory_mib=config.memory_mib)
     plan = _plan(
-        path,
-        config.store.root,
+        read_recorded(path, config.store.root),
         elites=config.elites,
         seeds=config.seeds,
         epochs=config.epochs,
@@ -97,21 +94,21 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
         terms=partial(_stated, config),
         rules=STUDY,
     )
-    run = replace(plan.config, executor=config.executor)
+    run, task, facts = replace(plan.config, executor=config.executor), plan.run.record.task, plan.run.record.data
     require(run.sandbox.require)
     check_machine(run.numerics.kind, run.training.device)
     catalogue = source_of(run).catalogue()
-    data = load_same(run, plan.facts, view, catalogue=catalogue)
+    data = load_same(run, facts, view, catalogue=catalogue)
     sweep_stores(Path(run.store.root))
-    directory = _directory(path, plan)
-    units = list(units_of(catalogue)) if data.scale else []
-    circumstances = {"scale": list(data.scale), "units": units, "versions": versions(), "machine": machine()}
-    directory.begin(_described(plan), circumstances)
-    with open_studies(run, plan.task, plan.facts, data, Mode.record, rules=STUDY) as (evaluator, executor):
+    directory = StudyDirectory(path / "studies" / name_study(plan.header))
+    units = units_of(catalogue) if data.scale else ()
+    circumstances = {"scale": data.scale, "units": units, "versions": versions(), "machine": machine()}
+    directory.begin(plan.header, circumstances)
+    with open_studies(run, task, facts, data, Mode.record, rules=STUDY) as (evaluator, executor):
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, config, len(recorded), view)
         verdicts = _train(plan.jobs, recorded, evaluator, executor, view)
-        digest = directory.finish(_entries(plan, evaluator, verdicts))
+        digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
@@ -119,13 +116,12 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     )
 
 
-def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen | None = None) -> dict[str, str]:
+def replay_studies(run: RecordedRun, view: Listener, *, seen: Seen | None = None) -> dict[str, str]:
     """Compute the scores of a run's finished studies again from the store alone, and compare every line.
 
     Args:
-        path: the run directory.
-        store: where the stores lie, if not where the run had them.
-        view: who is told of a study that is passed over: it is not finished, or the run has been extended since.
+        run: the run.
+        view: shows which studies are passed over: unfinished ones, and those of the run before it was extended.
         seen: told of every store entry that is read.
 
     Returns:
@@ -137,67 +133,53 @@ def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen 
         RunError: a file is damaged.
     """
     digests = {}
-    before = {line["hash"] for line in RunDirectory(path).read_finished()[:-1]}
-    for directory in studies_of(path):
+    for directory in studies_of(run.directory.path):
         name, recorded = directory.path.name, directory.read()
-        if recorded.get("digest") is None:
+        if recorded.digest is None:
             view.say(f"study {name} is not finished and is passed over")
-        elif recorded.get("run") in before:
+        elif recorded.run in run.ledger.hashes[:-1]:
             view.say(f"study {name} is about the run before it was extended, and is passed over")
         else:
-            with doubting(_others(directory, recorded)):
-                digests[name] = _replay(path, store, directory, recorded, seen)
+            with doubting(deviations(recorded.versions, versions())):
+                digests[name] = _replay(run, directory, recorded, seen)
     return digests
 
 
-def _others(directory: StudyDirectory, recorded: dict[str, Json]) -> tuple[str, ...]:
-    """Say which versions are others here than those that a study was made with."""
-    try:
-        return deviations(recorded["versions"], versions())
-    except (KeyError, AttributeError) as error:
-        raise RunError(f"{directory.path}/study.json is damaged: {type(error).__name__}: {error}") from error
-
-
-def _replay(
-    path: Path, store: str | None, directory: StudyDirectory, recorded: dict[str, Json], seen: Seen | None
-) -> str:
+def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, seen: Seen | None) -> str:
     """Compute the scores of one study again and compare; return the digest."""
-    try:
-        recipe = Recipe.from_json(recorded["recipe"])
-        elites, seeds = len(recorded["networks"]) - 1, int(recorded["seeds"])
-        terms = Terms.from_json(recorded["terms"])
-        rules = study_rules(recorded)
-    except (KeyError, TypeError, ValueError) as error:
-        raise RunError(f"{directory.path}/study.json is damaged: {type(error).__name__}: {error}") from error
     plan = _plan(
-        path,
-        store,
-        elites=elites,
-        seeds=seeds,
-        epochs=recipe.epochs,
-        limits=recipe.limits,
-        terms=lambda _: terms,
-        rules=rules,
+        run,
+        elites=len(recorded.networks) - 1,
+        seeds=recorded.seeds,
+        epochs=recorded.recipe.epochs,
+        limits=recorded.recipe.limits,
+        terms=lambda _: recorded.terms,
+        rules=recorded.rules,
     )
-    if not describes(recorded, _described(plan)):
-        raise DivergenceError(f"{directory.path}/study.json was edited, or tells of another run or other networks")
-    with open_studies(plan.config, plan.task, plan.facts, None, Mode.replay, rules=rules, seen=seen) as (evaluator, _):
+    place = f"{directory.path}/study.json"
+    if not describes(recorded, plan.header):
+        raise DivergenceError(
+            "one that was edited, or that describes another run or other networks",
+            place=place,
+            expected="the study that follows from the run",
+        )
+    task, facts, rules = run.record.task, run.record.data, recorded.rules
+    with open_studies(plan.config, task, facts, None, Mode.replay, rules=rules, seen=seen) as (evaluator, _):
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
-        digest = directory.compare(_entries(plan, evaluator, verdicts))
-    if digest != recorded["digest"]:
-        raise DivergenceError(f"{directory.path}/study.json has the digest {recorded['digest']}; it is {digest}")
+        digest = directory.compare(plan.header, _rows(plan, evaluator, verdicts))
+    if digest != recorded.digest:
+        raise DivergenceError(str(recorded.digest), place=f"{place}, digest", expected=digest)
     return digest
 
 
 def _stated(config: StudyConfig, kind: Kind) -> Terms:
-    """Give the terms that a configuration states for a kind of task."""
+    """Return the terms that a configuration states for a kind of task."""
     chosen = config.margins.regression if kind is Kind.regression else config.margins.classification
     return Terms(alpha=config.alpha, margin=Margin(value=chosen.value, kind=chosen.kind))
 
 
 def _plan(
-    path: Path,
-    store: str | None,
+    run: RecordedRun,
     *,
     elites: int,
     seeds: int,
@@ -206,49 +188,39 @@ def _plan(
     terms: Callable[[Kind], Terms],
     rules: int,
 ) -> _Plan:
-    """Work out which networks of a finished run are to be trained, how, and on which terms they are judged."""
-    directory = RunDirectory(path)
-    config, task, facts = read_run(directory, store)
-    ledger = directory.read_finished()
-    training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
-    config = replace(config, training=training)
-    with directory.believed():
-        archive, _ = directory.read_archives(ledger)
-        networks = networks_of(ledger, [entry["id"] for entry in archive["elites"]], elites)
-        header = study_header(
-            run=ledger[-1]["hash"],
-            config=directory.read_run()["config"],
-            facts=facts,
-            recipe=recipe_of(config),
-            seeds=seeds,
-            terms=terms(facts.kind),
-            networks=networks,
-            rules=rules,
-        )
+    """Work out which networks of a run are trained, how, and on which terms they are judged."""
+    training = replace(run.config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
+    config = replace(run.config, training=training)
+    archive, _ = run.read_archives()
+    networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites)
+    header = StudyHeader(
+        schema=SCHEMA,
+        run=run.ledger.digest,
+        task=config.task.name,
+        seed=config.seed,
+        data=run.record.data,
+        recipe=recipe_of(config),
+        numerics=config.numerics.kind,
+        device=config.training.device,
+        seeds=seeds,
+        terms=terms(run.record.data.kind),
+        networks=networks,
+        rules=rules,
+    )
     jobs = [
         _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, "study", index))
         for network in networks
-        for source in [directory.read_source(network["id"], network["source"])]
+        for source in [run.directory.read_source(network.id, network.source)]
         for index in range(seeds)
     ]
-    return _Plan(config=config, task=task, facts=facts, header=header, jobs=tuple(jobs))
-
-
-def _directory(run: Path, plan: _Plan) -> StudyDirectory:
-    """Give the folder of a study; the same command finds it again."""
-    return StudyDirectory(run / "studies" / name_study(plan.header, epochs=plan.config.training.epochs))
-
-
-def _described(plan: _Plan) -> dict[str, Json]:
-    """Give what study.json says of what decides the scores."""
-    return {key: value for key, value in plan.header.items() if key not in {"kind", "schema"}}
+    return _Plan(run=run, config=config, header=header, jobs=tuple(jobs))
 
 
 def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: StudyView) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     view.say(f"study: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
-    networks = plan.header["networks"]
-    view.say(", ".join(f"{network['name']}: {network['id']}" for network in networks))
+    networks = plan.header.networks
+    view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if len(networks) <= config.elites:
         view.say(f"the archive has fewer elites with a source of their own than elites={config.elites}")
     needed = fewest_seeds(config.alpha)
@@ -262,7 +234,7 @@ def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, reco
 def _train(
     jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: StudyView
 ) -> list[FullTraining | Rejection]:
-    """Train all that is not recorded, in parallel; give the verdicts in the order of the jobs.
+    """Train all that is not recorded, in parallel; return the verdicts in the order of the jobs.
 
     The view is told of those alone that were not recorded before, by their rows.
     """
@@ -283,12 +255,32 @@ def _train(
     return [verdicts[place] for place in range(len(jobs))]
 
 
-def _entries(
-    plan: _Plan, evaluator: FullEvaluator, verdicts: Sequence[FullTraining | Rejection]
-) -> list[dict[str, Json]]:
-    """Write the lines of the scores."""
+def _rows(plan: _Plan, evaluator: FullEvaluator, verdicts: Sequence[FullTraining | Rejection]) -> list[Row]:
+    """Return the lines of the scores, one for each job."""
     pairs = zip(plan.jobs, verdicts, strict=True)
-    return [
-        plan.header,
-        *(score_line(job.network, job.index, evaluator.key(job.source, job.seed), verdict) for job, verdict in pairs),
-    ]
+    return [_row(job, evaluator.key(job.source, job.seed), verdict) for job, verdict in pairs]
+
+
+def _row(job: _Job, evaluation: str, verdict: FullTraining | Rejection) -> Row:
+    if isinstance(verdict, Rejection):
+        return FailedLine(
+            network=job.network.name,
+            id=job.network.id,
+            seed=job.index,
+            evaluation=evaluation,
+            stage=verdict.stage,
+            reason=verdict.reason,
+        )
+    return ScoreLine(
+        network=job.network.name,
+        id=job.network.id,
+        seed=job.index,
+        evaluation=evaluation,
+        epoch=verdict.epoch,
+        validation_loss=verdict.validation_loss,
+        metrics=dict(verdict.metrics),
+        confusion=verdict.confusion,
+        predictions=verdict.training.predictions_sha256,
+        weights=verdict.training.weights_sha256,
+        not_deterministic=verdict.training.not_deterministic,
+    )

@@ -2,18 +2,18 @@
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
 
 from tacevo.choices import MarginKind
-from tacevo.records import Json
+from tacevo.records import STRICT
 from tacevo.rounding import rounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margin:
     """The largest shift that is called no difference."""
+
+    __pydantic_config__ = STRICT
 
     #: Above 0; 0.1 is 10 % of the baseline's median, or 0.1 of the metric.
     value: float
@@ -25,12 +25,12 @@ class Margin:
             raise ValueError(f"an equivalence margin must be above 0; got {self.value}")
 
     def around(self, median: float) -> float:
-        """Give the margin in the unit of the metric, around a baseline's median."""
+        """Return the margin in the unit of the metric, around a baseline's median."""
         return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
 
 
 def fewest_seeds(alpha: float) -> int:
-    """Give the least S for which a two-sided rank test of S values against S can be significant at all.
+    """Return the least S for which a two-sided rank test of S values against S can be significant at all.
 
     Of the C(2S, S) orders, which are equally likely without a difference, the two extreme ones have the smallest p.
 
@@ -44,6 +44,8 @@ def fewest_seeds(alpha: float) -> int:
 class Terms:
     """How a study is judged."""
 
+    __pydantic_config__ = STRICT
+
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
     alpha: float
     #: Of equivalence, in the study's primary metric.
@@ -53,13 +55,3 @@ class Terms:
         """Refuse a level at which nothing, or everything, is significant."""
         if not 0 < self.alpha < 1:
             raise ValueError(f"alpha must be in (0, 1); got {self.alpha}")
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote.
-
-        Raises:
-            KeyError, TypeError, ValueError: the values are no terms.
-        """
-        margin = Margin(value=value["margin"]["value"], kind=MarginKind(value["margin"]["kind"]))
-        return cls(alpha=value["alpha"], margin=margin)

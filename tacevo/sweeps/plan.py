@@ -24,6 +24,7 @@ from tacevo.runs.progress import SweepView
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import require_means
+from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
@@ -257,7 +258,7 @@ def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Stat
         RunError: it is another configuration's, or the task's texts have changed since.
     """
     run = directory.run(job)
-    begun = run.ledger.exists() and bool(run.read_ledger())
+    begun = bool(read_ledger(run).lines)
     if not begun or not (run.path / "run.json").exists():
         return status_of(directory, job)
     recorded, task, facts = read_run(run)

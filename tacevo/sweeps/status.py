@@ -8,7 +8,8 @@ from enum import StrEnum
 from tacevo.config.compose import from_plain
 from tacevo.config.identity import config_hash
 from tacevo.errors import RunError, TacevoError
-from tacevo.records import Json
+from tacevo.search.files import finished_digest, read_ledger
+from tacevo.search.lines import GenerationLine, Line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.text import counted, table
@@ -45,8 +46,8 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     """Return how a job stands; a run directory that cannot be read is a failure with its reason."""
     run = directory.run(job)
     try:
-        lines = run.read_ledger() if run.ledger.exists() else ()
-        best = next((line["best"] for line in reversed(lines) if line["kind"] == "generation"), None)
+        lines = read_ledger(run).lines
+        best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
         digest = _digest(run, job, lines)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
@@ -61,7 +62,7 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     return Status(job=job, standing=standing, lines=len(lines), best=best)
 
 
-def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> str:
+def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
     """Return the digest of a finished job; empty if it is not finished.
 
     Raises:
@@ -69,16 +70,14 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[dict[str, Json]]) -> st
     """
     if not lines:
         return ""
-    with run.believed():
-        recorded = config_hash(from_plain(run.read_run()["config"]))
-    if recorded != job.config:
+    if config_hash(from_plain(run.read_run().config)) != job.config:
         raise RunError(
             "another configuration's run",
             place=str(run.path),
             expected=f"a run of the job {job.name}",
             remedy="move that directory away, or choose another --into",
         )
-    return run.finished_digest() or ""
+    return finished_digest(run) or ""
 
 
 def describe(statuses: Sequence[Status]) -> str:

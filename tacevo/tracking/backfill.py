@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tacevo.errors import RunError, TacevoError
 from tacevo.redaction import check_address
+from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import shown_address
 from tacevo.tracking.facts import read_facts
@@ -90,7 +91,7 @@ def find_runs(path: Path) -> tuple[Path, ...]:
 def _mirror(path: Path, given: str) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
     settings = read_facts(path).settings()
-    RunDirectory(path).read_ledger()  # checks the chain
+    read_ledger(RunDirectory(path))  # checks the chain
     recorded = settings["tracking.uri"]
     uri: str = given or ("" if "***" in recorded else recorded)  # earlier versions hid passwords so
     address = store_address(uri)

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from typing import Self
 
 from tacevo.costs import Spending, total
-from tacevo.records import Json, Operator
+from tacevo.records import Instruction, Json, Operator
 from tacevo.search.archive import AddStatus
 from tacevo.search.lines import CandidateLine, GenerationLine
-from tacevo.search.proposals import Instruction
-from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.canonical import leaves
 
 #: The longest param, in characters: older MLflow servers refuse more.
@@ -28,8 +26,8 @@ _GENERATION_METRICS = (
     "prompt_coverage",
     "candidates",
     "trained",
-    "temperature",
     "repaired",
+    "temperature",
 )
 
 _CANDIDATE_METRICS = (
@@ -72,7 +70,7 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
         Params by name; what does not apply to the candidate is left out.
     """
     shown: dict[str, Json] = {key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")}
-    shown["temperature"] = None if TEMPERATURE in line.dropped else line.temperature
+    shown["temperature"] = line.sent_temperature
     shown["dropped"] = ",".join(line.dropped) or None
     shown["parents"] = ",".join(line.parents) or None
     shown["repairs"] = len(line.repairs) or None

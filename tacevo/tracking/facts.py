@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, DataFacts, Json, Kind
-from tacevo.search.proposals import Instruction
+from tacevo.records import STRICT, DataFacts, Instruction, Json, Kind
 from tacevo.storage.canonical import leaves
 from tacevo.typed import parse
 

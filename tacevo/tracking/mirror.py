@@ -5,17 +5,14 @@ it does not: it takes the ledger's lines as they stand, and does not check their
 """
 
 import contextlib
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
-from tacevo.errors import RunError
-from tacevo.records import Json
-from tacevo.search.lines import CandidateLine, GenerationLine
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import alone
-from tacevo.storage.ledger import unsealed
+from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
 from tacevo.tracking.entries import (
@@ -31,7 +28,6 @@ from tacevo.tracking.entries import (
 from tacevo.tracking.facts import data_set, read_facts, source_tags
 from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
-from tacevo.typed import convert
 
 
 def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
@@ -91,11 +87,11 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             leave_sweep(client, nesting[PARENT_TAG], member.directory)
 
 
-def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, CandidateLine | GenerationLine | None]]:
+def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Line]]:
     """Yield a ledger's lines as they are committed, until `finished`; the file may not exist yet.
 
     Returns:
-        The hash of each line, and its record; None for a line that MLflow does not show.
+        The hash of each line, and its record.
 
     Raises:
         RunError: a line is damaged.
@@ -110,17 +106,9 @@ def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Cand
         whole = data[: data.rfind(b"\n") + 1]  # a line without its end is not committed yet
         offset += len(whole)
         for text in whole.splitlines():
-            sealed = json.loads(text)
-            yield sealed["hash"], _record(unsealed(sealed), str(path))
-
-
-def _record(line: dict[str, Json], place: str) -> CandidateLine | GenerationLine | None:
-    match line["kind"]:
-        case "candidate":
-            return convert(CandidateLine, line, place=place, error=RunError)
-        case "generation":
-            return convert(GenerationLine, line, place=place, error=RunError)
-    return None
+            line: Line
+            line, _, own = read_line(text, line_kind, str(path))
+            yield own, line
 
 
 class _Sums:

@@ -3,9 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from ledger_lines import score, study_header
 from refusals import refused
 from studies import study_of
 
@@ -13,9 +15,9 @@ from analysis.studies.scores import Study
 from analysis.studies.study import check_alike, load_study
 from tacevo.choices import MarginKind
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Json, Kind, Limits, Recipe
-from tacevo.storage.study_directory import StudyDirectory
-from tacevo.studies.networks import study_header
+from tacevo.records import DataFacts, Kind, Limits, Reason, Recipe, Stage
+from tacevo.studies.directory import StudyDirectory
+from tacevo.studies.lines import FailedLine, Row, ScoreLine
 from tacevo.studies.terms import Margin, Terms
 
 FACTS = DataFacts(
@@ -29,45 +31,17 @@ FACTS = DataFacts(
 )
 RECIPE = Recipe(epochs=2, batch_size=4, learning_rate=0.1, optimiser="adam", limits=Limits(seconds=1.0, memory_mib=100))
 TERMS = Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative))
-NETWORKS: list[Json] = [
-    {"name": name, "id": f"g00s0{place}", "source": name, "fitness": 0.5, "parameters": 1, "flops": 2}
-    for place, name in enumerate(["baseline", "variant 1"])
-]
-HEADER = study_header(
-    run="r" * 64,
-    config={
-        "task": {"name": "force"},
-        "seed": 0,
-        "numerics": {"kind": "portable"},
-        "training": {"device": "cpu"},
-    },
-    facts=FACTS,
-    recipe=RECIPE,
-    seeds=3,
-    terms=TERMS,
-    networks=NETWORKS,
-    rules=2,
-)
-SCORES: list[dict[str, Json]] = [
-    {
-        "kind": "score",
-        "network": network["name"],
-        "seed": seed,
-        "epoch": 1,
-        "validation_loss": 0.5,
-        "metrics": {"mse": place + seed / 10},
-        "confusion": None,
-    }
-    for place, network in enumerate(NETWORKS)
-    for seed in range(3)
+HEADER = study_header(run="r" * 64, data=FACTS, recipe=RECIPE, seeds=3, terms=TERMS)
+SCORES: list[Row] = [
+    score(network.name, seed, place + seed / 10) for place, network in enumerate(HEADER.networks) for seed in range(3)
 ]
 
 
-def written(path: Path, scores: Sequence[dict[str, Json]] = SCORES, **header: Json) -> Path:
+def written(path: Path, scores: Sequence[Row] = SCORES, **changes: Any) -> Path:
     """Write a finished study with sound hashes."""
-    directory = StudyDirectory(path)
-    directory.begin({"run": "r" * 64}, {"units": ["mm"]})
-    directory.finish([{**HEADER, **header}, *scores])
+    directory, header = StudyDirectory(path), replace(HEADER, **changes)
+    directory.begin(header, {"scale": (1.0,), "units": ("mm",), "versions": {}, "machine": {}})
+    directory.finish(header, scores)
     return path
 
 
@@ -83,16 +57,16 @@ def test_study_comes_back_as_it_was(tmp_path: Path) -> None:
 
 def test_confusion_comes_back(tmp_path: Path) -> None:
     """Rows of true classes, as tuples."""
-    scores = [{**score, "confusion": [[2, 1], [0, 3]]} for score in SCORES]
+    scores = [replace(row, confusion=((2, 1), (0, 3))) for row in SCORES if isinstance(row, ScoreLine)]
     assert load_study(written(tmp_path / "study", scores)).scores[0].confusion == ((2, 1), (0, 3))
 
 
-def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
-    """Let two trainings come to no end."""
-    reason = {"stage": "train", "reason": "out_of_time"}
+def failed(scores: list[Row]) -> list[Row]:
+    """Let two trainings fail."""
+    reason: dict[str, Any] = {"id": "g00s00", "evaluation": "e", "stage": Stage.train, "reason": Reason.out_of_time}
     return [
-        {"kind": "score", "network": score["network"], "seed": score["seed"], **reason} if place in (1, 5) else score
-        for place, score in enumerate(scores)
+        FailedLine(network=row.network, seed=row.seed, **reason) if place in (1, 5) else row
+        for place, row in enumerate(scores)
     ]
 
 
@@ -102,20 +76,19 @@ def failed(scores: list[dict[str, Json]]) -> list[dict[str, Json]]:
         (lambda scores: scores[:4], r"variant 1 has no score for seeds \[1, 2\]"),
         (lambda scores: [*scores[:1], *scores[2:]], r"baseline has no score for seeds \[1\]"),
         (
-            lambda scores: [*scores, {**scores[0], "seed": 3}],
+            lambda scores: [*scores, replace(scores[0], seed=3)],
             r"baseline has scores beyond the 3 seeds of the study, for seeds \[3\]",
         ),
         (lambda scores: [*scores, scores[2]], r"baseline has more than one score for seeds \[2\]"),
         (failed, r"2 that failed \(out_of_time\): baseline with seed 1, variant 1 with seed 2"),
         (
-            lambda scores: [*scores[:5], {**scores[5], "metrics": {"mae": 1.0}}],
+            lambda scores: [*scores[:5], replace(scores[5], metrics={"mae": 1.0})],
             r"variant 1 has no mse for seeds \[2\]",
         ),
-        (lambda scores: [{"kind": "score"}, *scores], r"study, scores\.0.*expected a value; got nothing"),
     ],
 )
 def test_what_is_not_whole_is_refused_with_its_rows(
-    change: Callable[[list[dict[str, Json]]], list[dict[str, Json]]], named: str, tmp_path: Path
+    change: Callable[[list[Row]], list[Row]], named: str, tmp_path: Path
 ) -> None:
     """Unequal seeds, rows twice, trainings without an end, unlike metrics: sealed, and still no study."""
     with pytest.raises(RunError, match=named):
@@ -125,8 +98,8 @@ def test_what_is_not_whole_is_refused_with_its_rows(
 def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     """Before its scores are there, and where they were cut off after the digest was written."""
     directory = StudyDirectory(tmp_path / "begun")
-    directory.begin({}, {})
-    with pytest.raises(RunError, match=r"scores\.jsonl"):
+    directory.begin(HEADER, {"scale": (), "units": (), "versions": {}, "machine": {}})
+    with refused(RunError, place="begun/scores.jsonl", expected="a header, then scores"):
         load_study(directory.path)
     path = written(tmp_path / "cut")
     scores = path / "scores.jsonl"
@@ -148,7 +121,7 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "study")
     scores = path / "scores.jsonl"
     scores.write_text(scores.read_text().replace('"mse":1.1', '"mse":NaN'))
-    with pytest.raises(RunError, match="variant 1, seed 1"):
+    with refused(RunError, place="variant 1, seed 1", expected="JSON"):
         load_study(path)
 
 

@@ -10,6 +10,8 @@ from analysis.report.collection import collect
 from analysis.runs.archive_history import archive_history, archive_medians
 from tacevo.bundles.open import opened
 from tacevo.records import to_json
+from tacevo.search.files import read_ledger
+from tacevo.search.lines import GenerationLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.run_directory import RunDirectory
 
@@ -25,7 +27,7 @@ def test_archives_are_those_of_the_ledger(name: str) -> None:
     with opened(PUBLISHED / name) as place:
         path = place.one_run("the test reads one run")
         found = collect(path, place.store)
-        recorded = [line["archive"] for line in RunDirectory(path).read_finished() if line["kind"] == "generation"]
+        recorded = [line.archive for line in read_ledger(RunDirectory(path)).lines if isinstance(line, GenerationLine)]
     archives = [archive.elites for archive in archive_history(found.run, found.niches.networks)]
     assert [content_hash({str(at): to_json(elites[at]) for at in elites}) for elites in archives] == recorded
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from hand_runs import bounds_of, closed, rejected, run, trained
+from hand_runs import bounds_of, closed, occupant, prompt_trial, rejected, run, trained
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -30,7 +30,6 @@ from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import house_style, render
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.runs.run import Occupant, PromptTrial
 from analysis.studies.scores import Study
 from tacevo.records import Kind, Reason, Stage
 from tacevo.search.archive import find_centroids
@@ -46,12 +45,12 @@ SLOTS = [
     rejected(2, 0, Stage.extract, Reason.no_class),
 ]
 ELITES = [
-    Occupant(id="g00s01", niche=2, fitness=0.6),
-    Occupant(id="g01s00", niche=7, fitness=0.4),
+    occupant(id="g00s01", niche=2, fitness=0.6),
+    occupant(id="g01s00", niche=7, fitness=0.4),
 ]
 TRIALS = (
-    PromptTrial(niche=1, prompt=0, temperature=0.6, inserted=True, curiosity=1.7),
-    PromptTrial(niche=4, prompt=1, temperature=0.65, inserted=False, curiosity=0.5),
+    prompt_trial(niche=1, prompt=0, temperature=0.6, inserted=True, curiosity=1.7),
+    prompt_trial(niche=4, prompt=1, temperature=0.65, inserted=False, curiosity=0.5),
 )
 RUN = replace(
     run(

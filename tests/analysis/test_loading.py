@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hand_runs import closed, run, trained
+from hand_runs import closed, elite, run, trained
 from motif_cases import baseline
 from refusals import refused
 
 from analysis.motifs.motifs import count_motifs
 from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import load_niches
-from analysis.runs.run import Occupant, Run, descriptors_of, load_run
+from analysis.runs.run import Run, descriptors_of, load_run
 from analysis.tables.motifs import anatomies_table
 from tacevo.choices import Scale
 from tacevo.errors import RunError
@@ -72,7 +72,7 @@ def test_edited_archive_is_refused(name: str, edit: Callable[[Json], None], spoi
     content = json.loads((spoilt / name).read_text())
     edit(content)
     (spoilt / name).write_text(json.dumps(content))
-    with pytest.raises(RunError, match=name):
+    with refused(RunError, place=name):
         load_run(spoilt)
 
 
@@ -83,7 +83,7 @@ def test_archive_that_is_no_json_is_refused(name: str, content: str | None, spoi
     (spoilt / name).unlink()
     if content is not None:
         (spoilt / name).write_text(content)
-    with pytest.raises(RunError, match=name):
+    with refused(RunError, place=name):
         load_run(spoilt)
 
 
@@ -101,7 +101,7 @@ def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Pat
     described = json.loads((spoilt / "run.json").read_text())
     edit(described)
     (spoilt / "run.json").write_text(json.dumps(described))
-    with refused(RunError, place="run.json", expected="the configuration and the task that the ledger begins with"):
+    with refused(RunError, place="run.json", expected="the configuration and the task"):
         load_run(spoilt)
 
 
@@ -115,7 +115,7 @@ def family() -> Run:
         *(trained(2, slot, 0.3 + slot) for slot in range(4)),
     ]
     elites = [
-        Occupant(id=slot.id, niche=niche, fitness=slot.fitness)
+        elite(slot.id, niche=niche, fitness=slot.fitness)
         for niche, slot in enumerate(slots)
         if slot.fitness is not None
     ]
@@ -125,21 +125,10 @@ def family() -> Run:
 def test_best_networks_are_those_of_a_study() -> None:
     """Neither the baseline nor a copy of it nor a better elite's twin is among them, also where there are too few."""
     hand = family()
-    ledger = [
-        {
-            "kind": "candidate",
-            "id": slot.id,
-            "source": slot.source,
-            "fitness": slot.fitness,
-            "parameters": 1,
-            "flops": 1,
-        }
-        for slot in hand.candidates
-    ]
     assert [best.id for best in hand.best(4)] == ["g01s01", "g02s00", "g02s01", "g02s02"]
     for count in (1, 4, 9):
-        chosen = networks_of(ledger, [elite.id for elite in hand.elites], count)
-        assert [best.id for best in hand.best(count)] == [network["id"] for network in chosen[1:]]
+        chosen = networks_of(hand.candidates, [elite.id for elite in hand.elites], count)
+        assert [best.id for best in hand.best(count)] == [network.id for network in chosen[1:]]
 
 
 def test_tables_and_figures_look_at_the_same_networks(published: Path) -> None:

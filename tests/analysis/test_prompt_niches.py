@@ -15,6 +15,8 @@ from analysis.runs.run import Run
 from tacevo.bundles.open import opened
 from tacevo.records import Json
 from tacevo.search.archive import Tessellation
+from tacevo.search.files import read_finished
+from tacevo.search.lines import CandidateLine
 from tacevo.search.prompts import prompt_point
 from tacevo.storage.run_directory import RunDirectory
 
@@ -69,13 +71,14 @@ def test_trials_of_a_search_lie_within_reach(name: str) -> None:
     with opened(PUBLISHED / name) as place:
         path = place.one_run("the test reads one run")
         found = collect(path, place.store)
-        lines = RunDirectory(path).read_finished()
+        _, ledger = read_finished(RunDirectory(path))
+    lines = [line for line in ledger.lines if isinstance(line, CandidateLine) and line.prompt_niche is not None]
     run, centroids = found.run, found.niches.prompts
     reached = reachable_prompt_niches(run, centroids)
     assert len(reached) == len(centroids) / 2
-    assert {line["prompt_niche"] for line in lines if "prompt_niche" in line} <= reached
+    assert {line.prompt_niche for line in lines} <= reached
     temperature = {line.generation: line.temperature for line in run.generations}
     for line in lines:
-        if "prompt_niche" in line:
-            point = prompt_point(line["prompt"], temperature[line["generation"]], prompts=len(run.instructions))
-            assert Tessellation(centroids).niche_of(point) == line["prompt_niche"]
+        assert line.prompt is not None
+        point = prompt_point(line.prompt, temperature[line.generation], prompts=len(run.instructions))
+        assert Tessellation(centroids).niche_of(point) == line.prompt_niche

@@ -12,7 +12,8 @@ from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
 from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json
-from tacevo.rules import FIRST, Era
+from tacevo.rules import FIRST
+from tacevo.search.lines import RulesLine
 
 RUN = run_to(0.5, 0.4)
 
@@ -99,15 +100,15 @@ def test_other_versions_are_refused(package: str) -> None:
 @pytest.mark.parametrize(
     ("eras", "words"),
     [
-        ([Era(generation=0, rules=CHANGED)], "static 9, probe 4, training 1, core 1"),
+        ([RulesLine(generation=0, rules=CHANGED)], "static 9, probe 4, training 1, core 1"),
         (
-            [Era(generation=0, rules=FIRST), Era(generation=1, rules=CHANGED)],
+            [RulesLine(generation=0, rules=FIRST), RulesLine(generation=1, rules=CHANGED)],
             "static 1, probe 4, training 1, core 1; from generation 1 static 9",
         ),
     ],
     ids=["begun", "continued"],
 )
-def test_other_rules_are_refused(eras: Sequence[Era], words: str) -> None:
+def test_other_rules_are_refused(eras: Sequence[RulesLine], words: str) -> None:
     """As the ledgers have them: one package version may have had several, and a continued run has two."""
     first = '"static 1, probe 4, training 1, core 1" in none-seed0'
     with refused(IncomparableError, place="rules", got=f'{first} and "{words}" in a-seed0'):

@@ -6,11 +6,12 @@ What finished runs give, and what is said of missing ones, tests/cli/test_ablati
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
+from ledger_lines import run_record
 from refusals import refused
 
 from analysis.sweeps.sweep import load_sweep
 from tacevo.errors import RunError
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 
@@ -24,7 +25,7 @@ def test_sweep_of_nothing_but_plans_is_refused(tmp_path: Path) -> None:
     directory = SweepDirectory(tmp_path)
     directory.write([], [job("begun"), job("broken", seed=1), job("new", seed=2)])
     (tmp_path / "begun").mkdir()
-    (tmp_path / "begun" / "run.json").write_text('{"schema": 1, "digest": null}')
+    RunDirectory(tmp_path / "begun").write_run(run_record())
     directory.fail(job("broken", seed=1), "no answer came")
     with refused(RunError, expected="a finished job", got="none"):
         load_sweep(tmp_path)
@@ -50,5 +51,5 @@ def test_damaged_description_of_a_run_is_no_missing_job(tmp_path: Path) -> None:
     SweepDirectory(tmp_path).write([], [job("one")])
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "run.json").write_text("{")
-    with pytest.raises(RunError, match=r"one/run\.json"):
+    with refused(RunError, place="one/run.json"):
         load_sweep(tmp_path)

@@ -33,7 +33,7 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     """Neither a folder of something else nor a name of nothing."""
     for path in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(RunError, match=r"is not the folder of a run: it has no run\.json"), opened(path):
+        with pytest.raises(RunError, match="expected the directory of a run"), opened(path):
             pass
 
 

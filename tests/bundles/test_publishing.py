@@ -227,5 +227,5 @@ def test_run_that_its_stores_do_not_give_is_not_published(
     edited = tmp_path / "run" / "candidates" / "g00s00.py"
     edited.write_text(edited.read_text() + "# edited\n")
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 1
-    assert f"the file of g00s00 in {tmp_path / 'run'}/candidates is missing, or is not" in capsys.readouterr().err
+    assert f"{tmp_path / 'run'}/candidates/g00s00.py: expected what was judged" in capsys.readouterr().err
     assert not (tmp_path / "x.zip").exists()

@@ -4,6 +4,7 @@ import json
 import lzma
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -96,7 +97,7 @@ def test_replay_tells_every_digest_and_the_sweeps(
 ) -> None:
     """A published sweep and its folder give the same; in an empty folder, nothing else is needed."""
     monkeypatch.chdir(tmp_path)
-    digests = {job: RunDirectory(swept / "sweep" / job).read_run()["digest"] for job in OWN}
+    digests = {job: str(RunDirectory(swept / "sweep" / job).read_run().digest) for job in OWN}
     for place in ("sweep", "sweep.zip"):
         assert main(["replay", str(swept / place)]) == 0
         said = capsys.readouterr().out
@@ -137,7 +138,7 @@ def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: 
     directory.fail(jobs[0], "the disk is full")
     shutil.rmtree(directory.run(jobs[1]).path)
     for run in (directory.run(jobs[0]), directory.run(jobs[2])):
-        run.write_json("run.json", {**run.read_run(), "digest": None})
+        run.write_run(replace(run.read_run(), digest=None))
     for command in (["publish", str(directory.path), "-o", str(tmp_path / "x.zip")], ["replay", str(directory.path)]):
         assert main(command) == 2
         words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; the `tacevo search -m`"
@@ -150,8 +151,7 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
     shutil.copytree(swept / "sweep", tmp_path / "sweep")
     run = RunDirectory(tmp_path / "sweep" / "none-seed1")
     told = run.read_run()
-    told["config"]["store"]["root"] = "other"
-    run.write_json("run.json", told)
+    run.write_run(replace(told, config={**told.config, "store": {"root": "other"}}))
     assert main(["publish", str(tmp_path / "sweep"), "-o", str(tmp_path / "x.zip")]) == 2
     assert "keep their answers in several stores" in capsys.readouterr().err
 
@@ -217,7 +217,7 @@ def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) ->
 def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> None:
     """A difference in one of many runs is told with the job."""
     source = "sweep/none-seed1/candidates/g00s00.py"
-    refused({**whole, source: whole[source] + b"# mine\n"}, "job none-seed1: the file of g00s00 in ")
+    refused({**whole, source: whole[source] + b"# mine\n"}, "candidates/g00s00.py: expected what was judged")
     foreign = {**whole, "sweep/none-seed1/candidates/g99s99.py": b"class Mine: pass\n"}
     refused(foreign, "job none-seed1: ")
 

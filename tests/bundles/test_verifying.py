@@ -140,13 +140,13 @@ def test_edited_ledger_line_is_found(whole: Members, refused: Refused, tmp_path:
     """Alone, it breaks the chain; with the chain made anew, generation, slot, field and both values are named."""
     better = {**whole, "run/ledger.jsonl": whole["run/ledger.jsonl"].replace(b'"fitness":0.', b'"fitness":0.0', 1)}
     assert better != whole
-    refused(resealed(better, tmp_path / "x.zip"), "x.zip/run/run/ledger.jsonl, line 2 does not match its hash")
+    refused(resealed(better, tmp_path / "x.zip"), "x.zip/run/run/ledger.jsonl, line 2: expected the line of its hash")
 
     def improve(line: dict[str, Json]) -> None:
         line["fitness"] = 0.000001
 
     edited = with_line(whole, 1, improve)
-    words = "generation 0, slot 0: field 'fitness' was recorded as 1e-06 and is now 0."
+    words = "generation 0, slot 0, fitness: expected 1e-06 as recorded; got 0."
     refused(resealed(edited, tmp_path / "x.zip"), words)
 
 
@@ -157,7 +157,7 @@ def test_edited_evaluation_is_found(whole: Members, refused: Refused, tmp_path: 
         answer["training"]["validation_losses"][-1] /= 2
 
     entries = changed(entries_of(whole), "evaluations", improve)
-    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), ": field '")
+    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), " as recorded; got ")
 
 
 def test_edited_answer_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_edited_cost_is_found(whole: Members, refused: Refused, tmp_path: Path) 
     edited = json.dumps({**json.loads(first), "output_tokens": 12345})
     timings = "\n".join([edited, *rest]) + "\n"
     bundle = resealed({**whole, "run/timings.jsonl": timings.encode()}, tmp_path / "x.zip")
-    refused(bundle, "x.zip/run/run/timings.jsonl: g00s00 was recorded with")
+    refused(bundle, "x.zip/run/run/timings.jsonl, g00s00: expected ")
 
 
 @pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
@@ -186,7 +186,7 @@ def test_edited_archive_is_found(name: str, whole: Members, refused: Refused, tm
     bundle = resealed({**whole, f"run/{name}": json.dumps(archive).encode()}, tmp_path / "x.zip")
     refused(
         bundle,
-        f"x.zip/run/run/{name} is missing, or is not what the search gives: field 'coverage' was recorded as 1.5",
+        f"x.zip/run/run/{name}, coverage: expected ",
     )
 
 
@@ -194,7 +194,7 @@ def test_edited_source_is_found(whole: Members, refused: Refused, tmp_path: Path
     """A candidate's file is what was judged, or it is named."""
     name = "run/candidates/g00s01.py"
     bundle = resealed({**whole, name: whole[name] + b"# mine\n"}, tmp_path / "x.zip")
-    refused(bundle, "the file of g00s01 in ")
+    refused(bundle, "candidates/g00s01.py: expected what was judged")
 
 
 def test_foreign_candidate_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_edited_summary_is_found(whole: Members, refused: Refused, tmp_path: Pat
     """With its line."""
     text = whole["run/summary.md"].replace(b"Best fitness 0", b"Best fitness -0")
     assert text != whole["run/summary.md"]
-    refused(resealed({**whole, "run/summary.md": text}, tmp_path / "x.zip"), "summary.md, line ")
+    refused(resealed({**whole, "run/summary.md": text}, tmp_path / "x.zip"), "summary.md: line ")
 
 
 def test_edited_table_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_edited_study_is_found(whole: Members, refused: Refused, tmp_path: Path)
         answer["full"]["metrics"]["mse"] = 0.0
 
     entries = changed(entries_of(whole), "studies", improve)
-    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), "field 'metrics")
+    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), ", metrics.mse: expected ")
 
 
 def test_entry_more_or_less_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -273,9 +273,9 @@ def test_study_under_another_name_is_found(whole: Members, refused: Refused, tmp
     study = json.loads(whole[f"run/studies/{old}/study.json"])
     renamed = {name.replace(old, new): data for name, data in whole.items()}
     renamed[f"run/studies/{new}/study.json"] = json.dumps({**study, "name": new}).encode()
-    refused(resealed(renamed, tmp_path / "x.zip"), f"must be {old}, which is what it is")
+    refused(resealed(renamed, tmp_path / "x.zip"), f": expected {old} twice; got ")
     told = {**whole, f"run/studies/{old}/study.json": json.dumps({**study, "name": new}).encode()}
-    refused(resealed(told, tmp_path / "x.zip"), f"must be {old}, which is what it is")
+    refused(resealed(told, tmp_path / "x.zip"), f": expected {old} twice; got ")
 
 
 def test_study_of_another_version_is_told_beside_its_failure(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -284,7 +284,7 @@ def test_study_of_another_version_is_told_beside_its_failure(whole: Members, ref
     study = json.loads(whole[name])
     study["versions"]["tacevo"] = "0.0.1"
     edited = {**whole, name: json.dumps({**study, "terms": {**study["terms"], "alpha": 0.5}}).encode()}
-    refused(resealed(edited, tmp_path / "x.zip"), "this may come of another version: tacevo is ")
+    refused(resealed(edited, tmp_path / "x.zip"), "another version may be the reason: tacevo is ")
 
 
 def test_no_raw_text_reaches_the_terminal(whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -306,11 +306,12 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
     for key in ("generations", "candidates", "initial"):
         config = {**run["config"], "search": {**run["config"]["search"], key: 10**12}}
         edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-        refused(resealed(edited, tmp_path / "x.zip"), "lines; the configuration in run.json gives ")
+        refused(resealed(edited, tmp_path / "x.zip"), ", by the configuration in run.json; got ")
     name = next(name for name in whole if name.endswith("study.json"))
     study = {**json.loads(whole[name]), "seeds": 10**12}
     refused(
-        resealed({**whole, name: json.dumps(study).encode()}, tmp_path / "x.zip"), "speaks of 2000000000000 trainings"
+        resealed({**whole, name: json.dumps(study).encode()}, tmp_path / "x.zip"),
+        "expected 2000000000000, as in study.json",
     )
 
 
@@ -321,7 +322,8 @@ def test_name_of_a_run_that_is_no_folders_is_refused(
     """It becomes that of a folder."""
     run = {**json.loads(whole["run/run.json"]), "name": name}
     bundle = resealed({**whole, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
-    refused(bundle, "the name of a run must be that of a folder")
+    words = "the name of a run must be that of a folder" if isinstance(name, str) else "run.json, name: expected text"
+    refused(bundle, words)
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ def test_longer_search_continues_a_shorter_one(copied: Path) -> None:
     tacevo("search", *TINY, "search.generations=3", f"run.dir={run}", cwd=copied)
     assert (run / "ledger.jsonl").read_text().startswith(before)
     refused = tacevo("search", *TINY, "search.generations=1", f"run.dir={run}", cwd=copied, status=2)
-    assert "holds a longer run" in refused.stderr
+    assert "got a longer run" in refused.stderr
 
 
 def test_other_configuration_in_the_same_directory_is_refused(copied: Path) -> None:
@@ -197,7 +197,7 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path) -> N
     run = run_of(copied)
     before = (run / "ledger.jsonl").read_bytes()
     refused = tacevo("search", *TINY, "seed=3", f"run.dir={run}", cwd=copied, status=2)
-    assert "holds another run" in refused.stderr
+    assert "got another run" in refused.stderr
     assert (run / "ledger.jsonl").read_bytes() == before
 
 
@@ -211,7 +211,7 @@ def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: py
     assert "this is the task's baseline" in shown
     assert "class ImageRegressionCNN" in shown
     assert main(["show", run, "g99s00"]) == 2
-    assert "has no candidate 'g99s00'" in capsys.readouterr().err
+    assert "got 'g99s00'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -222,8 +222,8 @@ def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: py
         (["search", "archive.niches=0"], "archive.niches: expected"),
         (["search", "task=forse"], "one of force, grating, hardness"),
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
-        (["replay", "nowhere"], "nowhere is not the folder of a run"),
-        (["show", "nowhere"], "nowhere is not the folder of a run"),
+        (["replay", "nowhere"], "nowhere: it does not exist"),
+        (["show", "nowhere"], "nowhere: expected the directory of a run"),
         (["check", "nowhere.py"], "nowhere.py cannot be read"),
     ],
 )

@@ -41,7 +41,7 @@ def test_edited_summary_in_a_folder_is_found(run: Path, capsys: pytest.CaptureFi
     described = json.loads((run / "run.json").read_text())
     described["versions"]["tacevo"] = "0.0.1"
     (run / "run.json").write_text(json.dumps(described))
-    refused(run, "the command that began the run writes it anew; this may come of another version", capsys)
+    refused(run, "the command that began the run writes it again; another version may be the reason", capsys)
 
 
 def test_unfinished_study_in_a_folder_is_passed_over(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,13 +19,14 @@ from tacevo.config.folder import groups
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Json, Mode
+from tacevo.records import Json, Mode, written
 from tacevo.runs.wiring import build_plan, build_settings
 from tacevo.search.algorithm import Plan, run_search
 from tacevo.search.archive import AddStatus
 from tacevo.search.descriptors import scaled
+from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.search.proposals import Proposal, plan_initial
-from tacevo.storage.ledger import Ledger, unsealed
+from tacevo.storage.ledger import Ledger
 
 ARMS = [arm for arm in groups()["ablation"] if arm != "none"]
 
@@ -63,9 +64,8 @@ def planned(config: RunConfig, folder: Path) -> Plan:
 def searched(name: str, folder: Path) -> tuple[list[dict[str, Json]], fakes.Recorder]:
     """Search with an arm's settings; give the candidates' lines and all that an observer saw."""
     recorder = fakes.Recorder()
-    with Ledger(None) as ledger:
-        run_search(planned(arm(name), folder), fakes.tools(), ledger, recorder)
-    return [line for line in recorder.lines if line["kind"] == "candidate"], recorder
+    run_search(planned(arm(name), folder), fakes.tools(), Ledger(), recorder)
+    return [written(line) for line in recorder.lines if isinstance(line, CandidateLine)], recorder
 
 
 def common(one: list[dict[str, Json]], other: list[dict[str, Json]], generation: int) -> bool:
@@ -207,8 +207,8 @@ def test_without_prompt_archive_every_network_is_that_of_none(folder: Path) -> N
     plain, unablated = searched("none", folder)
     assert recorder.states[-1].networks == unablated.states[-1].networks
     recorded = ("prompt_niche", "prompt_status")
-    less = [{key: value for key, value in unsealed(line).items() if key not in recorded} for line in plain]
-    assert [unsealed(line) for line in lines] == less
+    less = [{key: value for key, value in line.items() if key not in recorded} for line in plain]
+    assert lines == less
     assert not recorder.states[-1].prompts.trials
     assert unablated.states[-1].prompts.trials
 
@@ -231,7 +231,7 @@ def test_temperature_arms_share_generation_1(name: str, folder: Path) -> None:
     plain, _ = searched("none", folder)
     assert common(lines, plain, 1)
     assert not common(lines, plain, 6)
-    temperatures = [line["temperature"] for line in recorder.lines if line["kind"] == "generation"]
+    temperatures = [line.temperature for line in recorder.lines if isinstance(line, GenerationLine)]
     assert (len(set(temperatures)) == 1) == (name == "fixed_temperature")
 
 

@@ -1,11 +1,10 @@
-"""Promise: terms of a judgement are possible ones, and come back from a file as they were."""
+"""Promise: terms of a judgement are possible ones."""
 
 import math
 
 import pytest
 
 from tacevo.choices import MarginKind
-from tacevo.records import to_json
 from tacevo.studies.terms import Margin, Terms, fewest_seeds
 
 
@@ -38,12 +37,6 @@ def test_level_out_of_range_is_refused(alpha: float) -> None:
     """A level is in the open interval."""
     with pytest.raises(ValueError, match=r"alpha must be in \(0, 1\)"):
         Terms(alpha=alpha, margin=Margin(value=0.1, kind=MarginKind.relative))
-
-
-def test_terms_come_back_as_they_were() -> None:
-    """Through plain JSON values."""
-    terms = Terms(alpha=0.01, margin=Margin(value=0.02, kind=MarginKind.absolute))
-    assert Terms.from_json(to_json(terms)) == terms
 
 
 @pytest.mark.parametrize(("alpha", "seeds"), [(0.5, 2), (0.1, 3), (0.0999, 4), (0.05, 4), (0.01, 5), (0.001, 7)])

@@ -205,7 +205,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
     expected = {source: trainer.train(source) for source in GOOD}
     recorder = fakes.Recorder()
     plan = replace(fakes.plan(generations=2), task=replace(fakes.TASK, baseline=GOOD[0]))
-    with ThreadPoolExecutor(3) as executor, Ledger(None) as ledger:
+    with ThreadPoolExecutor(3) as executor:
         tools = replace(
             fakes.tools(executor=executor),
             llm=MixedLLM(),
@@ -213,7 +213,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
             inspect=admit,
             evaluate=lambda source: trainer.train(source, seconds=4),
         )
-        run_search(plan, tools, ledger, recorder)
+        run_search(plan, tools, Ledger(), recorder)
     found = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]
     assert {source for source, _ in found} >= set(GOOD)
     assert {source for source, _ in found} & set(BAD)

@@ -7,27 +7,20 @@ from pathlib import Path
 
 import pytest
 from commands import tacevo
+from ledger_lines import candidate, header
+from refusals import refused
 from smallest import UNTRACKED
 
-from tacevo.cli.app import main
 from tacevo.errors import RunError
-from tacevo.records import Json
-from tacevo.rules import (
-    CORES,
-    CURRENT,
-    FIRST,
-    LAST_RELEASES,
-    TRAININGS,
-    Era,
-    Rules,
-    by_rules,
-    check_known,
-    eras_of,
-    recorded,
-)
+from tacevo.records import Json, written
+from tacevo.rules import CORES, CURRENT, FIRST, LAST_RELEASES, TRAININGS, check_known
+from tacevo.search.files import read_ledger
+from tacevo.search.lines import Line, RulesLine, by_rules, eras_of
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
+from tacevo.typed import convert
 
-PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
+GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"
 
 #: The first published runs, and the digests that every later release must replay them to; nobody may exchange them.
 DIGESTS = {
@@ -60,17 +53,17 @@ rules.LAST_RELEASES = {{("core", {CURRENT.core}): "0.1.0", ("training", {CURRENT
 )
 def test_later_release_replays_the_first_published_runs(name: str) -> None:
     """Whichever number of the rules is raised; what it would write otherwise is said, and is no failure."""
-    replayed = tacevo("replay", PUBLISHED / name, before=LATER)
+    replayed = tacevo("replay", GOLDEN / name, before=LATER)
     assert replayed.stdout.splitlines()[-1] == f"digest: {DIGESTS[name]}"
     assert "summary and tables were written by another release" in replayed.stdout
 
 
 def test_release_without_the_core_of_a_run_names_the_one_that_has_it(published: Path) -> None:
     """In one line, with the command that gets it."""
-    refused = tacevo("replay", published / "run", before=WITHOUT_OLD, status=2)
-    line = refused.stderr.splitlines()[-1]
-    assert f"was made under core rules {CURRENT.core}; this release computes core rules {CURRENT.core + 1};" in line
-    assert line.endswith("release 0.1.0 can: git checkout v0.1.0 && make setup")
+    done = tacevo("replay", published / "run", before=WITHOUT_OLD, status=2)
+    line = done.stderr.splitlines()[-1]
+    assert f"expected core rules {CURRENT.core + 1}; got {CURRENT.core};" in line
+    assert line.endswith("git checkout v0.1.0 && make setup")
 
 
 def continuing(published: Path, folder: Path) -> list[str | Path]:
@@ -81,9 +74,9 @@ def continuing(published: Path, folder: Path) -> list[str | Path]:
 
 def test_continuing_under_other_rules_must_be_asked_for(published: Path, tmp_path: Path) -> None:
     """Without `--rules current` nothing is written."""
-    refused = tacevo(*continuing(published, tmp_path), before=LATER, status=2)
-    assert f"static {CURRENT.static} instead of {CURRENT.static + 1}" in refused.stderr
-    assert "--rules current" in refused.stderr
+    done = tacevo(*continuing(published, tmp_path), before=LATER, status=2)
+    assert f"static {CURRENT.static} instead of {CURRENT.static + 1}" in done.stderr
+    assert "--rules current" in done.stderr
     assert not (tmp_path / "longer").exists()
 
 
@@ -120,9 +113,9 @@ def test_probe_that_is_missing_is_not_kept_under_old_rules(published: Path, tmp_
 def test_retraining_is_refused_where_the_trainer_cannot(published: Path) -> None:
     """The message names the rules of the run and those that this release has."""
     setting = f"{WITHOUT_OLD}\nrules.CORES |= {{{CURRENT.core}}}"
-    refused = tacevo("replay", published / "run", "--retrain", "1", before=setting, status=2)
-    assert f"was made under training rules {CURRENT.training}; this release computes" in refused.stderr
-    assert refused.stderr.endswith("release 0.1.0 can: git checkout v0.1.0 && make setup\n")
+    done = tacevo("replay", published / "run", "--retrain", "1", before=setting, status=2)
+    assert f"expected training rules {CURRENT.training + 1}; got {CURRENT.training};" in done.stderr
+    assert done.stderr.endswith("git checkout v0.1.0 && make setup\n")
 
 
 def test_what_was_dropped_has_a_release() -> None:
@@ -132,50 +125,43 @@ def test_what_was_dropped_has_a_release() -> None:
         assert dropped == {number for of, number in LAST_RELEASES if of == part}
 
 
-def header(**fields: Json) -> dict[str, Json]:
-    """Return the first line of a ledger."""
-    return {"kind": "run", **fields}
-
-
 def test_header_without_rules_means_the_first_ones() -> None:
     """Those of the runs that were published before rules were recorded."""
-    assert eras_of([header()]) == (Era(generation=0, rules=FIRST),)
-    assert recorded(FIRST) == {}
-    assert eras_of([header(**recorded(replace(FIRST, static=9)))])[0].rules == replace(FIRST, static=9)
+    assert "rules" not in written(header())
+    assert eras_of([header()]) == (RulesLine(generation=0, rules=FIRST),)
+    assert eras_of([header(rules=CURRENT)])[0].rules == CURRENT
 
 
 def test_every_line_has_the_rules_of_its_era() -> None:
     """A line of the new rules begins an era."""
     new = replace(FIRST, probe=9)
-    change = Era(generation=2, rules=new).line()
-    lines = [header(), {"kind": "generation"}, change, {"kind": "candidate"}]
-    assert [rules for rules, _ in by_rules(lines)] == [FIRST, FIRST, new, new]
+    lines: list[Line] = [header(), candidate("g01s00"), RulesLine(generation=2, rules=new), candidate("g02s00")]
+    assert [rules for rules, _ in by_rules(lines)] == [FIRST, new]
 
 
 @pytest.mark.parametrize("generations", [(2, 2), (3, 2), (0,)])
 def test_eras_that_do_not_follow_each_other_are_refused(generations: tuple[int, ...]) -> None:
     """A ledger can be edited."""
-    lines = [Era(generation=generation, rules=FIRST).line() for generation in generations]
-    with pytest.raises(ValueError, match="expected eras that begin one after the other"):
+    lines = [RulesLine(generation=generation, rules=FIRST) for generation in generations]
+    with refused(RunError, expected="later and later generations"):
         eras_of([header(), *lines])
 
 
 @pytest.mark.parametrize("value", [{}, {"static": 1}, {**asdict(FIRST), "core": "1"}, {**asdict(FIRST), "more": 1}])
-def test_rules_that_nobody_writes_are_refused(value: Json) -> None:
+def test_rules_that_no_release_writes_are_refused(value: Json) -> None:
     """A ledger can be edited."""
-    with pytest.raises(ValueError, match="expected rules with an integer for each of"):
-        Rules.from_json(value)
+    with refused(RunError, place="rules"):
+        convert(RulesLine, {"kind": "rules", "generation": 2, "rules": value}, place="line 3", error=RunError)
 
 
 def test_rules_of_a_later_release_ask_for_an_update() -> None:
     """No release is known that has them."""
     check_known("core", CURRENT.core, CORES, "run")
-    with pytest.raises(RunError, match=r"run was made under core rules 99; .* a later release made it: update tacevo"):
+    with refused(RunError, place="run", expected="core rules", got="99", remedy="a later release made it"):
         check_known("core", 99, CORES, "run")
 
 
 def test_run_says_which_rules_made_it(published: Path) -> None:
     """In the first line of its ledger, unless they are the first rules; they count for the digest."""
-    first = json.loads((published / "run" / "ledger.jsonl").read_text().splitlines()[0])
-    assert eras_of([first])[0].rules == CURRENT
-    assert main(["replay", str(published / "run")]) == 0
+    lines = read_ledger(RunDirectory(published / "run")).lines
+    assert eras_of(lines)[0].rules == CURRENT

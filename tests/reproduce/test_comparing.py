@@ -1,45 +1,33 @@
 """Promise: two runs are called equal only where their ledgers are, and else the first difference is named."""
 
-from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
+from ledger_lines import candidate, ended, header, score, study_header, trained
 
-from tacevo.records import Json
-from tacevo.reproduce.compare import Recorded, agreement, compare, describe, fitness_by_source, last_generation
-from tacevo.storage.ledger import GENESIS, seal
+from tacevo.reproduce.compare import Compared, agreement, compare, describe, fitness_by_source
+from tacevo.search.lines import Line, RunLine
+from tacevo.studies.directory import Scores
 
-HEADER: dict[str, Json] = {"kind": "run", "config": {"seed": 0}, "centroids": "c"}
-
-
-def candidate(slot: int, fitness: float | None, **changes: Json) -> dict[str, Json]:
-    """Write a candidate's entry; its source follows from the slot, and it is trained where it has a fitness."""
-    entry = {"kind": "candidate", "generation": 1, "slot": slot, "id": f"g01s0{slot}", "source": f"source {slot}"}
-    return {**entry, **({} if fitness is None else {"fitness": fitness}), **changes}
+HEADER, STUDY = header(), study_header()
 
 
-def close(best: float) -> dict[str, Json]:
-    """Write a generation's entry."""
-    return {"kind": "generation", "generation": 1, "best": best, "coverage": 0.5, "qd_score": 1.0}
-
-
-def recorded(*entries: dict[str, Json], header: Mapping[str, Json] = HEADER, **changes: object) -> Recorded:
-    """Give a run with a sealed ledger."""
-    lines: list[dict[str, Json]] = []
-    for entry in ({**header}, *entries):
-        lines.append(seal(entry, lines[-1]["hash"] if lines else GENESIS))
-    run = Recorded(
+def recorded(*lines: Line, first: RunLine = HEADER, **changes: Any) -> Compared:
+    """Make a run to be compared."""
+    run = Compared(
         config={"seed": 0, "archive": {}},
-        ledger=lines,
-        fitness=fitness_by_source(lines),
-        end=last_generation(lines),
-        elites={0: "source 0", 4: "source 1"},
+        has_niches=True,
+        lines=(first, *lines),
+        elites={0: "source 00", 4: "source 01"},
         studies={},
     )
-    return replace(run, **changes)  # type: ignore[arg-type]
+    return replace(run, **changes)
 
 
-RUN = recorded(candidate(0, 0.1), candidate(1, 0.2), candidate(2, 0.3), candidate(3, None), close(0.1))
+CANDIDATES = (trained("g01s00", 0.1), trained("g01s01", 0.2), trained("g01s02", 0.3), candidate("g01s03"))
+
+RUN = recorded(*CANDIDATES, ended(1, best=0.1))
 
 
 def test_run_equals_itself() -> None:
@@ -51,7 +39,9 @@ def test_run_equals_itself() -> None:
 
 def test_first_difference_names_place_field_and_both_values() -> None:
     """A later difference, and the hashes that follow from the first one, do not hide it."""
-    other = recorded(candidate(0, 0.1), candidate(1, 0.25), candidate(2, 0.9), candidate(3, None), close(0.1))
+    other = recorded(
+        *CANDIDATES[:1], trained("g01s01", 0.25), trained("g01s02", 0.9), *CANDIDATES[3:], ended(1, best=0.1)
+    )
     found = compare(RUN, other)
     assert not found.is_equal
     assert found.equal == 2
@@ -63,7 +53,7 @@ def test_first_difference_names_place_field_and_both_values() -> None:
 
 def test_beginning_of_a_run_is_not_the_run() -> None:
     """A shorter ledger differs although no line of it does."""
-    longer = recorded(*(dict(line) for line in RUN.ledger[1:]), close(0.05))
+    longer = recorded(*RUN.lines[1:], ended(2, best=0.05))
     found = compare(RUN, longer)
     assert found.divergence is None
     assert not found.is_equal
@@ -73,8 +63,8 @@ def test_beginning_of_a_run_is_not_the_run() -> None:
 
 def test_difference_behind_other_headers_is_named_too() -> None:
     """Runs of other settings differ in their headers; where their decisions part is what one wants to know."""
-    header = {**HEADER, "config": {"seed": 1}}
-    found = compare(RUN, recorded(candidate(0, 0.1), candidate(1, 0.2), candidate(2, 0.4), close(0.1), header=header))
+    other = recorded(*CANDIDATES[:2], trained("g01s02", 0.4), ended(1), first=header(config={"seed": 1}))
+    found = compare(RUN, other)
     assert found.equal == 0
     assert found.divergence is not None
     assert found.divergence.field == "config.seed"
@@ -111,26 +101,25 @@ def test_ranks_that_say_nothing_are_undefined(one: dict[str, float], other: dict
 
 def test_rejected_candidate_has_no_fitness_to_compare() -> None:
     """Only what was trained counts."""
-    assert fitness_by_source(RUN.ledger) == {"source 0": 0.1, "source 1": 0.2, "source 2": 0.3}
+    assert fitness_by_source(RUN.lines) == {"source 00": 0.1, "source 01": 0.2, "source 02": 0.3}
 
 
 def test_archives_overlap_by_source_and_by_niche() -> None:
     """By hand: niche 0 holds the same source, niche 4 another, and a source moved from niche 4 to 5."""
-    found = compare(RUN, replace(RUN, elites={0: "source 0", 4: "source 2", 5: "source 1"})).overlap
+    found = compare(RUN, replace(RUN, elites={0: "source 00", 4: "source 02", 5: "source 01"})).overlap
     assert (found.elites, found.sources, found.niches) == ((2, 3), 2, (2, 1))
 
 
 def test_niches_of_other_centroids_are_not_compared() -> None:
     """Niche 4 of one tessellation is not niche 4 of another."""
-    lines = [dict(line) for line in RUN.ledger[1:]]
-    found = compare(RUN, recorded(*lines, header={**HEADER, "centroids": "d"}))
+    found = compare(RUN, recorded(*RUN.lines[1:], first=header(centroids="d")))
     assert found.overlap.niches is None
     assert "the niches are others" in describe(found)
 
 
 def test_places_of_the_best_are_not_compared() -> None:
     """Without niches, place 0 of one run has nothing to do with place 0 of another; shared sources still count."""
-    best = replace(RUN, config={"seed": 0, "archive": {"kind": "best"}})
+    best = replace(RUN, has_niches=False)
     found = compare(best, best)
     assert (found.overlap.niches, found.overlap.sources) == (None, 2)
     assert "or there are none" in describe(found)
@@ -138,10 +127,10 @@ def test_places_of_the_best_are_not_compared() -> None:
 
 def test_studies_of_one_kind_are_compared_row_by_row() -> None:
     """The header, which names the run, is left out; a study that one run lacks is passed over."""
-    rows = [{"network": "best", "seed": seed, "metrics": {"mae": 0.1 * seed}} for seed in range(3)]
-    changed = [*rows[:2], {**rows[2], "metrics": {"mae": 0.7}}]
-    one = replace(RUN, studies={"s": [{"run": "x"}, *rows], "only here": [{}]})
-    (study,) = compare(one, replace(RUN, studies={"s": [{"run": "y"}, *changed]})).studies
+    rows = tuple(score("variant 1", seed, 0.1 * seed) for seed in range(3))
+    one = Scores(header=STUDY, rows=rows, digest="")
+    other = Scores(header=STUDY, rows=(*rows[:2], score("variant 1", 2, 0.7)), digest="")
+    (study,) = compare(replace(RUN, studies={"s": one, "x": one}), replace(RUN, studies={"s": other})).studies
     assert (study.rows, study.same) == (3, 2)
     assert study.first is not None
-    assert (study.first.place, study.first.field) == ("best, seed 2", "metrics.mae")
+    assert (study.first.place, study.first.field) == ("variant 1, seed 2", "metrics.mse")

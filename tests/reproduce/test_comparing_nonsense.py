@@ -66,4 +66,4 @@ def test_deep_settings_are_an_error(run: Path, tmp_path: Path, capsys: pytest.Ca
         assert deep != told
         (folder / "run.json").write_text(deep)
     assert main(["replay", str(run), "--diff", str(tmp_path / "other")]) == 2
-    assert "nested deeper than any" in capsys.readouterr().err
+    assert capsys.readouterr().err.startswith("error: ")

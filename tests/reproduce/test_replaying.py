@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from tacevo.config.recorded import read_run
 from tacevo.errors import ConfigError, RunError
@@ -34,7 +35,7 @@ def test_recorded_workers_are_no_more_than_there_are_cores(run: Path, tmp_path: 
 @pytest.mark.parametrize("images", [10, 10**9])
 def test_images_are_those_of_the_recorded_data_set(images: int, run: Path, tmp_path: Path) -> None:
     """Nobody simulates a billion images to find that they are not those of the run."""
-    with pytest.raises(RunError, match=f"data.images={images}, and a data set of 40"):
+    with refused(RunError, place="data.images", expected="the 40 images", got=str(images)):
         read_run(with_setting(run, tmp_path, "data", "images", images))
 
 

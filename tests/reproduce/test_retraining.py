@@ -2,47 +2,48 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bundles import members_of, resealed
+from ledger_lines import header, rejected, run_record, trained
+from refusals import refused
 from rich.console import Console
 
 from tacevo.bundles.open import Opened, insist_on_walls, opened
 from tacevo.choices import Device, Numerics
 from tacevo.cli.app import main
+from tacevo.config.compose import compose
+from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import BundleError, DataError, DivergenceError
-from tacevo.records import Json, Reason, Rejection, Stage, Training
-from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluated, retrain, sampled
+from tacevo.records import Reason, Rejection, Stage, Training
+from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluations, retrain, sampled
 from tacevo.runs.progress import PlainView
-from tacevo.storage.ledger import Ledger, read_ledger
+from tacevo.search.files import read_ledger
+from tacevo.search.lines import CandidateLine
+from tacevo.storage.ledger import Sealed, sealed_text
+from tacevo.storage.run_directory import RunDirectory
 
-LINE: dict[str, Json] = {
-    "id": "g00s01",
-    "evaluation": "e",
-    "train_losses": [0.5, 0.25],
-    "validation_losses": [0.6, 0.3],
-    "predictions": "p",
-    "weights": "w",
-}
+LINE = trained("g00s01", 0.3, train_losses=(0.5, 0.25), validation_losses=(0.6, 0.3))
 TRAINING = Training(train_losses=(0.5, 0.25), validation_losses=(0.6, 0.3), predictions_sha256="p", weights_sha256="w")
 REJECTION = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="nan")
 
 
-def rewritten(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]) -> None:
-    """Change the lines of a ledger, with sound hashes."""
-    path = folder / "run" / "ledger.jsonl"
-    lines = read_ledger(path)
-    path.unlink()
-    with Ledger(path) as ledger:
-        for line in lines:
-            ledger.commit(change({key: line[key] for key in line if key not in ("hash", "previous")}))
+def rewritten(folder: Path, change: Callable[[CandidateLine], CandidateLine]) -> None:
+    """Change the candidates' lines of a run, with sound hashes and digest."""
+    directory = RunDirectory(folder / "run")
+    lines = [change(line) if isinstance(line, CandidateLine) else line for line in read_ledger(directory).lines]
+    text, digest = sealed_text(lines)
+    directory.write_text("ledger.jsonl", text)
+    directory.write_run(replace(directory.read_run(), digest=digest))
 
 
 def again(count: int | None = None) -> Retrained:
     """Train again in the working directory."""
     with PlainView(Console(quiet=True)) as view:
-        return retrain([Path("run")], None, count, view)
+        return retrain([read_recorded(Path("run"))], count, view)
 
 
 def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,14 +64,14 @@ def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.C
 
 def test_changed_record_is_found(folder: Path) -> None:
     """One other digest of weights in a ledger that is sound otherwise is named with the candidate and both values."""
-    rewritten(folder, lambda line: {**line, "weights": "0" * 64} if line.get("id") == "g00s01" else line)
-    with pytest.raises(DivergenceError, match=r"g00s01 differs in weights: recorded 0{64}, recomputed [0-9a-f]{64}"):
+    rewritten(folder, lambda line: replace(line, weights="0" * 64) if line.id == "g00s01" else line)
+    with refused(DivergenceError, place="g00s01", got=f"weights: recorded {'0' * 64}, recomputed "):
         again()
 
 
 def test_record_without_digests_is_compared_as_far_as_it_goes(folder: Path) -> None:
     """What an older run does not record is said, and the rest is compared."""
-    rewritten(folder, lambda line: {key: line[key] for key in line if key not in ("weights", "predictions")})
+    rewritten(folder, lambda line: replace(line, weights=None, predictions=None))
     found = again(1)
     assert found.not_recorded == ("predictions", "weights")
     assert "not recorded, hence not compared: predictions, weights" in describe(found)
@@ -82,7 +83,7 @@ def test_another_data_set_is_refused_before_anything_is_trained(folder: Path) ->
     run = json.loads(path.read_text())
     run["config"]["data"]["seed"] += 1
     path.write_text(json.dumps(run))
-    with pytest.raises(DataError, match=r"has the fingerprint [0-9a-f]{12}; the run had [0-9a-f]{12}.*Restore"):
+    with refused(DataError, got="one with the fingerprint", expected="the run's data set", remedy="restore"):
         again()
 
 
@@ -90,11 +91,11 @@ def test_run_without_its_versions_is_damaged(folder: Path, capsys: pytest.Captur
     """Where run.json does not say what the run was computed with, that is one line, and nothing is trained."""
     path = folder / "run" / "run.json"
     run = json.loads(path.read_text())
-    del run["versions"]["torch"]
+    del run["versions"]
     path.write_text(json.dumps(run))
     assert main(["replay", "run", "--retrain"]) == 2
     output = capsys.readouterr()
-    assert "run is damaged: KeyError: 'torch'" in output.err
+    assert "run.json, versions: expected a value" in output.err
     assert "as recorded (1 of" not in output.err
 
 
@@ -127,32 +128,38 @@ def test_number_must_be_one(number: str, capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"train_losses": [0.5, 0.2500001]}, "train_losses of epoch 2: recorded 0.2500001, recomputed 0.25"),
-        ({"validation_losses": [0.7, 0.3]}, "validation_losses of epoch 1: recorded 0.7, recomputed 0.6"),
-        ({"validation_losses": [0.6]}, "the number of validation_losses: recorded 1, recomputed 2"),
+        ({"train_losses": (0.5, 0.2500001)}, "train_losses of epoch 2: recorded 0.2500001, recomputed 0.25"),
+        ({"validation_losses": (0.7, 0.3)}, "validation_losses of epoch 1: recorded 0.7, recomputed 0.6"),
+        ({"validation_losses": (0.6,)}, "validation_losses: recorded (0.6,), recomputed (0.6, 0.3)"),
         ({"predictions": "q"}, "predictions: recorded q, recomputed p"),
         ({"weights": "v"}, "weights: recorded v, recomputed w"),
-        ({"stage": "train", "reason": "not_finite"}, "the outcome: recorded not_finite, recomputed trained"),
+        ({"stage": Stage.train, "reason": Reason.not_finite}, "the outcome: recorded not_finite, recomputed trained"),
     ],
 )
-def test_first_difference_is_named(change: dict[str, Json], named: str) -> None:
+def test_first_difference_is_named(change: dict[str, Any], named: str) -> None:
     """Each field is compared, the epochs of losses one by one."""
     assert difference(LINE, TRAINING) is None
-    assert difference({**LINE, **change}, TRAINING) == named
+    assert difference(replace(LINE, **change), TRAINING) == named
 
 
 def test_rejections_are_compared_by_reason() -> None:
     """A training that failed must fail again, for the same reason."""
-    line = {"id": "g00s01", "evaluation": "e", "stage": "train", "reason": "not_finite"}
-    assert difference(line, REJECTION) is None
+    assert difference(rejected("g00s01", "train", "not_finite"), REJECTION) is None
     assert difference(LINE, REJECTION) == "the outcome: recorded trained, recomputed not_finite"
 
 
 def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> None:
     """Running out of time is no property of a candidate; an evaluation that two candidates share is one."""
-    slow = {"id": "g00s02", "evaluation": "f", "stage": "train", "reason": "out_of_time"}
-    untrained = {"id": "g00s03", "stage": "probe", "reason": "crashed"}
-    assert evaluated([LINE, {**LINE, "id": "g00s04"}, slow, untrained]) == [LINE]
+    slow = rejected("g00s02", "train", "out_of_time", evaluation="f")
+    untrained = rejected("g00s03", "probe", "crashed")
+    run = RecordedRun(
+        directory=RunDirectory(Path("run")),
+        record=run_record(),
+        config=compose(["experiment=demo"]),
+        ledger=Sealed((header(), LINE, replace(LINE, id="g00s04"), slow, untrained)),
+        eras=(),
+    )
+    assert evaluations([run, run]) == [(run, LINE)]
 
 
 def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:
@@ -168,7 +175,7 @@ def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:
 def test_only_what_was_promised_is_not_doubted() -> None:
     """Another library leaves every promise; another CPU that of `fast`, another GPU that of `cuda`."""
     versions, machine = {"torch": "2", "numpy": "2"}, {"cpu": "A", "architecture": "x86_64", "gpu": "H"}
-    run = {"versions": versions, "machine": machine}
+    run = run_record(versions=versions, machine=machine)
     other, moved = {**machine, "cpu": "B"}, {**machine, "gpu": None}
     cpu, cuda = Device.cpu, Device.cuda
     assert doubts_of(run, Numerics.fast, cpu, versions, machine) == ()

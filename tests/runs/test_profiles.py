@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.run import load_run
@@ -33,5 +34,5 @@ def test_edited_source_is_refused(folder: Path) -> None:
     """What was trained is what is looked at."""
     path = folder / "run" / "candidates" / "g00s00.py"
     path.write_text(path.read_text() + "# edited\n")
-    with pytest.raises(RunError, match=r"g00s00\.py is missing or was edited"):
+    with refused(RunError, place="g00s00.py", got="missing or was edited"):
         recall_profiles(folder / "run", None)

@@ -1,113 +1,96 @@
 """Promise: a summary says what the ledger says, and can be written at any moment of a run."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fakes import TASK
+from ledger_lines import ended, header, rejected, run_record, trained
 
+from tacevo.choices import ArchiveKind
+from tacevo.config.compose import compose
+from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
-from tacevo.records import Json
-from tacevo.rules import FIRST, Era
+from tacevo.records import Operator, Reason, Stage
+from tacevo.rules import FIRST
 from tacevo.runs.summary import summarise
+from tacevo.search.lines import GenerationLine, Line, RepairedAnswer, RulesLine
 from tacevo.text import table
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-RUN: dict[str, Json] = {
-    "name": "force-seed3-0123abcd",
-    "task": {"name": "force"},
-    "config": {"seed": 3, "llm": {"model": "grammar-1"}, "numerics": {"kind": "portable"}, "archive": {}},
-    "data": {"fingerprint": "f" * 64, "counts": [384, 48, 48], "image_size": 32},
-}
+
+CONFIG = compose(["experiment=demo", "seed=3"])
+
+RUN = run_record(name="force-seed3-0123abcd", task=replace(TASK, name="force"))
 
 
-def trained(name: str, operator: str, fitness: float) -> dict[str, Json]:
-    """Make the line of a trained candidate."""
-    sizes = {"parameters": 1_234_567, "flops": 9_876_543, "arch_div": 0.51234, "eff_ratio": 12.3456}
-    return {**begun(name, operator), **sizes, "fitness": fitness}
-
-
-def begun(name: str, operator: str) -> dict[str, Json]:
-    """Make what the lines of all candidates have."""
-    return {"kind": "candidate", "id": name, "generation": int(name[1:3]), "slot": int(name[4:]), "operator": operator}
-
-
-def rejected(name: str, stage: str, reason: str) -> dict[str, Json]:
-    """Make the line of a rejected candidate."""
-    return {**begun(name, "mutation"), "stage": stage, "reason": reason}
-
-
-def ended(number: int, *, trained: int, candidates: int, best: float, median: float | None) -> dict[str, Json]:
+def generation(number: int, *, trained: int, candidates: int, best: float, median: float | None) -> GenerationLine:
     """Make the line of a generation."""
-    return {
-        "kind": "generation",
-        "generation": number,
-        "trained": trained,
-        "candidates": candidates,
-        "best": best,
-        "generation_median": median,
-        "coverage": 0.02,
-        "prompt_coverage": 0.01,
-        "qd_score": 1.75,
-        "temperature": 0.6,
-    }
+    figures = {"trained": trained, "candidates": candidates, "best": best, "generation_median": median}
+    return ended(number, **figures, coverage=0.02, prompt_coverage=0.01, qd_score=1.75)
 
 
-LINES = [
-    {"kind": "run", "schema": 1},
-    trained("g00s00", "baseline", 0.5),
-    trained("g00s01", "mutation", 0.4),
-    ended(0, trained=2, candidates=2, best=0.4, median=0.45),
-    trained("g01s00", "crossover", 0.1),
+def page_of(*lines: Line, elites: Sequence[str] = ("g01s00",), config: RunConfig = CONFIG) -> str:
+    """Write the summary of a run."""
+    return summarise(RUN, config, [header(), *lines], elites, {})
+
+
+LINES = (
+    trained("g00s00", 0.5),
+    trained("g00s01", 0.4),
+    generation(0, trained=2, candidates=2, best=0.4, median=0.45),
+    trained("g01s00", 0.1, operator=Operator.crossover),
     rejected("g01s01", "extract", "truncated"),
     rejected("g01s02", "extract", "no_class"),
     rejected("g01s03", "extract", "truncated"),
     rejected("g01s04", "train", "out_of_time"),
-    ended(1, trained=1, candidates=5, best=0.1, median=0.1),
+    generation(1, trained=1, candidates=5, best=0.1, median=0.1),
     rejected("g02s00", "probe", "bad_output"),
-    ended(2, trained=0, candidates=1, best=0.1, median=None),
-]
+    generation(2, trained=0, candidates=1, best=0.1, median=None),
+)
 
 
 def test_summary_is_golden() -> None:
     """A whole summary, worked out by hand: 75.0% from 0.4 to 0.1, 80.0% from the baseline's 0.5."""
     golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
-    assert summarise(RUN, LINES, ["g01s00", "g00s01"], {}) == golden
+    assert page_of(*LINES, elites=["g01s00", "g00s01"]) == golden
 
 
 def test_places_are_not_called_niches() -> None:
     """The coverage of an archive that keeps the best of all is that of its places, and the page says so."""
-    config = {**RUN["config"], "archive": {"kind": "best", "kept": 7}}
-    page = summarise({**RUN, "config": config}, LINES, ["g01s00"], {})
+    config = replace(CONFIG, archive=replace(CONFIG.archive, kind=ArchiveKind.best, kept=7))
+    page = page_of(*LINES, config=config)
     words = "has no niches, but places for the best 7."
     assert words in page
-    assert words not in summarise(RUN, LINES, ["g01s00"], {})
+    assert words not in page_of(*LINES)
 
 
 def test_rules_that_changed_are_named() -> None:
     """A run that was continued under other rules says from which generation on which numbers hold."""
-    change = Era(generation=2, rules=replace(FIRST, static=2, training=3)).line()
-    page = summarise(RUN, [*LINES[:-2], change, *LINES[-2:]], ["g01s00"], {})
+    change = RulesLine(generation=2, rules=replace(FIRST, static=2, training=3))
+    page = page_of(*LINES[:-2], change, *LINES[-2:])
     begun = "static 1, probe 4, training 1, core 1"
     assert f"Made under more than one set of rules: {begun}; from generation 2 static 2, training 3." in page
-    assert "rules" not in summarise(RUN, LINES, ["g01s00"], {})
+    assert "rules" not in page_of(*LINES)
 
 
 def test_candidates_without_a_promise_are_named() -> None:
     """The summary says whose bits depend on the CPU or on chance, and which operations do that."""
-    flagged = [
-        {**trained("g00s00", "baseline", 0.5), "not_portable": ["asin", "sqrt"]},
-        {**trained("g00s01", "mutation", 0.4), "not_deterministic": ["adaptive_avg_pool2d_backward_cuda"]},
-        ended(0, trained=2, candidates=2, best=0.4, median=0.45),
+    flagged: list[Line] = [
+        trained("g00s00", 0.5, not_portable=("asin", "sqrt")),
+        trained("g00s01", 0.4, not_deterministic=("adaptive_avg_pool2d_backward_cuda",)),
+        generation(0, trained=2, candidates=2, best=0.4, median=0.45),
     ]
-    page = summarise(RUN, flagged, ["g00s01"], {})
+    page = page_of(*flagged, elites=["g00s01"])
     assert "Bits depend on the CPU, even under portable numerics (docs/determinism.md): g00s00 (asin, sqrt)." in page
     assert "g00s01 (adaptive_avg_pool2d_backward_cuda)." in page
-    assert "Bits" not in summarise(RUN, LINES, ["g01s00"], {})
+    assert "Bits" not in page_of(*LINES)
 
 
 def test_stage_counts_add_up() -> None:
     """What a stage leaves is what came to it less what it rejected; the baseline is not an answer, and not counted."""
-    lines = summarise(RUN, LINES, ["g01s00"], {}).splitlines()
+    lines = page_of(*LINES).splitlines()
     stages = {
         line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:5]] for line in lines if "|" in line
     }
@@ -119,29 +102,29 @@ def test_stage_counts_add_up() -> None:
 
 def test_gate_of_a_search_that_asked_nobody_has_no_rates() -> None:
     """A generation 0 of the baseline alone has no first answers."""
-    page = summarise(RUN, [LINES[1], ended(0, trained=1, candidates=1, best=0.5, median=0.5)], ["g00s00"], {})
+    page = page_of(LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5), elites=["g00s00"])
     assert "| train   | 0        | 0    | -      | -       |" in page
 
 
 def test_misreporting_candidates_are_counted() -> None:
     """All stages together, by reason, and first answers only; a run without any has no word of it."""
-    lines = [
-        trained("g00s00", "baseline", 0.5),
-        ended(0, trained=1, candidates=1, best=0.5, median=0.5),
+    lines: list[Line] = [
+        trained("g00s00", 0.5),
+        generation(0, trained=1, candidates=1, best=0.5, median=0.5),
         rejected("g01s00", "policy", "redefines_module"),
         rejected("g01s01", "probe", "hidden_parameters"),
         rejected("g01s02", "probe", "redefines_module"),
         rejected("g01s03", "probe", "bad_output"),
-        ended(1, trained=0, candidates=4, best=0.5, median=None),
+        generation(1, trained=0, candidates=4, best=0.5, median=None),
     ]
     words = "Rejected for misreporting themselves (docs/gate.md): 3 (redefines_module 2, hidden_parameters 1)."
-    assert words in summarise(RUN, lines, ["g00s00"], {})
-    assert "misreporting" not in summarise(RUN, LINES, ["g01s00"], {})
+    assert words in page_of(*lines, elites=["g00s00"])
+    assert "misreporting" not in page_of(*LINES)
 
 
 def test_run_without_a_generation_has_a_headline_only() -> None:
     """Before generation 0 is complete nothing was found, and the page says no more than what runs."""
-    page = summarise(RUN, LINES[:2], [], {})
+    page = page_of(LINES[0], elites=[])
     assert page.startswith("# force-seed3-0123abcd\n\nTask force, seed 3")
     assert "##" not in page
 
@@ -150,17 +133,18 @@ def test_best_are_ranked_by_fitness_then_id() -> None:
     """The list holds the five best elites in order and, last, the baseline."""
     names = [f"g00s{number:02d}" for number in range(1, 8)]
     fitnesses = [0.3, 0.2, 0.2, 0.9, 0.1, 0.8, 0.7]
-    elites = [trained(name, "mutation", fitness) for name, fitness in zip(names, fitnesses, strict=True)]
-    lines = [trained("g00s00", "baseline", 0.5), *elites, ended(0, trained=8, candidates=8, best=0.1, median=0.4)]
-    page = summarise(RUN, lines, names, {})
+    elites = [trained(name, fitness) for name, fitness in zip(names, fitnesses, strict=True)]
+    lines: list[Line] = [trained("g00s00", 0.5), *elites, generation(0, trained=8, candidates=8, best=0.1, median=0.4)]
+    page = page_of(*lines, elites=names)
     rows = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g")]
     assert rows[:6] == ["g00s05", "g00s02", "g00s03", "g00s01", "g00s07", "g00s00"]
 
 
 def test_baseline_among_the_best_is_listed_once() -> None:
     """A baseline that is still an elite stands in its place, and not a second time at the end."""
-    lines = [trained("g00s00", "baseline", 0.1), trained("g00s01", "mutation", 0.2)]
-    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=0.1, median=0.15)], ["g00s00", "g00s01"], {})
+    lines: list[Line] = [trained("g00s00", 0.1), trained("g00s01", 0.2)]
+    ends = generation(0, trained=2, candidates=2, best=0.1, median=0.15)
+    page = page_of(*lines, ends, elites=["g00s00", "g00s01"])
     assert [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g0")] == ["g00s00", "g00s01"]
 
 
@@ -169,15 +153,16 @@ def test_baseline_among_the_best_is_listed_once() -> None:
 )
 def test_change_says_its_direction(best: float, words: str) -> None:
     """A worse best is said to be higher, not a negative improvement."""
-    lines = [trained("g00s00", "baseline", 0.5), trained("g00s01", "mutation", best)]
-    page = summarise(RUN, [*lines, ended(0, trained=2, candidates=2, best=best, median=0.5)], ["g00s01"], {})
+    lines: list[Line] = [trained("g00s00", 0.5), trained("g00s01", best)]
+    ends = generation(0, trained=2, candidates=2, best=best, median=0.5)
+    page = page_of(*lines, ends, elites=["g00s01"])
     assert words in page
 
 
 def test_perfect_reference_divides_by_nothing() -> None:
     """Against a loss of 0 there is no per cent, and no error either."""
-    lines = [trained("g00s00", "baseline", 0.0), ended(0, trained=1, candidates=1, best=0.0, median=0.0)]
-    assert "0.0% lower" in summarise(RUN, lines, ["g00s00"], {})
+    lines: list[Line] = [trained("g00s00", 0.0), generation(0, trained=1, candidates=1, best=0.0, median=0.0)]
+    assert "0.0% lower" in page_of(*lines, elites=["g00s00"])
 
 
 def test_table_lines_up() -> None:
@@ -187,21 +172,21 @@ def test_table_lines_up() -> None:
     )
 
 
-def repaired(line: dict[str, Json], *reasons: str) -> dict[str, Json]:
-    """Say that the answers before a candidate's last one were sent back, for these reasons at the probe."""
-    return {**line, "repairs": [{"answer": "0", "stage": "probe", "reason": reason} for reason in reasons]}
+def sent_back(*reasons: Reason) -> tuple[RepairedAnswer, ...]:
+    """Make the answers before a candidate's last one, sent back for these reasons at the probe."""
+    return tuple(RepairedAnswer(answer="0", stage=Stage.probe, reason=reason) for reason in reasons)
 
 
 def test_repaired_candidates_stay_out_of_the_papers_rate() -> None:
     """The gate's table counts first answers: of 3 answers 1 is left, although 2 candidates trained."""
-    lines = [
-        trained("g00s00", "baseline", 0.5),
-        trained("g00s01", "mutation", 0.4),
-        repaired({**trained("g00s02", "mutation", 0.3), "source": "0"}, "bad_output", "not_finite"),
-        repaired(rejected("g00s03", "extract", "no_class"), "bad_output"),
-        {**ended(0, trained=2, candidates=4, best=0.3, median=0.4), "repaired": 1},
+    lines: list[Line] = [
+        trained("g00s00", 0.5),
+        trained("g00s01", 0.4),
+        trained("g00s02", 0.3, repairs=sent_back(Reason.bad_output, Reason.not_finite)),
+        rejected("g00s03", "extract", "no_class", repairs=sent_back(Reason.bad_output)),
+        replace(generation(0, trained=2, candidates=4, best=0.3, median=0.4), repaired=1),
     ]
-    page = summarise(RUN, lines, ["g00s02"], {})
+    page = page_of(*lines, elites=["g00s02"])
     rows = {
         row.split("|")[1].strip(): [cell.strip() for cell in row.split("|")[2:6]]
         for row in page.splitlines()
@@ -219,7 +204,7 @@ def test_cost_is_added_up_by_generation() -> None:
         "g00s01": Spending(answers=1, input_tokens=1000, output_tokens=500, usd=0.25),
         "g01s00": Spending(answers=2, input_tokens=3000, output_tokens=1500, usd=0.5),
     }
-    page = summarise(RUN, LINES, ["g01s00"], spent)
+    page = summarise(RUN, CONFIG, [header(), *LINES], ["g01s00"], spent)
     assert "3 answers, 4,000 + 2,000 tokens, 0.750 USD (input + output)" in page
     assert "The cost of 5 candidates is not in timings.jsonl." in page
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in page.partition("## Cost")[2].splitlines()]

@@ -9,12 +9,11 @@ import pytest
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.cli.inspect import task_without_data
-from tacevo.records import Limits, Reason, to_json
+from tacevo.records import Limits, Reason, Task, to_json
 from tacevo.runs.wiring import ENTRIES, recipe_of
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.processes import children
 from tacevo.sandbox.protocol import Message, Sort
-from tacevo.search.proposals import Task
 from tacevo.training.evaluation import Examples, Setting
 from tacevo.training.numerics import environment
 

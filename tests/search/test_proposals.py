@@ -16,15 +16,13 @@ from scipy.stats import binomtest
 
 from tacevo.choices import ParentPolicy, PromptPolicy
 from tacevo.randomness import stream
-from tacevo.records import Contract, Kind, Loss, Message, Operator, Reason, Rejection, Request, Stage
+from tacevo.records import Contract, Instruction, Kind, Loss, Message, Operator, Reason, Rejection, Request, Stage, Task
 from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import PromptArchive, Trial
 from tacevo.search.proposals import (
-    Instruction,
     Parent,
     Proposal,
     Settings,
-    Task,
     crossover_text,
     draw_parents,
     mutation_text,

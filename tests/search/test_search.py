@@ -1,7 +1,6 @@
 """The search is the paper's Algorithm 1, and a deterministic fold: same seed, same bytes, however it is executed."""
 
 import itertools
-import json
 import math
 import random
 import time
@@ -13,30 +12,37 @@ from pathlib import Path
 
 import fakes
 import pytest
+from refusals import refused
 
 from tacevo.choices import PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
-from tacevo.records import Json, Reason, Rejection, Stage, Training
+from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.search.algorithm import Plan, run_search
-from tacevo.storage.ledger import Ledger
+from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, line_kind
+from tacevo.storage.ledger import Ledger, read_lines
+
+
+def opened(path: Path | None) -> Ledger:
+    """Open a ledger in a file, or one in memory."""
+    return Ledger() if path is None else Ledger.open(path, line_kind)
 
 
 def run(plan: Plan, path: Path | None = None, **effects: object) -> tuple[str, fakes.Recorder]:
     """Run a plan with fake effects; give its digest and what an observer saw."""
     recorder = fakes.Recorder()
-    with Ledger(path) as ledger:
+    with opened(path) as ledger:
         run_search(plan, replace(fakes.tools(), **effects), ledger, recorder)  # type: ignore[arg-type]
         return ledger.digest, recorder
 
 
-def candidates(recorder: fakes.Recorder) -> list[dict[str, Json]]:
+def candidates(recorder: fakes.Recorder) -> list[CandidateLine]:
     """Give the candidates' lines."""
-    return [line for line in recorder.lines if line["kind"] == "candidate"]
+    return [line for line in recorder.lines if isinstance(line, CandidateLine)]
 
 
-def generations(recorder: fakes.Recorder) -> list[dict[str, Json]]:
+def generations(recorder: fakes.Recorder) -> list[GenerationLine]:
     """Give the generations' lines."""
-    return [line for line in recorder.lines if line["kind"] == "generation"]
+    return [line for line in recorder.lines if isinstance(line, GenerationLine)]
 
 
 def test_same_seed_gives_the_same_digest_and_another_seed_another() -> None:
@@ -105,7 +111,7 @@ def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:
         result = fakes.evaluate(source)
         return result if isinstance(result, Rejection) else replace(result, weights_sha256="2" * 64)
 
-    with pytest.raises(DivergenceError, match="generation 0, slot 0: field 'weights' was recorded as"):
+    with refused(DivergenceError, place="generation 0, slot 0, weights", expected="1" * 64, got="2" * 64):
         run(fakes.plan(), path, evaluate=drifting)
 
 
@@ -113,8 +119,7 @@ def test_one_operator_holds_for_a_whole_generation() -> None:
     """The operator is drawn once a generation; both occur, and generation 0 is the baseline and its mutations."""
     _, recorder = run(fakes.plan(generations=12))
     operators = [
-        {line["operator"] for line in candidates(recorder) if line["generation"] == generation}
-        for generation in range(13)
+        {line.operator for line in candidates(recorder) if line.generation == generation} for generation in range(13)
     ]
     assert operators[0] == {"baseline", "mutation"}
     assert all(len(found) == 1 for found in operators[1:])
@@ -127,11 +132,11 @@ def test_parents_are_elites_of_the_archive_before_the_generation() -> None:
     _, recorder = run(fakes.plan(generations=6))
     elites: set[str] = set()
     for line, state in zip(recorder.lines, recorder.states, strict=True):
-        if line["kind"] == "generation":
+        if isinstance(line, GenerationLine):
             elites = {elite.name for elite in state.networks.archive.elites.values()}
-        elif line["generation"] > 0:
-            assert set(line["parents"]) <= elites
-            assert len(set(line["parents"])) == {"mutation": 1, "crossover": 2}[line["operator"]]
+        elif line.generation > 0:
+            assert set(line.parents) <= elites
+            assert len(set(line.parents)) == {"mutation": 1, "crossover": 2}[line.operator]
 
 
 def test_rejected_candidates_change_no_archive() -> None:
@@ -140,11 +145,11 @@ def test_rejected_candidates_change_no_archive() -> None:
     before = None
     rejected = 0
     for line, state in zip(recorder.lines, recorder.states, strict=True):
-        if "stage" in line:
+        if isinstance(line, CandidateLine) and line.stage is not None:
             rejected += 1
             assert before is not None
             assert (state.networks, state.prompts) == (before.networks, before.prompts)
-            assert "fitness" not in line
+            assert line.fitness is None
         before = state
     assert rejected > 3
 
@@ -153,15 +158,15 @@ def test_prompt_archive_records_mutations_after_generation_0_only() -> None:
     """A_P starts empty, and neither crossover nor the initial mutations enter it."""
     _, recorder = run(fakes.plan(generations=8))
     for line in candidates(recorder):
-        enters = line["operator"] == "mutation" and line["generation"] > 0 and "fitness" in line
-        assert ("prompt_niche" in line) == enters
+        enters = line.operator == "mutation" and line.generation > 0 and line.fitness is not None
+        assert (line.prompt_niche is not None) == enters
     assert recorder.states[-1].prompts.trials
 
 
 def test_prompt_trials_carry_the_temperature_of_the_generation() -> None:
     """A trial is s = (i, T_g): the noise of a single request does not enter the prompt archive."""
     _, recorder = run(fakes.plan(generations=8))
-    of_generation = {line["generation"]: line["temperature"] for line in generations(recorder)}
+    of_generation = {line.generation: line.temperature for line in generations(recorder)}
     final = recorder.states[-1].prompts
     for niche, trial in final.trials.items():
         generation = int(final.archive.elites[niche].name[1:3])
@@ -172,9 +177,9 @@ def test_curiosity_follows_the_insertion() -> None:
     """Curiosity is 0.5 for a child that was not inserted, else 1 + 1 / (1 + f)."""
     _, recorder = run(fakes.plan(generations=6))
     for line in candidates(recorder):
-        if "fitness" in line:
-            inserted = line["status"] != "rejected"
-            assert line["curiosity"] == (1 + 1 / (1 + line["fitness"]) if inserted else 0.5)
+        if line.fitness is not None:
+            inserted = line.status != "rejected"
+            assert line.curiosity == (1 + 1 / (1 + line.fitness) if inserted else 0.5)
 
 
 def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
@@ -182,10 +187,10 @@ def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
     _, recorder = run(fakes.plan(generations=20))
     scores: dict[str, list[float]] = {}
     for line in candidates(recorder):
-        if "fitness" in line:
-            taught = line["parents"] if line["operator"] == "mutation" else []
-            for name in (*taught, line["id"]):
-                scores.setdefault(name, []).append(line["curiosity"])
+        if line.fitness is not None:
+            taught = line.parents if line.operator == "mutation" else []
+            for name in (*taught, line.id):
+                scores.setdefault(name, []).append(line.curiosity or 0.0)
     kept = recorder.states[-1].candidates
     assert {name: float(found.curiosity) for name, found in kept.items()} == {
         name: math.fsum(values) for name, values in scores.items()
@@ -203,7 +208,7 @@ def test_states_share_what_they_have_in_common() -> None:
         tracemalloc.stop()
     trained = 0
     for line, state in zip(recorder.lines, recorder.states, strict=True):
-        trained += "fitness" in line
+        trained += isinstance(line, CandidateLine) and line.fitness is not None
         assert (len(state.candidates), len(state.networks.history)) == (trained, trained)
     assert trained > 500
     assert kept < 8e6  # bytes; 4.5 million are kept here, and 12.8 million where every state has copies of its own
@@ -213,11 +218,15 @@ def test_best_never_gets_worse_and_the_papers_temperature_only_rises() -> None:
     """The literal rule compares an archive's best with itself, so T climbs by eta to 1."""
     _, recorder = run(fakes.plan(generations=12))
     lines = generations(recorder)
-    bests = [line["best"] for line in lines]
+    bests = [_best(line) for line in lines]
     assert bests == sorted(bests, reverse=True)
-    assert [line["temperature"] for line in lines] == pytest.approx(
+    assert [line.temperature for line in lines] == pytest.approx(
         [0.6, *(min(0.6 + 0.05 * step, 1.0) for step in range(12))]
     )
+
+
+def _best(line: GenerationLine) -> float:
+    return math.inf if line.best is None else line.best
 
 
 def test_stall_rule_lowers_the_temperature_when_the_best_improves() -> None:
@@ -225,8 +234,8 @@ def test_stall_rule_lowers_the_temperature_when_the_best_improves() -> None:
     _, recorder = run(fakes.plan(generations=8, rule=TemperatureRule.stall))
     lines = generations(recorder)
     for before, line in itertools.pairwise(lines):
-        change = line["next_temperature"] - line["temperature"]
-        assert change == pytest.approx(-0.05 if line["best"] < before["best"] else 0.05)
+        change = line.next_temperature - line.temperature
+        assert change == pytest.approx(-0.05 if _best(line) < _best(before) else 0.05)
 
 
 def test_without_prompt_archive_the_network_archive_is_the_same() -> None:
@@ -250,10 +259,10 @@ def test_outcomes_are_observed_before_their_line() -> None:
         def developed(self, outcome: object) -> None:
             order.append("developed")
 
-        def committed(self, line: dict[str, Json], state: object) -> None:
-            order.append(line["kind"])
+        def committed(self, line: SearchLine, state: object) -> None:
+            order.append(line.kind)
 
-    with Ledger(None) as ledger:
+    with Ledger() as ledger:
         run_search(fakes.plan(generations=1), fakes.tools(), ledger, Ordered())
     assert order == [*["developed", "candidate"] * 4, "generation", *["developed", "candidate"] * 6, "generation"]
 
@@ -264,16 +273,14 @@ def test_baseline_that_does_not_train_is_the_users_mistake() -> None:
     def failing(source: str) -> Training | Rejection:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan in epoch 1")
 
-    with pytest.raises(ConfigError, match=r"the baseline of task fake .* loss is nan in epoch 1"):
+    with refused(ConfigError, place="task fake", got="loss is nan in epoch 1"):
         run(fakes.plan(), evaluate=failing)
 
 
 def test_small_run_is_golden() -> None:
     """The ledger of a small run changes only on purpose: then results change, and the changelog says so."""
     golden = Path(__file__).parents[1] / "golden" / "ledger.jsonl"
-    lines = golden.read_text(encoding="utf-8")
-    recorded = tuple(json.loads(line) for line in lines.splitlines())
-    with Ledger(None, recorded) as ledger:
+    with Ledger(read_lines(golden, line_kind)) as ledger:
         run_search(fakes.plan(generations=3), fakes.tools(), ledger, fakes.Recorder())
         assert ledger.committed == ledger.recorded
 
@@ -286,29 +293,29 @@ def repairing() -> Plan:
 def test_repaired_candidates_are_counted_apart() -> None:
     """A generation's `trained` are first answers; a repaired line tells every answer that was sent back, and why."""
     _, recorder = run(repairing())
-    repaired = [line for line in candidates(recorder) if "repairs" in line]
-    assert any("fitness" in line for line in repaired)
+    repaired = [line for line in candidates(recorder) if line.repairs]
+    assert any(line.fitness is not None for line in repaired)
     for line in repaired:
-        assert 1 <= len(line["repairs"]) <= 2
-        assert all((sent["stage"], sent["reason"]) == ("extract", "no_class") for sent in line["repairs"])
+        assert 1 <= len(line.repairs) <= 2
+        assert all((sent.stage, sent.reason) == ("extract", "no_class") for sent in line.repairs)
     for ended in generations(recorder):
-        of_generation = [line for line in candidates(recorder) if line["generation"] == ended["generation"]]
-        trained = [line for line in of_generation if "fitness" in line]
-        assert ended["trained"] == sum("repairs" not in line for line in trained)
-        assert ended.get("repaired", 0) == sum("repairs" in line for line in trained)
-        assert ("repaired" in ended) == any("repairs" in line for line in of_generation)
+        of_generation = [line for line in candidates(recorder) if line.generation == ended.generation]
+        trained = [line for line in of_generation if line.fitness is not None]
+        assert ended.trained == sum(not line.repairs for line in trained)
+        assert (ended.repaired or 0) == sum(bool(line.repairs) for line in trained)
+        assert (ended.repaired is not None) == any(line.repairs for line in of_generation)
 
 
 def test_repairs_leave_first_answers_as_they_are() -> None:
     """Generation 0 with repairs differs from the one without in the rejected slots alone."""
     first = replace(fakes.plan(generations=0), initial=20)
-    plain = {line["slot"]: line for line in candidates(run(first)[1])}
-    mended = {line["slot"]: line for line in candidates(run(replace(first, repairs=1))[1])}
-    rejected = {slot for slot, line in plain.items() if line.get("stage") == "extract"}
+    plain = {line.slot: line for line in candidates(run(first)[1])}
+    mended = {line.slot: line for line in candidates(run(replace(first, repairs=1))[1])}
+    rejected = {slot for slot, line in plain.items() if line.stage == "extract"}
     assert rejected
-    assert {slot for slot in plain if "repairs" in mended[slot]} == rejected
+    assert {slot for slot in plain if mended[slot].repairs} == rejected
     kept = plain.keys() - rejected
-    assert [mended[slot]["answer"] for slot in kept] == [plain[slot]["answer"] for slot in kept]
+    assert [mended[slot].answer for slot in kept] == [plain[slot].answer for slot in kept]
 
 
 def test_repairing_run_gives_one_digest_with_any_workers_resumed_or_not(tmp_path: Path) -> None:

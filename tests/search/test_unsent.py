@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import fakes
 import numpy as np
-import pytest
 from hand_runs import closed, run, trained
 from hand_sweeps import finished, run_to, sweep_of
+from ledger_lines import candidate, header, run_record
+from refusals import refused
 
 from analysis.figures.maps import prompt_map
 from analysis.figures.progress import temperature
@@ -18,13 +19,16 @@ from analysis.runs.niches import Niches
 from analysis.runs.run import Run
 from analysis.sweeps.sweep_checks import check_sweep
 from analysis.tables.dynamics import generations_table, temperatures_table
+from tacevo.config.compose import compose
 from tacevo.errors import IncomparableError
-from tacevo.records import Completion, Json, Request
-from tacevo.rules import FIRST, Era
+from tacevo.records import Completion, Request
+from tacevo.rules import FIRST
+from tacevo.runs.eras import run_eras
 from tacevo.runs.summary import summarise
-from tacevo.search.algorithm import Plan, run_eras, run_search
+from tacevo.search.algorithm import Plan, run_search
 from tacevo.search.archive import find_centroids
-from tacevo.search.unsent import not_sent, sent_temperature
+from tacevo.search.lines import CandidateLine, RulesLine, SearchLine
+from tacevo.search.unsent import not_sent
 from tacevo.storage.ledger import Ledger
 
 WORDS = "temperature was not sent: the model refuses it"
@@ -40,12 +44,19 @@ class Refusing(fakes.FakeLLM):
             yield position, replace(completion, dropped=("temperature", "top_p"))
 
 
-def searched(plan: Plan, llm: fakes.FakeLLM, recorded: tuple[dict[str, Json], ...] = ()) -> list[dict[str, Json]]:
+def searched(
+    plan: Plan,
+    llm: fakes.FakeLLM,
+) -> list[SearchLine]:
     """Run a plan; give the lines of its ledger."""
     recorder = fakes.Recorder()
-    with Ledger(None, recorded) as ledger:
-        run_search(plan, fakes.tools(llm), ledger, recorder)
+    run_search(plan, fakes.tools(llm), Ledger(), recorder)
     return recorder.lines
+
+
+def answered_in(lines: Sequence[SearchLine]) -> list[CandidateLine]:
+    """List the lines of candidates that a model answered for."""
+    return [line for line in lines if isinstance(line, CandidateLine) and line.answer]
 
 
 def without_temperatures() -> Run:
@@ -57,37 +68,33 @@ def without_temperatures() -> Run:
 def test_ledger_names_what_was_not_sent() -> None:
     """Every answered line does, and nothing else in it changes; where all was sent, no line does."""
     told, plain = (searched(fakes.plan(generations=2), llm) for llm in (Refusing(), fakes.FakeLLM()))
-    answered = [line for line in told if line.get("answer")]
+    answered = answered_in(told)
     assert answered
-    assert all(line["dropped"] == ["temperature", "top_p"] for line in answered)
-    seals = {"previous": None, "hash": None}
-    assert [{**line, **seals} for line in plain] == [
-        {key: value for key, value in (line | seals).items() if key != "dropped"} for line in told
-    ]
+    assert all(line.dropped == ("temperature", "top_p") for line in answered)
+    assert plain == [replace(line, dropped=()) if isinstance(line, CandidateLine) else line for line in told]
 
 
 def test_answers_that_were_sent_back_name_it_too() -> None:
     """Each of them is an answer of its own."""
     lines = searched(replace(fakes.plan(), repairs=1), Refusing())
-    assert {tuple(sent["dropped"]) for line in lines for sent in line.get("repairs", ())} == {("temperature", "top_p")}
+    assert {sent.dropped for line in answered_in(lines) for sent in line.repairs} == {("temperature", "top_p")}
 
 
 def test_ledger_under_the_first_core_gains_no_field() -> None:
     """Its answers are recorded with what was dropped, its lines name nothing; a replay gives these very lines."""
     plan = fakes.plan(generations=2)
     for core in (1, 2):
-        with Ledger(None) as ledger:
-            eras = [Era(generation=0, rules=replace(FIRST, core=core))]
-            recorder = fakes.Recorder()
-            run_eras(plan, eras, lambda _: nullcontext(fakes.tools(Refusing())), ledger, recorder)
-        assert any("dropped" in line for line in recorder.lines) is (core == 2)
+        eras = [RulesLine(generation=0, rules=replace(FIRST, core=core))]
+        recorder = fakes.Recorder()
+        run_eras(plan, eras, lambda _: nullcontext(fakes.tools(Refusing())), Ledger(), recorder)
+        assert any(line.dropped for line in answered_in(recorder.lines)) is (core == 2)
 
 
 def test_temperature_that_was_not_sent_is_none() -> None:
     """What was planned is no temperature of the request."""
-    assert sent_temperature({"temperature": 0.5}) == 0.5
-    assert sent_temperature({"temperature": 0.5, "dropped": ["top_p"]}) == 0.5
-    assert sent_temperature({"temperature": 0.5, "dropped": ["temperature"]}) is None
+    assert candidate("g01s00", temperature=0.5).sent_temperature == 0.5
+    assert candidate("g01s00", temperature=0.5, dropped=("top_p",)).sent_temperature == 0.5
+    assert candidate("g01s00", temperature=0.5, dropped=("temperature",)).sent_temperature is None
 
 
 def test_number_of_requests_is_told_where_it_is_not_all() -> None:
@@ -101,16 +108,11 @@ def test_number_of_requests_is_told_where_it_is_not_all() -> None:
 
 def test_summary_says_it() -> None:
     """And that T is what was planned."""
-    lines = searched(fakes.plan(generations=1), Refusing())
-    told = {
-        "name": "fake",
-        "task": {"name": "fake"},
-        "config": {"seed": 0, "llm": {"model": "m"}, "numerics": {"kind": "portable"}, "archive": {}},
-        "data": {"fingerprint": "f" * 64, "counts": [8, 1, 1], "image_size": 32},
-    }
-    page = summarise(told, lines, [], {})
+    lines, plain = (searched(fakes.plan(generations=1), llm) for llm in (Refusing(), fakes.FakeLLM()))
+    config = compose(["experiment=demo"])
+    page = summarise(run_record(), config, [header(), *lines], [], {})
     assert f"{WORDS}. top_p was not sent: the model refuses it. T, and the temperatures of the prompt archive" in page
-    assert "not sent" not in summarise(told, searched(fakes.plan(generations=1), fakes.FakeLLM()), [], {})
+    assert "not sent" not in summarise(run_record(), config, [header(), *plain], [], {})
 
 
 def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:
@@ -157,8 +159,8 @@ def test_arms_over_temperature_are_no_comparison() -> None:
     check_sweep(sweep_of(others))
     rule = {"temperature": {"rule": "fixed"}}
     fixed = finished("fixed_temperature", 0, idle, settings=rule)
-    words = rf"none-seed0 and fixed_temperature-seed0 differ in them, and in none-seed0 {WORDS}\. Delete the folders"
-    with pytest.raises(IncomparableError, match=words):
+    got = f"none-seed0 and fixed_temperature-seed0, and in none-seed0 {WORDS}"
+    with refused(IncomparableError, place="temperature", expected="had an effect", got=got, remedy="delete the dir"):
         check_sweep(sweep_of([*others, fixed]))
     sent = run_to(0.5, 0.4)
     check_sweep(sweep_of([finished("none", 0, sent), finished("fixed_temperature", 0, sent, settings=rule)]))

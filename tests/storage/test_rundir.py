@@ -6,17 +6,21 @@ import json
 import subprocess
 import sys
 import threading
+import zipfile
 from datetime import datetime
 from pathlib import Path
 
 import pytest
+from ledger_lines import run_record
+from refusals import refused
 
 from tacevo.costs import Spending
 from tacevo.environment import PACKAGES, gpu, machine, versions
 from tacevo.errors import RunError
-from tacevo.records import Json, Reason, Rejection, Stage
-from tacevo.storage.ledger import Ledger
-from tacevo.storage.run_directory import SCHEMA, RunDirectory
+from tacevo.records import Reason, Rejection, Stage, to_json
+from tacevo.storage.run_directory import RunDirectory
+
+PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
 
 #: Locks a run directory, says so, and waits until it is killed.
 HOLDER = """
@@ -61,7 +65,7 @@ def test_who_looks_for_a_moment_keeps_nobody_out(directory: RunDirectory) -> Non
 
 
 def test_killed_process_lets_go_of_the_lock(directory: RunDirectory) -> None:
-    """A lock dies with its process, so that a killed run can be taken up."""
+    """A lock dies with its process, so that a killed run can be resumed."""
     command = [sys.executable, "-c", HOLDER, str(directory.path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
         assert holder.stdout is not None
@@ -86,29 +90,35 @@ def test_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
 
 def test_run_comes_back_as_written(directory: RunDirectory) -> None:
     """run.json is readable text and holds what was written."""
-    directory.write_json("run.json", {"schema": 1, "name": "zwölf"})
-    assert directory.read_run() == {"schema": 1, "name": "zwölf"}
+    directory.write_run(run_record(name="zwölf"))
+    assert directory.read_run() == run_record(name="zwölf")
     assert "zwölf" in (directory.path / "run.json").read_text(encoding="utf-8")
 
 
-def test_folder_without_a_run_is_an_error(directory: RunDirectory) -> None:
-    """A folder that holds no run is refused, and so is one that is not there."""
-    with pytest.raises(RunError, match=r"is not the folder of a run: it has no run.json"):
+@pytest.mark.parametrize("bundle", sorted(PUBLISHED.glob("*.zip")), ids=lambda path: path.stem)
+def test_published_run_json_comes_back(bundle: Path, tmp_path: Path) -> None:
+    """What later releases added is at its default, and all else is as it was written."""
+    with zipfile.ZipFile(bundle) as members:
+        text = next(members.read(name) for name in members.namelist() if name.endswith("/run.json"))
+    (tmp_path / "run.json").write_bytes(text)
+    assert {**to_json(RunDirectory(tmp_path).read_run()), **json.loads(text)} == {
+        **json.loads(text),
+        "code": None,
+        "pages": 1,
+    }
+
+
+def test_directory_without_a_run_is_an_error(directory: RunDirectory) -> None:
+    """A directory that holds no run is refused, and so is one that is not there."""
+    with refused(RunError, place=str(directory.path), expected="the directory of a run"):
         directory.read_run()
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "null", "\x00"])
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "null", "\x00", '{"schema": 2}'])
 def test_damaged_run_is_an_error(content: str, directory: RunDirectory) -> None:
-    """Whatever run.json holds instead, the message names the file."""
+    """Whatever run.json holds instead, the message names the file and what writes it again."""
     directory.write_text("run.json", content)
-    with pytest.raises(RunError, match=r"run.json is damaged"):
-        directory.read_run()
-
-
-def test_run_of_another_layout_is_an_error(directory: RunDirectory) -> None:
-    """A later version's run is refused by its schema."""
-    directory.write_json("run.json", {"schema": 2})
-    with pytest.raises(RunError, match="has schema 2; this version of tacevo reads 1"):
+    with refused(RunError, place="run.json", remedy="`tacevo search` command that began the run writes it again"):
         directory.read_run()
 
 
@@ -120,22 +130,6 @@ def test_nan_is_refused(directory: RunDirectory) -> None:
     assert json.loads((directory.path / "archive.json").read_text(encoding="utf-8")) == {"qd_score": 1.0}
 
 
-def test_elites_are_the_archives(directory: RunDirectory) -> None:
-    """Before the first generation is complete there are none."""
-    assert directory.read_elites() == []
-    directory.write_json("archive.json", {"elites": [{"niche": 0, "id": "g00s00"}, {"niche": 3, "id": "g01s02"}]})
-    assert directory.read_elites() == ["g00s00", "g01s02"]
-    assert directory.read_niches() == {0: "g00s00", 3: "g01s02"}
-
-
-@pytest.mark.parametrize("content", [[], {}, {"elites": 1}, {"elites": [{}]}])
-def test_damaged_archive_is_an_error(content: Json, directory: RunDirectory) -> None:
-    """Whatever archive.json holds instead, the message names the file."""
-    directory.write_json("archive.json", content)
-    with pytest.raises(RunError, match=r"archive.json is damaged"):
-        directory.read_elites()
-
-
 def test_source_is_what_was_admitted(directory: RunDirectory) -> None:
     """One that was edited, or whose file is gone, is refused by its name."""
     source = "class A: ...\n"
@@ -144,32 +138,8 @@ def test_source_is_what_was_admitted(directory: RunDirectory) -> None:
     assert directory.read_source("g00s01", digest) == source
     directory.keep_candidate("g00s01", source + "# better\n")
     for name in ("g00s01", "g00s02"):
-        with pytest.raises(RunError, match=rf"candidates/{name}\.py is missing or was edited; restore the file"):
+        with refused(RunError, place=f"candidates/{name}.py", got="missing or was edited", remedy="restore it"):
             directory.read_source(name, digest)
-
-
-def test_run_is_finished_where_the_digest_is_the_last_hash(directory: RunDirectory) -> None:
-    """Not before its ledger has a line, and not with another digest."""
-    directory.write_json("run.json", {"schema": SCHEMA, "digest": None})
-    directory.ledger.touch()
-    with pytest.raises(RunError, match="is not finished, or its digest was edited"):
-        directory.read_finished()
-    with Ledger(directory.ledger) as ledger:
-        ledger.commit({"kind": "run"})
-        digest = ledger.digest
-    with pytest.raises(RunError, match="is not finished, or its digest was edited"):
-        directory.read_finished()
-    directory.write_json("run.json", {"schema": SCHEMA, "digest": digest})
-    assert [line["kind"] for line in directory.read_finished()] == ["run"]
-
-
-def test_ledger_is_read_from_the_directory(directory: RunDirectory) -> None:
-    """The ledger lies in ledger.jsonl."""
-    directory.path.mkdir(parents=True)
-    with Ledger(directory.ledger) as ledger:
-        line = ledger.commit({"kind": "run"})
-    assert directory.ledger.name == "ledger.jsonl"
-    assert directory.read_ledger() == (line,)
 
 
 def test_candidate_is_written_once(directory: RunDirectory) -> None:
@@ -200,13 +170,13 @@ def test_rejected_answer_is_kept_under_its_reason(directory: RunDirectory) -> No
 
 
 def test_timings_are_appended_with_their_moment(directory: RunDirectory) -> None:
-    """Each line holds what was given and a time with its zone."""
+    """Each line has a time with its zone."""
     directory.path.mkdir(parents=True)
-    for number in range(2):
-        directory.add_timing({"id": number})
-    lines = [json.loads(line) for line in (directory.path / "timings.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert [line["id"] for line in lines] == [0, 1]
-    assert all(datetime.fromisoformat(line["at"]).tzinfo is not None for line in lines)
+    directory.add_timing(Spending(), id="g00s00", seconds=1.5)
+    directory.add_timing(Spending(answers=1), generation=0)
+    first, second = directory.read_timings()
+    assert (first.id, first.seconds, second.generation, second.spent) == ("g00s00", 1.5, 0, Spending(answers=1))
+    assert all(datetime.fromisoformat(line.at).tzinfo is not None for line in (first, second))
 
 
 def test_versions_name_every_package() -> None:
@@ -232,11 +202,11 @@ def test_gpu_is_named_as_its_driver_does(tmp_path: Path) -> None:
 def test_spending_is_read_by_candidate_and_the_last_line_counts(directory: RunDirectory) -> None:
     """Lines of generations are passed over, and so is what a kill tore; the line after a torn one is whole."""
     directory.path.mkdir(parents=True, exist_ok=True)
-    directory.add_timing({"id": "g00s01", "answers": 1, "usd": 0.5})
-    directory.add_timing({"generation": 0, "answers": 9})
+    directory.add_timing(Spending(answers=1, usd=0.5), id="g00s01")
+    directory.add_timing(Spending(answers=9), generation=0)
     with (directory.path / "timings.jsonl").open("a") as file:
         file.write('{"id": "g00s02", "ans')
-    directory.add_timing({"id": "g00s01", "answers": 2, "usd": 0.75})
+    directory.add_timing(Spending(answers=2, usd=0.75), id="g00s01")
     assert directory.read_spending() == {"g00s01": Spending(answers=2, usd=0.75)}
 
 
@@ -245,36 +215,8 @@ def test_directory_without_timings_has_no_spending(directory: RunDirectory) -> N
     assert directory.read_spending() == {}
 
 
-def sealed(*entries: dict[str, Json]) -> tuple[dict[str, Json], ...]:
-    """Seal entries into the lines of a ledger."""
-    with Ledger(None) as ledger:
-        return tuple(ledger.commit(entry) for entry in entries)
-
-
-def test_ledger_begins_with_the_lines_of_a_continued_run(directory: RunDirectory) -> None:
-    """They stand there as they were, and a longer ledger that begins with them is left as it is."""
-    lines = sealed({"kind": "run"}, {"kind": "generation", "generation": 0})
-    directory.begin_with(lines[:1])
-    assert directory.read_ledger() == lines[:1]
-    with Ledger(directory.ledger) as ledger:
-        ledger.commit({"kind": "run"})
-        ledger.commit({"kind": "generation", "generation": 0})
-    directory.begin_with(lines[:1])
-    assert directory.read_ledger() == lines
-
-
-@pytest.mark.parametrize("kinds", [["run"], ["run", "other"]])
-def test_ledger_with_other_or_fewer_lines_is_not_written_over(directory: RunDirectory, kinds: list[str]) -> None:
-    """A folder that holds another run, or a shorter one, is refused and keeps its lines."""
-    directory.begin_with(sealed(*({"kind": kind} for kind in kinds)))
-    before = directory.ledger.read_bytes()
-    with pytest.raises(RunError, match="holds another run, or less of this one; choose another"):
-        directory.begin_with(sealed({"kind": "run"}, {"kind": "generation"}))
-    assert directory.ledger.read_bytes() == before
-
-
-def test_file_is_no_folder_of_a_run(tmp_path: Path) -> None:
+def test_file_is_not_the_directory_of_a_run(tmp_path: Path) -> None:
     """A published run is not called damaged; the message says what to give instead."""
     (tmp_path / "run.zip").write_bytes(b"PK")
-    with pytest.raises(RunError, match=r"run\.zip is a file, and this takes the folder of a run"):
+    with refused(RunError, place="run.zip", got="a file", remedy="unpack a published run"):
         RunDirectory(tmp_path / "run.zip").read_run()

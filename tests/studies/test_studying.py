@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,13 @@ from analysis.studies.study import load_study
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import RunError
-from tacevo.records import Json
+from tacevo.records import Json, to_json, written
 from tacevo.runs.datasets import load_data
-from tacevo.storage.ledger import read_ledger
+from tacevo.search.files import read_ledger
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, check_entry
-from tacevo.storage.study_directory import SCHEMA, StudyDirectory, studies_of
+from tacevo.studies.directory import studies_of
+from tacevo.studies.lines import SCHEMA, ScoreLine
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -168,9 +170,9 @@ def test_terms_are_stated_in_the_study_and_change_no_training(folder: Path) -> N
     )
     (second,) = (one for one in studies_of(folder / "run") if one.path != first.path)
     stated = {"alpha": 0.01, "margin": {"value": 0.2, "kind": "absolute"}}
-    assert second.read()["terms"] == second.read_scores()[0]["terms"] == stated
-    assert first.read()["terms"] == {"alpha": 0.05, "margin": {"value": 0.1, "kind": "relative"}}
-    lines = [[one["evaluation"] for one in directory.read_scores()[1:]] for directory in (first, second)]
+    assert to_json(second.read().terms) == to_json(second.read_scores().header.terms) == stated
+    assert to_json(first.read().terms) == {"alpha": 0.05, "margin": {"value": 0.1, "kind": "relative"}}
+    lines = [[row.evaluation for row in directory.read_scores().rows] for directory in (first, second)]
     assert lines[0] == lines[1]
     assert {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")} == before
     assert main(["replay", "run"]) == 0
@@ -232,7 +234,9 @@ def test_replay_compares_every_score_without_training(folder: Path, capsys: pyte
     """From the store alone, without the data set; a study that is only begun is passed over."""
     shutil.rmtree(folder / "cache" / "data")
     (folder / "run" / "studies" / "begun").mkdir()
-    (folder / "run" / "studies" / "begun" / "study.json").write_text(json.dumps({"schema": SCHEMA, "digest": None}))
+    (finished,) = folder.glob("run/studies/elites*/study.json")
+    begun = {**json.loads(finished.read_text()), "digest": None}
+    (folder / "run" / "studies" / "begun" / "study.json").write_text(json.dumps(begun))
     assert main(["replay", "run"]) == 0
     output = capsys.readouterr()
     digest = json.loads(next(folder.glob("run/studies/elites*/study.json")).read_text())["digest"]
@@ -240,37 +244,36 @@ def test_replay_compares_every_score_without_training(folder: Path, capsys: pyte
     assert "study begun is not finished and is passed over" in output.err
 
 
-def reseal(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]) -> None:
-    """Change the only study's lines, with sound hashes and digest."""
-    (directory,) = studies_of(folder / "run")
-    lines = [{key: line[key] for key in line if key not in ("hash", "previous")} for line in directory.read_scores()]
-    directory.scores.unlink()
-    StudyDirectory(directory.path).finish([change(line) for line in lines])
-
-
 def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """However well it is sealed, the store knows better; replay and study both name the row."""
-    row = {"network": "variant 1", "seed": 1}
-    reseal(folder, lambda line: {**line, "epoch": 9} if line.items() >= row.items() else line)
+    (directory,) = studies_of(folder / "run")
+    scores = directory.read_scores()
+    rows = [replace(row, epoch=9) if isinstance(row, ScoreLine) else row for row in scores.rows[-1:]]
+    directory.scores.unlink()
+    directory.finish(scores.header, [*scores.rows[:-1], *rows])
     for command in (["replay", "run"], ["study", *STUDY]):
         assert main(command) == 1
-        assert "variant 1, seed 1: field 'epoch' was recorded as 9 and is now" in capsys.readouterr().err
+        assert "variant 1, seed 1, epoch: expected 9 as recorded; got" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("edit", "status", "said"),
     [
-        ({"task": "grating"}, 1, "study.json was edited, or tells of another run or other networks"),
-        ({"digest": "0" * 64}, 1, "study.json has the digest 0000"),
-        ({"terms": {"alpha": 0.05, "margin": {"value": 9.0, "kind": "relative"}}}, 1, "the study's header: field"),
-        ({"terms": {}}, 2, "study.json is damaged"),
-        ({"recipe": {}}, 2, "study.json is damaged"),
+        ({"task": "grating"}, 1, "study.json: expected the study that follows from the run"),
+        ({"digest": "0" * 64}, 1, "study.json, digest: expected "),
+        (
+            {"terms": {"alpha": 0.05, "margin": {"value": 9.0, "kind": "relative"}}},
+            1,
+            "the study's header, terms.margin.value",
+        ),
+        ({"terms": {}}, 2, "study.json, terms.alpha: expected a value"),
+        ({"recipe": {}}, 2, "study.json, recipe.epochs: expected a value"),
     ],
 )
 def test_edited_description_is_found(
     edit: dict[str, Json], status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A replay holds it against the run and the scores."""
+    """A replay compares it with the run and the scores."""
     path = next(folder.glob("run/studies/*/study.json"))
     path.write_text(json.dumps({**json.loads(path.read_text()), **edit}))
     assert main(["replay", "run"]) == status
@@ -325,7 +328,7 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
     ("settings", "message"),
     [
         ([], "run: expected the directory of a finished run, as in run=runs/NAME"),
-        (["run=nowhere"], "nowhere is not the folder of a run"),
+        (["run=nowhere"], "nowhere: expected the directory of a run"),
         (["run=run", "seed=1"], "seed: not a setting; did you mean seeds?"),
         (["run=run", "seeds=many"], 'seeds: expected an integer; got "many"'),
         (["run=run", "elites=0"], "elites: expected an integer of at least 1; got 0"),
@@ -349,12 +352,12 @@ def test_unfinished_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[s
     text = ledger.read_text()
     ledger.write_text("\n".join(text.splitlines()[:-1]) + "\n")
     assert main(["study", *STUDY]) == 2
-    assert "run is not finished" in capsys.readouterr().err
+    assert "run: expected a finished run" in capsys.readouterr().err
     ledger.write_text(text)
     with (folder / "run" / "candidates" / "g00s00.py").open("a") as file:
         file.write("# better\n")
     assert main(["study", *STUDY]) == 2
-    assert "g00s00.py is missing or was edited" in capsys.readouterr().err
+    assert "g00s00.py: expected the source of the ledger" in capsys.readouterr().err
 
 
 def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -364,7 +367,7 @@ def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]
     run["config"]["data"]["seed"] += 1
     path.write_text(json.dumps(run))
     assert main(["study", *STUDY]) == 2
-    assert "Restore the data set of the run" in capsys.readouterr().err
+    assert "restore the data set of the run" in capsys.readouterr().err
 
 
 def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -380,10 +383,9 @@ def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytes
     decisions = []
     for name in ("a", "b"):
         assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
-        header, *lines = read_ledger(tmp_path / name / "ledger.jsonl")
-        dataless = {key: value for key, value in header["data"].items() if key != "fingerprint"}
-        named = ("hash", "previous", "evaluation")  # the chain, and the key, which holds the fingerprint
-        decisions.append([dataless, *({key: line[key] for key in line if key not in named} for line in lines)])
+        header, *lines = map(written, read_ledger(RunDirectory(tmp_path / name)).lines)
+        del header["data"]["fingerprint"]
+        decisions.append([header["data"], *({**line, "evaluation": None} for line in lines)])  # its key holds it, too
     first, second = (json.loads((tmp_path / name / "run.json").read_text())["data"] for name in ("a", "b"))
     assert first["fingerprint"] != second["fingerprint"]
     assert len(rows) == 4

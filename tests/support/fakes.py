@@ -7,11 +7,25 @@ from dataclasses import dataclass, field
 
 from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
 from tacevo.profile import Admitted, Graph, Node, Profile
-from tacevo.records import Completion, Contract, Json, Kind, Loss, Reason, Rejection, Request, Stage, Training, to_json
+from tacevo.records import (
+    Completion,
+    Contract,
+    Instruction,
+    Kind,
+    Loss,
+    Reason,
+    Rejection,
+    Request,
+    Stage,
+    Task,
+    Training,
+    to_json,
+)
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.archive import NetworkArchive, Tessellation, find_centroids
 from tacevo.search.development import Outcome, Tools
-from tacevo.search.proposals import Instruction, Settings, Task
+from tacevo.search.lines import SearchLine
+from tacevo.search.proposals import Settings
 from tacevo.storage.canonical import content_hash
 
 CONTRACT = Contract(
@@ -139,14 +153,14 @@ class Recorder:
     """An observer that remembers."""
 
     outcomes: list[Outcome] = field(default_factory=list)
-    lines: list[dict[str, Json]] = field(default_factory=list)
+    lines: list[SearchLine] = field(default_factory=list)
     states: list[SearchState] = field(default_factory=list)
 
     def developed(self, outcome: Outcome) -> None:
         """Remember an outcome."""
         self.outcomes.append(outcome)
 
-    def committed(self, line: dict[str, Json], state: SearchState) -> None:
+    def committed(self, line: SearchLine, state: SearchState) -> None:
         """Remember a line and the state behind it."""
         self.lines.append(line)
         self.states.append(state)

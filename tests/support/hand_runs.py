@@ -3,15 +3,16 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from analysis.runs.run import Occupant, Run
+from analysis.runs.run import Run
 from tacevo.config.compose import compose, to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage
-from tacevo.rules import FIRST, Era
+from tacevo.rules import FIRST
 from tacevo.search.archive import AddStatus, Bounds
-from tacevo.search.lines import CandidateLine, GenerationLine, RepairedAnswer
+from tacevo.search.files import EliteEntry, TrialEntry
+from tacevo.search.lines import CandidateLine, GenerationLine, RepairedAnswer, RulesLine
 from tacevo.typed import convert
 
 FACTS = DataFacts(
@@ -102,6 +103,11 @@ def rejected(
     )
 
 
+def elite(name: str, *, niche: int, fitness: float) -> EliteEntry:
+    """Make an elite of the network archive."""
+    return EliteEntry(niche=niche, id=name, fitness=fitness, descriptors=(0.5, 0.5))
+
+
 def closed(
     generation: int,
     best: float | None = 0.5,
@@ -134,7 +140,7 @@ def run(
     candidates: Sequence[CandidateLine],
     generations: Sequence[GenerationLine],
     *,
-    elites: Sequence[Occupant] = (),
+    elites: Sequence[EliteEntry] = (),
     instructions: Sequence[str] = ("refine", "widen"),
     archive: Mapping[str, Json] | None = None,
     bounds: tuple[tuple[float, float], ...] | None = ((0.0, 1.0), (0.0, 1.0)),
@@ -154,7 +160,26 @@ def run(
         elites=tuple(elites),
         bounds=None if bounds is None else bounds_of(*bounds),
         prompt_trials=(),
-        eras=(Era(generation=0, rules=FIRST),),
+        eras=(RulesLine(generation=0, rules=FIRST),),
         versions={},
         spent=spent or {},
+    )
+
+
+def occupant(*, id: str, niche: int, fitness: float) -> EliteEntry:
+    """Return an elite of archive.json; what tables and figures do not read is empty."""
+    return EliteEntry(id=id, niche=niche, fitness=fitness, descriptors=())
+
+
+def prompt_trial(*, niche: int, prompt: int, temperature: float, inserted: bool, curiosity: float) -> TrialEntry:
+    """Return a trial of prompts.json; what tables and figures do not read is empty."""
+    return TrialEntry(
+        niche=niche,
+        centroid=(),
+        id="",
+        instruction="",
+        prompt=prompt,
+        temperature=temperature,
+        inserted=inserted,
+        curiosity=curiosity,
     )

@@ -1,17 +1,19 @@
 """Runs that a mirror can show, without a search, and what MLflow then says of them."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage, to_json
+from fakes import TASK
+from ledger_lines import ended, header, rejected, run_record, trained
+
+from tacevo.records import DataFacts, Instruction, Json, Kind, Operator, to_json
 from tacevo.search.archive import AddStatus
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, RunLine, written
-from tacevo.search.proposals import Instruction
+from tacevo.search.lines import CandidateLine, Line, line_kind
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
+from tacevo.storage.run_directory import Code, RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 if TYPE_CHECKING:
@@ -30,71 +32,19 @@ DATA = DataFacts(
     names=("Fx", "Fy", "Fz"),
 )
 CODE: dict[str, Json] = {"commit": "fedcba98" * 5, "dirty": False}
-HEADER = RunLine(schema=1, config={}, task="force", data=DATA, centroids="c" * 64)
-BASELINE = CandidateLine(
-    generation=0,
-    slot=0,
-    id="g00s00",
-    operator=Operator.baseline,
-    parents=(),
-    prompt=None,
-    request=None,
-    temperature=None,
-    answer=None,
-    parameters=1200,
-    flops=34000,
-    arch_div=0.5,
-    eff_ratio=1.5,
-    entropy=0.7,
-    density=0.3,
-    variation=0.5,
-    fitness=0.25,
-    train_losses=(0.75, 0.5),
-    validation_losses=(0.5, 0.25),
-    niche=4,
-    status=AddStatus.new,
-    curiosity=1.8,
-)
-MUTATION = replace(
-    BASELINE,
-    slot=1,
-    id="g00s01",
-    operator=Operator.mutation,
-    parents=("g00s00",),
-    prompt=1,
-    temperature=0.625,
-    status=AddStatus.rejected,
-    curiosity=0.5,
-)
-REJECTED = CandidateLine(
-    generation=0,
-    slot=2,
-    id="g00s02",
+HEADER = header(task="force", data=DATA)
+FIGURES = {"train_losses": (0.75, 0.5), "parameters": 1200, "flops": 34000, "arch_div": 0.5, "eff_ratio": 1.5}
+BASELINE = trained("g00s00", 0.25, **FIGURES)
+MUTATION = trained("g00s01", 0.25, **FIGURES, temperature=0.625, status=AddStatus.rejected, curiosity=0.5)
+REJECTED = rejected(
+    "g00s02",
+    "policy",
+    "forbidden_import",
     operator=Operator.crossover,
     parents=("g00s00", "g00s01"),
     prompt=None,
-    request="r" * 64,
-    temperature=0.6,
-    answer="a" * 64,
-    stage=Stage.policy,
-    reason=Reason.forbidden_import,
 )
-GENERATION = GenerationLine(
-    generation=0,
-    temperature=0.6,
-    next_temperature=0.65,
-    candidates=3,
-    trained=2,
-    best=0.25,
-    generation_best=0.25,
-    generation_median=0.25,
-    coverage=0.01,
-    qd_score=0.8,
-    prompt_coverage=0.0,
-    bounds=None,
-    archive="n" * 64,
-    prompt_archive="p" * 64,
-)
+GENERATION = ended(0, coverage=0.01, qd_score=0.8)
 SECOND_GENERATION = replace(
     GENERATION,
     generation=1,
@@ -113,26 +63,27 @@ def build_run(run_dir: Path, lines: Sequence[Line], *, whole: bool = True, uri: 
         if isinstance(line, CandidateLine) and line.fitness is not None:
             write_durably(run_dir / "candidates" / f"{line.id}.py", f"# {line.id}\n")
     run_dir.mkdir(parents=True, exist_ok=True)
-    with Ledger(run_dir / "ledger.jsonl") as ledger:
+    with Ledger.open(run_dir / "ledger.jsonl", line_kind) as ledger:
         for line in lines:
-            ledger.commit(written(line))
+            ledger.commit(line)
         digest = ledger.digest
-    write_durably(run_dir / "run.json", json.dumps(facts(digest if whole else None, uri=uri)))
+    RunDirectory(run_dir).write_json("run.json", facts(digest if whole else None, uri=uri))
     if whole:
         write_durably(run_dir / "summary.md", "found")
     return digest
 
 
 def facts(digest: str | None = None, *, source: str = "simulated", root: str | None = None, uri: str = "") -> Json:
-    """Return the part of run.json that the mirror reads."""
+    """Return what run.json holds."""
     config = {
         "seed": 0,
         "llm": {"model": "m", "base_url": None},
         "data": {"source": source, "root": root},
         "tracking": {"kind": "none", "uri": uri, "experiment": "tacevo"},
     }
-    task = {"name": "force", "instructions": to_json(INSTRUCTIONS), "system": "You design networks."}
-    return {"schema": 1, "config": config, "data": to_json(DATA), "code": CODE, "digest": digest, "task": task}
+    task = replace(TASK, name="force", instructions=INSTRUCTIONS)
+    described = {"config": config, "task": task, "data": DATA, "code": Code(**CODE)}
+    return to_json(run_record(**described, digest=digest))
 
 
 def mirror_once(run_dir: Path, uri: str) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import fakes
 import numpy as np
 from gate_cases import contract
+from ledger_lines import header, run_record
 from numpy.typing import NDArray
 from portable_printing import digest, digest_of_json, show
 from studies import FOUR, study_of
@@ -25,18 +26,19 @@ from analysis.tables.comparison import study_tables
 from analysis.tables.published import published_tables
 from analysis.tables.rendering import as_csv
 from tacevo.choices import LightScene, SensorTask
+from tacevo.config.compose import compose
 from tacevo.data.simulator.tasks import Simulated, draw
 from tacevo.errors import StoreError
 from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Limits, Loss, Recipe, Training, to_json
-from tacevo.runs.header import archive_files
 from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import find_centroids
 from tacevo.search.descriptors import describe
+from tacevo.search.files import archive_files
 from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer
 from tacevo.training.evaluation import judge
@@ -48,14 +50,6 @@ NETWORKS = Path(__file__).parents[1] / "portable"
 RECIPE = Recipe(
     epochs=1, batch_size=8, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=60, memory_mib=1_000)
 )
-
-#: What a summary reads of run.json.
-RUN: Json = {
-    "name": "run",
-    "task": {"name": "force"},
-    "config": {"seed": 3, "llm": {"model": "grammar-1"}, "numerics": {"kind": "portable"}},
-    "data": {"fingerprint": "f" * 64, "counts": [384, 48, 48], "image_size": 32},
-}
 
 
 def surroundings() -> None:
@@ -150,12 +144,17 @@ def _search() -> None:
     """Search with fake effects: its ledger, its archives and the tables of its summary."""
     plan = fakes.plan(generations=2)
     recorder = fakes.Recorder()
-    with Ledger(None) as ledger:
-        state = run_search(plan, fakes.tools(), ledger, recorder)
-        show("ledger", ledger.digest)
+    ledger = Ledger()
+    state = run_search(plan, fakes.tools(), ledger, recorder)
+    show("ledger", ledger.digest)
     elites = [elite.name for elite in state.networks.archive.elites.values()]
-    show("archives", digest_of_json(archive_files(plan, state)))
-    show("tables", digest([summarise(RUN, recorder.lines, elites, {}).encode()]))
+    show("archives", digest_of_json(to_json(archive_files(plan, state))))
+    show(
+        "tables",
+        digest(
+            [summarise(run_record(), compose(["experiment=demo"]), [header(), *recorder.lines], elites, {}).encode()]
+        ),
+    )
 
 
 def _study() -> None:

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
 
-from analysis.studies.scores import Network, Score, Study
+from analysis.studies.scores import Score, Study
 from analysis.table import Table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind, Limits, Recipe
+from tacevo.studies.lines import Network
 from tacevo.studies.terms import Margin, Terms
 
 RECIPE = Recipe(

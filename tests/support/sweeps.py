@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ledger_lines import ended, header, run_record
+
 from tacevo.config.compose import compose, to_plain
 from tacevo.config.tasks import facts_without_data, load_task
-from tacevo.records import to_json
-from tacevo.storage.ledger import Ledger
+from tacevo.storage.ledger import sealed_text
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.launch import Launcher
 
@@ -21,14 +22,10 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     run.path.mkdir(parents=True, exist_ok=True)
     config = compose([*shared, *job.overrides])
     facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
-    with Ledger(run.ledger) as ledger:
-        ledger.commit({"kind": "run", "job": job.name})
-        ledger.commit({"kind": "generation", "generation": 0, "best": 0.25})
-        digest = ledger.digest
-    task = {"task": to_json(load_task(config, facts)), "data": to_json(facts)}
-    run.write_json(
-        "run.json", {"schema": 1, "config": to_plain(config), **task, "digest": digest if finished else None}
-    )
+    text, digest = sealed_text([header(task=job.name), ended(0)])
+    run.write_text("ledger.jsonl", text)
+    described = {"config": to_plain(config), "task": load_task(config, facts), "data": facts}
+    run.write_run(run_record(**described, digest=digest if finished else None))
     if finished:
         run.write_text("summary.md", "found")
 

@@ -22,6 +22,7 @@ from sweeps import files_of
 
 from tacevo.cli.app import main
 from tacevo.errors import ConfigError
+from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
@@ -242,7 +243,7 @@ def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_
     for status in statuses(tmp_path).values():
         place = [f"run.dir={tmp_path}/alone/{status.job.name}", f"store.root={tmp_path}/elsewhere"]
         assert main(["search", *alone, *sizes[:2], *status.job.overrides, *place]) == 0
-        assert SweepDirectory(tmp_path / "alone").run(status.job).read_finished()[-1]["hash"] == status.digest
+        assert finished_digest(SweepDirectory(tmp_path / "alone").run(status.job)) == status.digest
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Promise: a sweep's jobs are all known before one runs, each has its directory, and none is run twice."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -178,7 +179,7 @@ def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
     directory = SweepDirectory(place / "all")
     stopped = directory.read()[1][0]
     run = directory.run(stopped).read_run()
-    directory.run(stopped).write_json("run.json", {**run, "digest": None})
+    directory.run(stopped).write_run(replace(run, digest=None))
     second = Launched()
     assert all(status.digest for status in sweep(TWO_BY_TWO, "all", Heard(), second).statuses)
     assert second.calls == [["none-seed0", "none-seed1"]]

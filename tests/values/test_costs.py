@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.costs import Spending, dollars, in_words, spending_on, total, usd
-from tacevo.records import Completion, Price, to_json
+from tacevo.records import Completion, Price
 
 HAIKU = Price(input_usd=0.25, output_usd=1.25, dated="2026-11-21")
 
@@ -75,20 +75,3 @@ def test_order_changes_no_total(parts: list[Spending], shuffler: object) -> None
     shuffled = list(parts)
     shuffler.shuffle(shuffled)  # type: ignore[attr-defined]
     assert total(shuffled) == total(parts)
-
-
-@given(SPENDINGS)
-def test_spending_comes_back_from_json(spent: Spending) -> None:
-    """What timings.jsonl holds is read as it was written, among other fields."""
-    assert Spending.from_json({"id": "g00s01", "seconds": 1.5, **to_json(spent)}) == spent
-
-
-def test_line_without_costs_is_nothing_spent() -> None:
-    """Run directories of earlier versions have times only."""
-    assert Spending.from_json({"id": "g00s01", "seconds": 1.5}) == Spending()
-
-
-def test_figure_that_is_no_number_is_refused() -> None:
-    """A damaged line is noticed by whoever reads the file."""
-    with pytest.raises(ValueError, match="invalid literal"):
-        Spending.from_json({"answers": "many"})

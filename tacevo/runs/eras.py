@@ -1,0 +1,61 @@
+"""A search as its ledger has it: the first line, then one era after the other, each under its rules."""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+
+from tacevo.config.identity import identity
+from tacevo.config.schema import RunConfig
+from tacevo.records import DataFacts, Task, to_json
+from tacevo.rules import Rules
+from tacevo.search.algorithm import Observer, Plan, SearchState, run_search
+from tacevo.search.archive import Places
+from tacevo.search.development import Tools
+from tacevo.search.lines import RulesLine, RunLine
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.ledger import Ledger
+
+
+def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rules: Rules) -> RunLine:
+    """Return the first line of a ledger: all that the run's results follow from."""
+    networks = [] if isinstance(plan.networks, Places) else plan.networks.centroids.tolist()
+    return RunLine(
+        schema=1,
+        config=identity(config),
+        task=content_hash(to_json(task)),
+        data=facts,
+        centroids=content_hash([networks, plan.prompts.centroids.tolist()]),
+        rules=rules,
+    )
+
+
+def run_eras(
+    plan: Plan,
+    eras: Sequence[RulesLine],
+    open_tools: Callable[[Rules], AbstractContextManager[Tools]],
+    ledger: Ledger,
+    observer: Observer,
+) -> SearchState:
+    """Run a search whose generations follow several rules, one after the other; each change has a ledger line.
+
+    Args:
+        plan: of the whole search.
+        eras: from generation 0 on; one, unless the run was continued under other rules.
+        open_tools: opens the effects under the rules of an era.
+        ledger: for every line.
+        observer: who watches.
+
+    Raises:
+        TacevoError: as `run_search`.
+    """
+    state = None
+    ends = [era.generation - 1 for era in eras[1:]] + [plan.generations]
+    for era, end in zip(eras, ends, strict=True):
+        if state is not None:
+            ledger.commit(era)
+        with open_tools(era.rules) as tools:
+            part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
+            state = run_search(part, tools, ledger, observer, since=state)
+    if state is None:
+        raise ValueError("expected one era at least; got none")
+    return state

@@ -1,0 +1,214 @@
+"""The files of a search: its ledger read back, and both archives written and read.
+
+archive.json    the network archive, niche by niche
+prompts.json    the prompt archive
+"""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+from tacevo.errors import RunError
+from tacevo.records import STRICT, Json, to_json, written
+from tacevo.search.algorithm import Plan, SearchState
+from tacevo.search.archive import Bounds, Places, coverage, qd_score, quality
+from tacevo.search.lines import GenerationLine, Line, line_kind
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.ledger import Sealed, read_lines
+from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.typed import parse
+
+T = TypeVar("T")
+
+NETWORKS, PROMPTS = "archive.json", "prompts.json"
+
+_REMEDY = "the command that began the run writes it again"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EliteEntry:
+    """An occupied niche, or place, of the network archive."""
+
+    __pydantic_config__ = STRICT
+
+    niche: int
+    #: None in an archive without niches.
+    centroid: tuple[float, ...] | None = None
+    id: str
+    fitness: float
+    #: Before normalisation.
+    descriptors: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkFile:
+    """What archive.json holds."""
+
+    __pydantic_config__ = STRICT
+
+    niches: int
+    coverage: float
+    qd_score: float
+    bounds: Bounds | None
+    elites: tuple[EliteEntry, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialEntry:
+    """An occupied niche of the prompt archive."""
+
+    __pydantic_config__ = STRICT
+
+    niche: int
+    centroid: tuple[float, ...]
+    #: Of the candidate, and of its instruction.
+    id: str
+    instruction: str
+    prompt: int
+    temperature: float
+    inserted: bool
+    curiosity: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromptFile:
+    """What prompts.json holds."""
+
+    __pydantic_config__ = STRICT
+
+    niches: int
+    coverage: float
+    trials: tuple[TrialEntry, ...]
+
+
+def read_ledger(directory: RunDirectory) -> Sealed[Line]:
+    """Read the ledger of a run, checked; without lines where none was begun (`tacevo.storage.ledger.read_lines`)."""
+    return read_lines(directory.ledger, line_kind)
+
+
+def finished_digest(directory: RunDirectory) -> str | None:
+    """Return the digest of a finished run; None where none was begun here, or the run did not come to its end.
+
+    A run is finished where run.json has the digest that the ledger ends with, on any machine.
+
+    Raises:
+        RunError: something of it was damaged or edited.
+    """
+    digest = directory.read_run().digest if (directory.path / "run.json").exists() else None
+    return digest if digest is not None and digest == read_ledger(directory).digest else None
+
+
+def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
+    """Read run.json and the ledger of a finished run.
+
+    Raises:
+        RunError: it is not finished, or something of it was damaged or edited.
+    """
+    record, ledger = directory.read_run(), read_ledger(directory)
+    if record.digest != ledger.digest or not any(isinstance(line, GenerationLine) for line in ledger.lines):
+        raise RunError(
+            "one that is not finished, or whose digest was edited",
+            place=str(directory.path),
+            expected="a finished run",
+            remedy="the command that began it continues it",
+        )
+    return record, ledger
+
+
+def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFile]:
+    """Return every niche, or place, of both archives that is occupied, and by whom."""
+    networks, prompts = state.networks, state.prompts
+    elites = tuple(
+        EliteEntry(
+            niche=niche,
+            centroid=None if isinstance(plan.networks, Places) else tuple(plan.networks.centroids[niche].tolist()),
+            id=elite.name,
+            fitness=-elite.objective,
+            descriptors=networks.history[elite.name].point,
+        )
+        for niche, elite in sorted(networks.archive.elites.items())
+    )
+    trials = tuple(
+        TrialEntry(
+            niche=niche,
+            centroid=tuple(plan.prompts.centroids[niche].tolist()),
+            id=prompts.archive.elites[niche].name,
+            instruction=plan.task.instructions[trial.prompt].id,
+            **to_json(trial),
+        )
+        for niche, trial in sorted(prompts.trials.items())
+    )
+    return (
+        NetworkFile(
+            niches=plan.networks.niches,
+            coverage=coverage(networks.archive, plan.networks.niches),
+            qd_score=round(qd_score(networks.archive, quality), 12),
+            bounds=networks.bounds,
+            elites=elites,
+        ),
+        PromptFile(niches=plan.prompts.niches, coverage=coverage(prompts.archive, plan.prompts.niches), trials=trials),
+    )
+
+
+def write_archives(directory: RunDirectory, files: tuple[NetworkFile, PromptFile]) -> None:
+    """Write archive.json and prompts.json."""
+    for name, file in zip((NETWORKS, PROMPTS), files, strict=True):
+        directory.write_json(name, written(file))
+
+
+def read_elites(directory: RunDirectory) -> tuple[EliteEntry, ...]:
+    """Read the occupants of the network archive; none before the first generation is complete.
+
+    Raises:
+        RunError: archive.json is damaged.
+    """
+    return _read(directory, NETWORKS, NetworkFile).elites if (directory.path / NETWORKS).exists() else ()
+
+
+def read_archive_files(directory: RunDirectory) -> tuple[NetworkFile, PromptFile]:
+    """Read archive.json and prompts.json.
+
+    Raises:
+        RunError: a file is missing or damaged.
+    """
+    return _read(directory, NETWORKS, NetworkFile), _read(directory, PROMPTS, PromptFile)
+
+
+def read_archives(directory: RunDirectory, last: GenerationLine) -> tuple[NetworkFile, PromptFile]:
+    """Read archive.json and prompts.json of a finished run, and compare them with the last generation of its ledger.
+
+    Raises:
+        RunError: a file is missing or damaged, or is not what the ledger says: its occupants, or its bounds.
+    """
+    networks, prompts = read_archive_files(directory)
+    elites = {str(entry.niche): {"name": entry.id, "objective": -entry.fitness} for entry in networks.elites}
+    trials = {
+        str(entry.niche): {name: getattr(entry, name) for name in ("prompt", "temperature", "inserted", "curiosity")}
+        for entry in prompts.trials
+    }
+    _check(directory, NETWORKS, elites, len(networks.elites), last.archive)
+    _check(directory, PROMPTS, trials, len(prompts.trials), last.prompt_archive)
+    if networks.bounds != last.bounds:
+        raise _edited(directory, NETWORKS)
+    return networks, prompts
+
+
+def _read(directory: RunDirectory, name: str, kind: type[T]) -> T:
+    path = directory.path / name
+    if not path.exists():
+        raise _edited(directory, name)
+    return parse(kind, path.read_bytes(), place=str(path), error=RunError, remedy=_REMEDY)
+
+
+def _check(directory: RunDirectory, name: str, occupants: dict[str, Json], count: int, recorded: str) -> None:
+    """Compare the occupants of niches, and their number, with the hash that the ledger has of them."""
+    if len(occupants) != count or content_hash(occupants) != recorded:
+        raise _edited(directory, name)
+
+
+def _edited(directory: RunDirectory, name: str) -> RunError:
+    return RunError(
+        "a file that is missing or was edited",
+        place=str(directory.path / name),
+        expected="what the ledger ends with",
+        remedy=_REMEDY,
+    )

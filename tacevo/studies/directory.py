@@ -1,0 +1,157 @@
+"""The files of a study, in `RUN/studies/<name>/`, readable with `ls` and `cat`.
+
+study.json     what was studied, under which recipe, versions and machine; the digest once it is finished
+scores.jsonl   a header, then a line for each network and seed in a fixed order, sealed as a ledger is
+
+Both are written whole, so that several processes may end the same study at once: they write equal bytes.
+"""
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from tacevo.errors import RunError
+from tacevo.records import Json, to_json, written
+from tacevo.storage.canonical import content_hash, readable
+from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
+from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
+from tacevo.typed import parse
+
+#: What `name_study` returns, as a regular expression.
+NAME = r"elites\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scores:
+    """The scores of a finished study."""
+
+    header: StudyHeader
+    #: In the order of networks and seeds.
+    rows: tuple[Row, ...]
+    digest: str
+
+
+class StudyDirectory:
+    """Writes and reads the files of one study.
+
+    Args:
+        path: the directory; made when something is written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def scores(self) -> Path:
+        """The path of the scores."""
+        return self.path / "scores.jsonl"
+
+    @property
+    def _remedy(self) -> str:
+        return f"delete {self.path}; `tacevo study` writes it again from the store"
+
+    def begin(self, header: StudyHeader, circumstances: Mapping[str, Json]) -> None:
+        """Write study.json, unless it describes this very study already.
+
+        Args:
+            header: what decides the scores.
+            circumstances: what else a reader wants to know: scale, units, versions and machine.
+        """
+        sweep(self.path)
+        with contextlib.suppress(RunError):
+            if describes(self.read(), header):
+                return
+        design = {field.name: getattr(header, field.name) for field in fields(Design)}
+        self._write(StudyRecord(schema=SCHEMA, name=self.path.name, **design, **circumstances, digest=None))
+
+    def finish(self, header: StudyHeader, rows: Sequence[Row]) -> str:
+        """Write the scores, or compare them with those that stand here; return the digest.
+
+        Raises:
+            DivergenceError: the study was finished with other scores; the message names the row.
+            RunError: the scores that stand here were damaged or edited.
+        """
+        if self.scores.exists():
+            digest = self.compare(header, rows)
+        else:
+            text, digest = sealed_text([header, *rows])
+            write_durably(self.scores, text)
+        self._write(replace(self.read(), digest=digest))
+        return digest
+
+    def compare(self, header: StudyHeader, rows: Sequence[Row]) -> str:
+        """Compare the recorded scores with computed ones; return the digest.
+
+        Raises:
+            DivergenceError: they differ; the message names the row.
+            RunError: the recorded ones were damaged or edited.
+        """
+        ledger = Ledger(self._lines())
+        for line in (header, *rows):
+            ledger.commit(line)
+        return ledger.digest
+
+    def read(self) -> StudyRecord:
+        """Read study.json.
+
+        Raises:
+            RunError: it is missing, damaged or of another layout.
+        """
+        path = self.path / "study.json"
+        text = path.read_bytes() if path.exists() else b""
+        return parse(StudyRecord, text, place=str(path), error=RunError, remedy=self._remedy)
+
+    def read_scores(self) -> Scores:
+        """Read the header and the scores of a finished study, checked line by line.
+
+        Raises:
+            RunError: the study is not finished, or a line was damaged or edited; the message names network and seed.
+        """
+        sealed = self._lines()
+        headers = [line for line in sealed.lines if isinstance(line, StudyHeader)]
+        rows = tuple(line for line in sealed.lines if not isinstance(line, StudyHeader))
+        if not headers or not rows or sealed.lines != (headers[0], *rows):
+            raise RunError(
+                f"{len(headers)} headers and {len(rows)} scores",
+                place=str(self.scores),
+                expected="a header, then scores",
+                remedy="`tacevo study` continues a study that is not finished",
+            )
+        return Scores(header=headers[0], rows=rows, digest=sealed.digest)
+
+    def _lines(self) -> Sealed[StudyHeader | ScoreLine | FailedLine]:
+        try:
+            return read_lines(self.scores, study_line_kind, _row)
+        except RunError as error:
+            error.remedy = self._remedy
+            raise
+
+    def _write(self, study: StudyRecord) -> None:
+        write_durably(self.path / "study.json", readable(to_json(study)))
+
+
+def name_study(header: StudyHeader) -> str:
+    """Name the directory of a study after what it is; see `NAME`."""
+    elites, short = len(header.networks) - 1, content_hash(written(header))[:8]
+    return f"elites{elites}-seeds{header.seeds}-epochs{header.recipe.epochs}-{short}"
+
+
+def studies_of(run: Path) -> list[StudyDirectory]:
+    """List the studies of a run, finished or not, by name."""
+    return [StudyDirectory(path.parent) for path in sorted(run.glob("studies/*/study.json"))]
+
+
+def describes(study: StudyRecord, header: StudyHeader) -> bool:
+    """Return whether a study.json says what a header says."""
+    return all(getattr(study, field.name) == getattr(header, field.name) for field in fields(Design))
+
+
+def _row(lines: Sequence[StudyHeader | ScoreLine | FailedLine]) -> str:
+    """Name the row behind some lines: networks one after the other, each with all seeds."""
+    header = lines[0] if lines else None
+    if isinstance(header, StudyHeader) and len(lines) <= len(header.networks) * header.seeds:
+        network, seed = divmod(len(lines) - 1, header.seeds)
+        return f"{header.networks[network].name}, seed {seed}"
+    return f"line {len(lines) + 1}" if lines else "the header"

@@ -1,0 +1,131 @@
+"""What a study writes down, as records: study.json, and the lines of scores.jsonl.
+
+A line's field without a default is in every line; one with a default only where it differs from it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from annotated_types import Ge
+
+from tacevo.choices import Device, Numerics
+from tacevo.records import STRICT, DataFacts, Json, Reason, Recipe, Stage
+from tacevo.rules import FIRST_STUDY
+from tacevo.studies.terms import Terms
+
+#: Layout of both files.
+SCHEMA: Final = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Network:
+    """A network that is studied, with what its ledger line says of it."""
+
+    __pydantic_config__ = STRICT
+
+    #: `baseline`, `variant 1`, ...
+    name: str
+    id: str
+    #: SHA-256.
+    source: str
+    fitness: float
+    parameters: int
+    flops: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """All that the scores of a study follow from, and how they are judged."""
+
+    #: Digest of the run.
+    run: str
+    task: str
+    seed: int
+    data: DataFacts
+    recipe: Recipe
+    numerics: Numerics
+    device: Device
+    #: S.
+    seeds: Annotated[int, Ge(1)]
+    terms: Terms
+    #: The baseline first.
+    networks: tuple[Network, ...]
+    #: Number of the full trainings.
+    rules: int = FIRST_STUDY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyRecord(Design):
+    """What study.json holds."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal[2]
+    name: str
+    #: Units of the labels for one unit of training, and their names; empty for classification.
+    scale: tuple[float, ...]
+    units: tuple[str, ...]
+    versions: dict[str, str]
+    machine: dict[str, Json]
+    #: None until the study is finished.
+    digest: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyHeader(Design):
+    """The first line of the scores."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal[2]
+    kind: Literal["study"] = "study"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoreLine:
+    """How the training of one network with one seed ended."""
+
+    __pydantic_config__ = STRICT
+
+    network: str
+    id: str
+    #: 0 to S - 1.
+    seed: int
+    #: Key of the training in the store, which holds the losses of every epoch.
+    evaluation: str
+    #: Of the lowest validation loss, from 1.
+    epoch: int
+    validation_loss: float
+    metrics: dict[str, float]
+    #: None for regression.
+    confusion: tuple[tuple[int, ...], ...] | None
+    predictions: str
+    weights: str
+    not_deterministic: tuple[str, ...] = ()
+    kind: Literal["score"] = "score"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailedLine:
+    """Why the training of one network with one seed failed."""
+
+    __pydantic_config__ = STRICT
+
+    network: str
+    id: str
+    seed: int
+    evaluation: str
+    stage: Stage
+    reason: Reason
+    kind: Literal["score"] = "score"
+
+
+Row = ScoreLine | FailedLine
+
+
+def study_line_kind(entry: Mapping[str, Json]) -> type[StudyHeader | ScoreLine | FailedLine] | None:
+    """Return the class of a line of scores.jsonl; None where a study writes no such line."""
+    if entry.get("kind") == "study":
+        return StudyHeader
+    return FailedLine if "reason" in entry else ScoreLine

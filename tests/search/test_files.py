@@ -1,0 +1,93 @@
+"""Promise: a finished run is one whose ledger, digest and archives agree."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import fakes
+import pytest
+from ledger_lines import run_record
+from refusals import refused
+
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.search.algorithm import run_search
+from tacevo.search.files import (
+    archive_files,
+    finished_digest,
+    read_archives,
+    read_elites,
+    read_finished,
+    read_ledger,
+    write_archives,
+)
+from tacevo.search.lines import GenerationLine, line_kind
+from tacevo.storage.ledger import Ledger
+from tacevo.storage.run_directory import RunDirectory
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> RunDirectory:
+    """Make the files of a small search."""
+    made, plan = RunDirectory(tmp_path), fakes.plan(generations=2)
+    with Ledger.open(made.ledger, line_kind) as ledger:
+        state = run_search(plan, fakes.tools(), ledger, fakes.Recorder())
+    write_archives(made, archive_files(plan, state))
+    made.write_run(run_record(digest=ledger.digest))
+    return made
+
+
+def last(directory: RunDirectory) -> GenerationLine:
+    """Return the line that ends the ledger."""
+    line = read_ledger(directory).lines[-1]
+    assert isinstance(line, GenerationLine)
+    return line
+
+
+def test_run_is_finished_where_the_digest_is_the_last_hash(directory: RunDirectory) -> None:
+    """Not without one, and not with another one."""
+    record, ledger = read_finished(directory)
+    assert record.digest == ledger.digest == finished_digest(directory)
+    for digest in (None, "0" * 64):
+        directory.write_run(replace(record, digest=digest))
+        assert finished_digest(directory) is None
+        with refused(RunError, place=str(directory.path), expected="a finished run", got="not finished"):
+            read_finished(directory)
+
+
+def test_run_that_was_not_begun_has_no_digest(tmp_path: Path) -> None:
+    """Nor is it damaged."""
+    assert finished_digest(RunDirectory(tmp_path)) is None
+    assert read_elites(RunDirectory(tmp_path)) == ()
+
+
+def test_archives_are_those_of_the_ledger(directory: RunDirectory) -> None:
+    """Each file names the occupants that the last generation has the hash of."""
+    networks, prompts = read_archives(directory, last(directory))
+    assert networks.elites == read_elites(directory) != ()
+    assert prompts.trials
+
+
+EDITS: list[tuple[str, Callable[[Json], object]]] = [
+    ("archive.json", lambda file: file["elites"].pop()),
+    ("archive.json", lambda file: file["elites"].append(file["elites"][0])),
+    ("archive.json", lambda file: file["elites"][0].update(fitness=0.0)),
+    ("archive.json", lambda file: file["elites"][0].update(fitness="low")),
+    ("archive.json", lambda file: file["elites"][0].update(fitness=float("nan"))),
+    ("archive.json", lambda file: file.update(bounds=None)),
+    ("archive.json", lambda file: file.pop("niches")),
+    ("prompts.json", lambda file: file["trials"].pop()),
+    ("prompts.json", lambda file: file["trials"][0].update(curiosity=9.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "edit"), EDITS)
+def test_edited_archive_is_refused(name: str, edit: Callable[[Json], object], directory: RunDirectory) -> None:
+    """Whatever was changed, the message names the file and what writes it again."""
+    path = directory.path / name
+    file = json.loads(path.read_text())
+    edit(file)
+    path.write_text(json.dumps(file))
+    with refused(RunError, place=name, remedy="the command that began the run writes it again"):
+        read_archives(directory, last(directory))
