@@ -6,7 +6,6 @@ with its very lines, and the search is held against each of them; nothing is wri
 
 import json
 from collections.abc import Callable, Collection, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,14 +15,11 @@ from tacevo.config.identity import identity
 from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import Json, Mode
-from tacevo.rules import CURRENT, Era, Rules, eras_of
+from tacevo.records import Json
+from tacevo.rules import CURRENT, Era, eras_of
 from tacevo.runs.datasets import load_same
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record, require_means
-from tacevo.runs.wiring import open_tools
-from tacevo.sandbox.client import Notice
-from tacevo.search.development import Tools
 from tacevo.storage.canonical import differences, readable, shown
 from tacevo.storage.listing import take_in
 from tacevo.storage.run_directory import RunDirectory
@@ -37,7 +33,7 @@ Check = Callable[[Opened], Collection[Path]]
 
 
 def continue_run(
-    published: Opened, overrides: Sequence[str], view: View, *, check: Check, mix_rules: bool = False
+    published: Opened, overrides: Sequence[str], view: Progress, *, check: Check, mix_rules: bool = False
 ) -> Result:
     """Take up a finished run where it ended, in a run directory of its own.
 
@@ -72,14 +68,10 @@ def continue_run(
     entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
     written, _ = take_in(published.store, entries, Path(config.store.root))
     view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
-
-    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, facts, data, Mode.record, rules=rules, notice=notice)
-
-    return record(config, task, facts, tools, view, begun=recorded, eras=eras)
+    return record(config, task, data, view, begun=recorded, eras=eras)
 
 
-def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool, view: View) -> tuple[Era, ...]:
+def _eras(recorded: Sequence[dict[str, Json]], generations: int, mix_rules: bool, view: Progress) -> tuple[Era, ...]:
     """List the eras of a continued run: those of the published one and, where its rules are old, one more.
 
     Raises:

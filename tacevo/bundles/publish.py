@@ -23,7 +23,7 @@ from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import Json
 from tacevo.rules import FIRST_PAGES, PAGES
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.runs.summary import summarise
 from tacevo.storage.files import write_durably
@@ -70,7 +70,7 @@ def publish(
     target: Path,
     *,
     make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
-    view: View,
+    view: Progress,
 ) -> Published:
     """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
 
@@ -111,7 +111,7 @@ def publish(
     return Published(what=subject.what, content=subject.digest, digest=digest, files=len(members) + 1, size=len(data))
 
 
-def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened:
+def _staged(request: Request, found: Opened, folder: Path, view: Progress) -> Opened:
     """Lay what is to be published of a run or a sweep into a folder whose name tables and figures may bear.
 
     Raises:
@@ -192,7 +192,7 @@ def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[S
             shutil.copy(study.path / name, folder / name)
 
 
-def _studies(request: Request, run: Path, digest: str, view: View) -> list[StudyDirectory]:
+def _studies(request: Request, run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
     """Choose the studies of a run: those that were named, or all that are finished.
 
     Raises:

@@ -17,7 +17,7 @@ from tacevo.environment import deviations, versions
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
 from tacevo.reproduce.replay import Replayed, replay
 from tacevo.rules import FIRST_PAGES, PAGES
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.storage.ledger import unsealed
 from tacevo.storage.run_directory import RunDirectory
@@ -61,7 +61,7 @@ class Verified:
     figures: int
 
 
-def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
+def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
     """Replay a bundle from its own store entries, and hold everything that follows from them against it.
 
     Args:
@@ -99,7 +99,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
     return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
 
 
-def rerun(run: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Rerun:
+def rerun(run: Path, store: str | None, view: Progress, *, seen: Seen | None = None) -> Rerun:
     """Run a search and its studies again, and hold all of its own files against that.
 
     Args:

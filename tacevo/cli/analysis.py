@@ -1,7 +1,4 @@
-"""The commands that show what a run found: `tacevo tables | figures | report | paper`.
-
-What they do is imported when they run, so that help is quick.
-"""
+"""The commands that show what a run or a sweep found: `tacevo tables | figures | report | paper | ablations`."""
 
 import argparse
 import contextlib
@@ -10,82 +7,112 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rich.console import Console
+from rich.progress import Progress as Bars
+
+from analysis.report import sweep_collection
+from analysis.report.collection import Collection, collect, pictures_of, tables_of, with_one_study
+from analysis.report.document import ENGINES, Chapter, make_pdf, write_document
+from analysis.report.figure_list import Picture, undrawn
+from analysis.report.page import as_html, drawn
+from analysis.report.writing import remove_outdated, write_chapter, write_pictures, write_tables
+from analysis.runs.run import Run, load_run
+from analysis.studies.study import refuse_mixed
+from analysis.table import Table
+from analysis.tables.published import beside_published, published_tables
+from analysis.tables.rendering import WRITERS, as_markdown
+from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
+from tacevo.config.identity import recorded_hash
 from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, SandboxError
-
-if TYPE_CHECKING:
-    from analysis.report.collection import Collection
-    from analysis.report.document import Chapter
-    from analysis.report.figure_list import Picture
-    from analysis.runs.run import Run
-    from analysis.table import Table
-
-if TYPE_CHECKING:
-    from analysis.report.sweep_collection import SweepCollection
-
+from tacevo.records import Mode
+from tacevo.runs.data_check import samples_of_run
+from tacevo.runs.profiles import recall_profiles
+from tacevo.storage.files import write_durably
 
 _FORMATS = ("pdf", "svg", "png")
+
+_RUN = "the directory of a run, or the file of a published one"
 
 #: What a user who gave a sweep may do.
 _ONE = "give the folder of one of its jobs; a published sweep has its own tables in it"
 
 
-def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
-    """Describe the commands on finished runs."""
-    tables = commands.add_parser(
-        "tables",
-        help="every table of a run, in LaTeX, Markdown and CSV",
-        description="Print every table of a finished run and its studies, and write them as .tex, .md and .csv.",
-    )
-    tables.add_argument(
-        "run", metavar="RUN", nargs="?", help="a run's folder or bundle; with --paper it may be left out"
-    )
-    tables.add_argument("--paper", action="store_true", help="the paper's own tables, beside corrected values and RUN")
-    tables.add_argument(
-        "-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/tables; with --paper: nowhere)"
-    )
-    tables.set_defaults(command=_tables)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Gathered:
+    """A run with its studies, wherever they lie."""
 
-    figures = commands.add_parser(
-        "figures",
-        help="every figure of a run, for a paper",
-        description="Draw every figure of a finished run and its studies.",
-    )
-    figures.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
-    figures.add_argument("-o", "--output", metavar="DIR", help="where they go (default of a folder: RUN/figures)")
-    figures.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
-    figures.set_defaults(command=_figures)
+    found: Collection
+    #: The folder of the stores that it is read with; None for the run's own.
+    store: str | None
+    is_bundle: bool
 
-    report = commands.add_parser(
-        "report",
-        help="one page with every table and figure of a run",
-        description="Write one HTML file that holds every table and figure of a finished run and its studies.",
-    )
-    report.add_argument("run", metavar="RUN", help="the folder of a run, or the file of a published one")
-    report.add_argument("-o", "--output", metavar="FILE", help="default of a folder: RUN/report.html")
-    report.set_defaults(command=_report)
 
-    paper = commands.add_parser(
-        "paper",
-        help="the pages of a paper: every table and figure of several runs",
-        description="Write every table and figure of finished runs and their studies, a LaTeX document that holds "
-        "them all, and its PDF where LaTeX is installed.",
+def add_tables(parser: Parser) -> None:
+    """Describe `tacevo tables`."""
+    parser.description = "Print every table of a finished run and its studies, and write them as .tex, .md and .csv."
+    parser.add_argument(
+        "run", metavar="RUN", nargs="?", help="a run's directory or bundle; with --paper it may be left out"
     )
-    paper.add_argument("runs", metavar="RUN", nargs="+", help="the folder of a run, or the file of a published one")
-    paper.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
-    paper.set_defaults(command=_paper)
+    parser.add_argument("--paper", action="store_true", help="the paper's own tables, beside corrected values and RUN")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="where they go (default of a directory: RUN/tables; of --paper: nowhere)",
+    )
+    _finish(parser, _tables)
 
-    for parser in (tables, figures, report, paper):
-        parser.add_argument("--store", metavar="DIR", help="where the stores of a run lie, if they were moved")
-        parser.set_defaults(interrupted="each file that was written is whole, and the same command makes the rest")
+
+def add_figures(parser: Parser) -> None:
+    """Describe `tacevo figures`."""
+    parser.description = "Draw every figure of a finished run and its studies."
+    parser.add_argument("run", metavar="RUN", help=_RUN)
+    parser.add_argument("-o", "--output", metavar="DIR", help="where they go (default of a directory: RUN/figures)")
+    parser.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
+    _finish(parser, _figures)
+
+
+def add_report(parser: Parser) -> None:
+    """Describe `tacevo report`."""
+    parser.description = "Write one HTML file that holds every table and figure of a finished run and its studies."
+    parser.add_argument("run", metavar="RUN", help=_RUN)
+    parser.add_argument("-o", "--output", metavar="FILE", help="default of a directory: RUN/report.html")
+    _finish(parser, _report)
+
+
+def add_paper(parser: Parser) -> None:
+    """Describe `tacevo paper`."""
+    parser.description = (
+        "Write every table and figure of finished runs and their studies, a LaTeX document that holds them all, and "
+        "its PDF where LaTeX is installed."
+    )
+    parser.add_argument("runs", metavar="RUN", nargs="+", help=_RUN)
+    parser.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
+    _finish(parser, _paper)
+
+
+def add_ablations(parser: Parser) -> None:
+    """Describe `tacevo ablations`."""
+    parser.description = (
+        "Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and .csv, with "
+        "figures as .pdf."
+    )
+    parser.add_argument("sweep", metavar="DIR", help="the directory of a sweep, or the file of a published one")
+    parser.add_argument("-o", "--output", metavar="OUT", help="where they go (default of a directory: DIR/ablations)")
+    _finish(parser, _ablations)
+
+
+def _finish(parser: Parser, command: Callable[[argparse.Namespace], int]) -> None:
+    """Describe what all these commands have in common."""
+    parser.add_argument("--store", metavar="DIR", help="where the stores lie, if they were moved")
+    parser.set_defaults(
+        command=command, interrupted="each file that was written is whole, and the same command makes the rest"
+    )
 
 
 def _tables(options: argparse.Namespace) -> int:
-    from analysis.report.writing import remove_outdated, write_tables
-    from analysis.tables.rendering import WRITERS, as_markdown
-
     if options.paper:
         return _paper_tables(options)
     if options.run is None:
@@ -104,11 +131,6 @@ def _tables(options: argparse.Namespace) -> int:
 
 def _paper_tables(options: argparse.Namespace) -> int:
     """Print the paper's own tables; beside them a run, whose studies they do not speak of."""
-    from analysis.report.writing import write_tables
-    from analysis.runs.run import load_run
-    from analysis.tables.rendering import as_markdown
-    from tacevo.bundles.open import opened
-
     if options.run is None:
         tables = _published([])
     else:
@@ -123,8 +145,6 @@ def _paper_tables(options: argparse.Namespace) -> int:
 
 
 def _figures(options: argparse.Namespace) -> int:
-    from analysis.report.writing import remove_outdated, write_pictures
-
     place = _place(options, "figures")
     with _collected(options.run, options.store) as gathered:
         found, folder = gathered.found, output_folder(place)
@@ -140,9 +160,6 @@ def _figures(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from analysis.report.page import as_html, drawn
-    from tacevo.storage.files import write_durably
-
     path = _place(options, "report.html")
     with _collected(options.run, options.store) as gathered:
         found = gathered.found
@@ -157,10 +174,6 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _paper(options: argparse.Namespace) -> int:
-    from analysis.report.document import ENGINES, make_pdf, write_document
-    from analysis.report.writing import write_chapter
-    from analysis.studies.study import refuse_mixed
-
     with contextlib.ExitStack() as open_bundles:
         gathered = [_for_paper(open_bundles.enter_context(_collected(run, options.store))) for run in options.runs]
         found = [one.found for one in gathered]
@@ -186,10 +199,8 @@ def _refuse_twice(names: Sequence[str]) -> None:
         raise ConfigError(f"each run needs a folder name of its own; got {', '.join(twice)} twice")
 
 
-def _for_paper(gathered: "_Gathered") -> "_Gathered":
+def _for_paper(gathered: _Gathered) -> _Gathered:
     """Take one study of a run, and say which are passed over."""
-    from analysis.report.collection import with_one_study
-
     chosen = with_one_study(gathered.found)
     names = {compared.name for compared in gathered.found.studies} - {compared.name for compared in chosen.studies}
     _say(
@@ -199,10 +210,8 @@ def _for_paper(gathered: "_Gathered") -> "_Gathered":
     return replace(gathered, found=chosen)
 
 
-def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
+def _chapter(gathered: _Gathered, folder: Path) -> Chapter:
     """Write the tables and figures of a run into a folder."""
-    from analysis.report.writing import write_chapter
-
     name = gathered.found.run.name
     tables, untold = _own_tables(gathered)
     pictures, undrawn = _pictures(gathered)
@@ -212,22 +221,9 @@ def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
     return chapter
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Gathered:
-    """A run with its studies, wherever they lie."""
-
-    found: "Collection"
-    #: The folder of the stores that it is read with; None for the run's own.
-    store: str | None
-    is_bundle: bool
-
-
 @contextlib.contextmanager
-def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
+def _collected(run: str, store: str | None) -> Iterator[_Gathered]:
     """Read a run and its studies, from its folder or a bundle, and say what is missing."""
-    from analysis.report.collection import collect
-    from tacevo.bundles.open import opened
-
     named = existing_store(store)
     with opened(Path(run)) as place:
         is_bundle = place.root is not None
@@ -253,22 +249,16 @@ def _remarks(gathered: _Gathered) -> list[str]:
     return remarks
 
 
-def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
+def _published(runs: Sequence[Run]) -> tuple[Table, ...]:
     """Give the paper's own tables, and with runs the one that sets them beside it."""
-    from analysis.tables.published import beside_published, published_tables
-
     return (*published_tables(), beside_published(runs)) if runs else published_tables()
 
 
-def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
+def _own_tables(gathered: _Gathered) -> tuple[tuple[Table, ...], list[str]]:
     """Give the tables of a run; where networks cannot be probed or were edited, say why those of motifs are missing.
 
     No code of a bundle's candidates runs: its own limits would confine them.
     """
-    from analysis.report.collection import tables_of
-    from tacevo.records import Mode
-    from tacevo.runs.profiles import recall_profiles
-
     found = gathered.found
     mode = Mode.replay if gathered.is_bundle else Mode.record
     try:
@@ -277,14 +267,8 @@ def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
         return tables_of(found, None), [f"no tables of motifs: {error}"]
 
 
-def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
+def _pictures(gathered: _Gathered) -> tuple[list[Picture], list[str]]:
     """List the pictures of a run, sample images first; where its data set cannot be had, say why they are missing."""
-    from rich.console import Console
-
-    from analysis.report.collection import pictures_of
-    from analysis.report.figure_list import Picture, undrawn
-    from tacevo.runs.data_check import samples_of_run
-
     run = gathered.found.run
     pictures, untold = list(pictures_of(gathered.found)), list(undrawn(run))
     try:
@@ -295,7 +279,7 @@ def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
     return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], untold
 
 
-def _status(collections: "Sequence[Collection]") -> int:
+def _status(collections: Sequence[Collection]) -> int:
     """Give the exit status: studies that cannot be used are a failed check."""
     return DIFFERENT if any(found.refused for found in collections) else DONE
 
@@ -316,44 +300,21 @@ def _nobody(name: str) -> None:
 @contextlib.contextmanager
 def _shown(words: str, total: int) -> Iterator[Callable[[str], None]]:
     """Show how many pictures are drawn, on a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
+    with Bars(console=console, transient=True, disable=not console.is_terminal) as bars:
         task = bars.add_task(words, total=total)
         yield lambda name: bars.advance(task)
 
 
-def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
-    """Describe the command on sweeps."""
-    ablations = commands.add_parser(
-        "ablations",
-        help="the arms of a sweep, compared: tables and figures",
-        description="Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and "
-        ".csv, with figures as .pdf.",
-    )
-    ablations.add_argument("sweep", metavar="DIR", help="the folder of a sweep, or the file of a published one")
-    ablations.add_argument("-o", "--output", metavar="OUT", help="where they go (default of a folder: DIR/ablations)")
-    ablations.add_argument("--store", metavar="DIR", help="where the stores of the runs lie, if they were moved")
-    ablations.set_defaults(
-        command=_ablations, interrupted="each file that was written is whole, and the same command makes the rest"
-    )
-
-
 def _ablations(options: argparse.Namespace) -> int:
-    from analysis.report.sweep_collection import pictures_of, tables_of
-    from analysis.report.writing import write_pictures, write_tables
-    from analysis.tables.rendering import as_markdown
-
     store = existing_store(options.store)
     place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
     found = _collected_sweep(Path(options.sweep), None if store is None else Path(store))
     folder = output_folder(place)
-    tables = tables_of(found)
+    tables = sweep_collection.tables_of(found)
     print("\n".join(map(as_markdown, tables)))
     write_tables(tables, folder)
-    pictures = {picture.name: picture for picture in pictures_of(found)}
+    pictures = {picture.name: picture for picture in sweep_collection.pictures_of(found)}
     write_pictures(pictures.values(), folder, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
     for missing in found.sweep.missing:
         print(f"missing: {missing.job.name}: {missing.reason}", file=sys.stderr)
@@ -361,13 +322,9 @@ def _ablations(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _collected_sweep(path: Path, store: Path | None) -> "SweepCollection":
+def _collected_sweep(path: Path, store: Path | None) -> sweep_collection.SweepCollection:
     """Read a sweep from its folder or a bundle; from a bundle's own stores, unless others are named."""
-    from analysis.report.sweep_collection import collect_sweep
-    from tacevo.bundles.open import opened
-    from tacevo.config.identity import recorded_hash
-
     if not path.is_file():
-        return collect_sweep(path, store, recorded_hash)
+        return sweep_collection.collect_sweep(path, store, recorded_hash)
     with opened(path) as published:
-        return collect_sweep(published.folder, store or published.store, recorded_hash)
+        return sweep_collection.collect_sweep(published.folder, store or published.store, recorded_hash)

@@ -63,10 +63,9 @@ def output_folder(name: str | Path) -> Path:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose `search` command lists the choices of every config group, read only when somebody asks.
+    """A parser whose files of overrides (`@FILE`) may have empty lines and comments.
 
-    A file of overrides (`@FILE`) may have empty lines and comments. The parser of the command that was given is the
-    parsed `parser`, so that a mistake shows this command's usage.
+    The parser of the given command is the parsed `parser`, so that a mistake shows this command's usage.
     """
 
     def __init__(self, **settings: Any) -> None:
@@ -77,14 +76,3 @@ class Parser(argparse.ArgumentParser):
         """Read one line of a file of overrides."""
         text = arg_line.strip()
         return [] if text.startswith("#") or not text else [text]
-
-    def format_help(self) -> str:
-        """Write the help."""
-        text = super().format_help()
-        if not self.prog.endswith(" search"):
-            return text
-        from tacevo.config.folder import groups
-
-        width = max(map(len, groups()))
-        lines = [f"  {name.ljust(width)}  {', '.join(choices)}" for name, choices in groups().items()]
-        return "\n".join([f"{text}\nconfig groups and their choices:", *lines, ""])

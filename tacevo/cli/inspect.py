@@ -1,6 +1,6 @@
-"""`tacevo check`: the gate on raw answers, as they come from a model."""
+"""The commands `tacevo check` (the gate on raw answers), `tacevo show` and `tacevo doctor`."""
 
-import contextlib
+import argparse
 import json
 import os
 import shutil
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from tacevo.choices import Numerics
+from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
 from tacevo.config.schema import RunConfig
@@ -20,14 +20,32 @@ from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Rejection
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import ENTRIES, build_gate
-from tacevo.sandbox.client import Notice, Sandbox
+from tacevo.runs.wiring import Workbench
+from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, report
 from tacevo.search.proposals import Task
 from tacevo.search.unsent import TEMPERATURE, sent_temperature
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
-from tacevo.training.numerics import environment
+
+
+def add_check(parser: Parser) -> None:
+    """Describe `tacevo check`."""
+    parser.description = (
+        "Put raw answers through the gate: text files, or JSON recordings with a `response`. The exit status is 0 "
+        "also where answers are rejected; --json says which."
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE")
+    parser.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
+    parser.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    parser.set_defaults(command=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
+        print(line, flush=True)
+    return DONE
 
 
 def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_json: bool) -> Iterator[str]:
@@ -48,10 +66,12 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
-    with contextlib.ExitStack() as stack:
-        config.store.root = stack.enter_context(tempfile.TemporaryDirectory())  # a check leaves nothing behind
-        sandbox = Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={})
-        gate = build_gate(config, judged.contract, stack.enter_context(sandbox).run, Mode.record, CURRENT)
+    facts = facts_without_data(config)
+    with (
+        tempfile.TemporaryDirectory() as config.store.root,  # a check leaves nothing behind
+        Workbench(config, judged, facts, Mode.record) as bench,
+    ):
+        gate = bench.gate(CURRENT)
         for file, completion in answers:
             verdict = _verdict(file, gate.admit(completion))
             yield json.dumps(verdict) if as_json else _words(verdict)
@@ -117,6 +137,19 @@ def _words(verdict: dict[str, Json]) -> str:
     if verdict["verdict"] == "admitted":
         return f"{verdict['file']}: admitted, {verdict['parameters']:,} parameters"
     return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
+
+
+def add_show(parser: Parser) -> None:
+    """Describe `tacevo show`."""
+    parser.add_argument("run", metavar="RUN", help="the directory of a run")
+    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
+    parser.set_defaults(command=_show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    path = Path(options.run)
+    print(show_run(path) if options.candidate is None else show_candidate(path, options.candidate), end="")
+    return DONE
 
 
 #: Ledger fields of a candidate that are shown elsewhere, or to nobody.
@@ -190,6 +223,17 @@ def _losses(line: Mapping[str, Json]) -> str:
     return table(["epoch", "training loss", "validation loss"], rows)
 
 
+def add_doctor(parser: Parser) -> None:
+    """Describe `tacevo doctor`."""
+    parser.set_defaults(command=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    findings, sound = examine()
+    print(findings)
+    return DONE if sound else DIFFERENT
+
+
 def examine() -> tuple[str, bool]:
     """Look at machine, packages, sandbox and folders.
 
@@ -231,10 +275,12 @@ def _configs() -> str:
 def _sandbox(notice: Notice) -> str:
     """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
     config, task = task_without_data("force", 32)
-    with tempfile.TemporaryDirectory() as store:
-        config.store.root = store  # nothing recorded may answer instead
-        with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}, notice=notice) as sandbox:
-            verdict = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
+    facts = facts_without_data(config)
+    with (
+        tempfile.TemporaryDirectory() as config.store.root,  # no recorded probe may answer instead
+        Workbench(config, task, facts, Mode.record, notice=notice) as bench,
+    ):
+        verdict = bench.gate(CURRENT).inspect(task.baseline)
     if isinstance(verdict, Rejection):
         raise SandboxError(
             f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"

@@ -1,8 +1,12 @@
-"""The command `tacevo study`; what it does is imported when it runs, so that help is quick."""
+"""The command `tacevo study`."""
 
 import argparse
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
+from tacevo.config.compose import compose_study
+from tacevo.runs.progress import Progress
+from tacevo.studies.study import study
+from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
@@ -31,33 +35,24 @@ The same command continues a study that was stopped. Given in several processes,
 run and the store, they divide the work."""
 
 
-def add_study(commands: "argparse._SubParsersAction[Parser]") -> None:
+def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
     width = max(map(len, SETTINGS))
     settings = "\n".join(f"  {name.ljust(width)}  {meaning}" for name, meaning in SETTINGS.items())
-    study = commands.add_parser(
-        "study",
-        help="train a run's best networks and the baseline fully, with many seeds, and test them",
-        description="Train the baseline and the best elites of a finished run fully, each with the same training "
-        "seeds, and measure them on the test images. The exit status is 1 where a training came to no end.",
-        epilog=f"settings, with their defaults:\n{settings}\n\n{_EPILOG}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        fromfile_prefix_chars="@",
+    parser.description = (
+        "Train the baseline and the best elites of a finished run fully, each with the same training seeds, and "
+        "measure\nthem on the test images. The exit status is 1 if a training did not finish."
     )
-    study.add_argument("overrides", nargs="*", metavar="SETTING", help="KEY=VALUE, or @FILE with one of them a line")
-    study.set_defaults(command=_study, interrupted="the trainings that ended are kept, and the same command continues")
+    parser.epilog = f"settings, with their defaults:\n{settings}\n\n{_EPILOG}"
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.fromfile_prefix_chars = "@"
+    parser.add_argument("overrides", nargs="*", metavar="SETTING", help="KEY=VALUE, or @FILE with one of them a line")
+    parser.set_defaults(command=_study, interrupted="the trainings that ended are kept, and the same command continues")
 
 
 def _study(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.config.compose import compose_study
-    from tacevo.runs.progress import make_study_view
-    from tacevo.studies.study import study
-    from tacevo.text import counted
-
     config = compose_study(options.overrides)
-    with make_study_view(Console(stderr=True)) as view:
+    with Progress() as view:
         studied = study(config, view)
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
     print(f"study: {studied.directory} ({counted(studied.trainings, 'training')}{before})")

@@ -16,7 +16,7 @@ from typing import Self
 from tacevo.errors import StoreError
 from tacevo.records import Json
 from tacevo.reproduce.replay import replay
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in
 from tacevo.storage.run_directory import RunDirectory
@@ -52,7 +52,7 @@ class _PlainFile(tarfile.TarInfo):
         return info
 
 
-def export(run: Path, target: Path, store: str | None, view: View) -> int:
+def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
     """Write the entries that a run and its finished studies need into one file: exactly those that a replay reads.
 
     Args:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +10,12 @@ from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import deviations, versions
 from tacevo.errors import DivergenceError
 from tacevo.records import Json, Mode, Rejection
-from tacevo.rules import CORES, Rules, check_known, eras_of
+from tacevo.rules import CORES, check_known, eras_of
 from tacevo.runs.header import archive_files, run_header
-from tacevo.runs.progress import View, Watcher
-from tacevo.runs.wiring import build_plan, open_tools
+from tacevo.runs.progress import Progress, Watcher
+from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.search.algorithm import Plan, SearchState, run_eras
-from tacevo.search.development import Outcome, Tools
+from tacevo.search.development import Outcome
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory, rejected_text
@@ -41,7 +40,7 @@ class Replayed:
         return total(self.spending.values())
 
 
-def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = None) -> Replayed:
+def replay(path: Path, store: str | None, view: Progress, *, seen: Seen | None = None) -> Replayed:
     """Run a recorded search again from its stores alone, and compare every line and file of it.
 
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
@@ -67,7 +66,7 @@ def replay(path: Path, store: str | None, view: View, *, seen: Seen | None = Non
         return _replay(directory, store, view, seen)
 
 
-def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen | None) -> Replayed:
+def _replay(directory: RunDirectory, store: str | None, view: Progress, seen: Seen | None) -> Replayed:
     """Run the search again, and compare."""
     config, task, facts = read_run(directory, store)
     recorded = directory.read_finished()
@@ -77,13 +76,10 @@ def _replay(directory: RunDirectory, store: str | None, view: View, seen: Seen |
         check_known("core", era.rules.core, CORES, directory.path)
     plan = build_plan(config, task, Mode.replay, seen=seen)
 
-    def tools(rules: Rules) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, facts, None, Mode.replay, rules=rules, seen=seen)
-
-    with Ledger(None, recorded) as ledger:
+    with Workbench(config, task, facts, Mode.replay, seen=seen) as bench, Ledger(None, recorded) as ledger:
         ledger.commit(run_header(config, task, facts, plan, eras[0].rules))
         verifier = _Verifier(directory, plan, view)
-        state = run_eras(plan, eras, tools, ledger, verifier)
+        state = run_eras(plan, eras, bench.tools, ledger, verifier)
         if ledger.committed != len(recorded):
             raise DivergenceError(f"the ledger has {len(recorded)} lines; the search gives {ledger.committed}")
         _compare_files(directory, plan, state)
@@ -122,7 +118,7 @@ def _read_json(path: Path) -> Json | None:
 class _Verifier(Watcher):
     """Holds every candidate's file against what the replay gives."""
 
-    def __init__(self, directory: RunDirectory, plan: Plan, view: View) -> None:
+    def __init__(self, directory: RunDirectory, plan: Plan, view: Progress) -> None:
         super().__init__(plan, view)
         self._directory = directory
         #: What each candidate's answers cost.

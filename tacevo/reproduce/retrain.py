@@ -6,6 +6,7 @@ confined process, so it is that process's claim, then as now; losses of validati
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,12 +14,12 @@ from tacevo.choices import Device, Numerics
 from tacevo.config.recorded import read_run
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.randomness import stream
-from tacevo.records import Json, Reason, Rejection, Training
-from tacevo.rules import TRAININGS, by_rules, check_known
+from tacevo.randomness import derived_seed, stream
+from tacevo.records import Json, Mode, Reason, Rejection, Training
+from tacevo.rules import CURRENT, TRAININGS, by_rules, check_known
 from tacevo.runs.datasets import load_same
-from tacevo.runs.progress import View
-from tacevo.runs.wiring import open_trainer
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import require
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.training.numerics import check_machine
@@ -60,7 +61,7 @@ class _Chosen:
     lines: tuple[Mapping[str, Json], ...]
 
 
-def retrain(runs: Sequence[Path], store: str | None, count: int | None, view: View) -> Retrained:
+def retrain(runs: Sequence[Path], store: str | None, count: int | None, view: Progress) -> Retrained:
     """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
 
     An evaluation that several runs share counts once.
@@ -112,7 +113,7 @@ def _evaluations(runs: Sequence[Path]) -> list[tuple[Path, Mapping[str, Json]]]:
     return list(found.values())
 
 
-def _retrain(chosen: _Chosen, store: str | None, view: View, name: str) -> tuple[str, ...]:
+def _retrain(chosen: _Chosen, store: str | None, view: Progress, name: str) -> tuple[str, ...]:
     """Train candidates of one run again and compare; say why equal bits were not promised.
 
     Args:
@@ -131,8 +132,10 @@ def _retrain(chosen: _Chosen, store: str | None, view: View, name: str) -> tuple
         view.say(f"equal bits are not promised: {doubt}")
     sources = [directory.read_source(line["id"], line["source"]) for line in chosen.lines]
     data = load_same(config, facts, view)
-    with open_trainer(config, task, data) as (train, executor):
-        results = zip(chosen.lines, executor.map(train, sources), strict=True)
+    seed = derived_seed(config.seed, "training")
+    with Workbench(config, task, data.facts, Mode.live, data=data) as bench:
+        retrained = bench.executor.map(partial(bench.evaluator(CURRENT).retrain, seed=seed), sources)
+        results = zip(chosen.lines, retrained, strict=True)
         for number, (line, result) in enumerate(results, start=1):
             _insist_on_equal(name, line, result, doubts)
             view.say(f"{name}{line['id']}: as recorded ({number} of {len(chosen.lines)})")

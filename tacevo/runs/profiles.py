@@ -9,7 +9,7 @@ from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode, Rejection
 from tacevo.rules import CURRENT, Rules, by_rules
-from tacevo.runs.wiring import open_gate
+from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import require
 from tacevo.storage.run_directory import RunDirectory
 
@@ -37,7 +37,7 @@ def recall_profiles(
         SandboxError: a probe is missing and the sandbox is broken.
     """
     directory = RunDirectory(path)
-    config, task, _ = read_run(directory, store)
+    config, task, facts = read_run(directory, store)
     with directory.believed():
         trained = {
             line["id"]: (rules, line["source"])
@@ -46,9 +46,9 @@ def recall_profiles(
         }
     sources = {name: (rules, directory.read_source(name, digest)) for name, (rules, digest) in trained.items()}
     distinct = dict.fromkeys(sources.values())
-    with open_gate(config, task.contract, mode) as (gate_under, executor):
-        current = gate_under(CURRENT)
-        gates = {rules: gate_under(rules) for rules, _ in distinct}
+    with Workbench(config, task, facts, mode) as bench:
+        current = bench.gate(CURRENT)
+        gates = {rules: bench.gate(rules) for rules, _ in distinct}
         missing = {key for key in distinct if mode is not Mode.replay and not gates[key[0]].is_recorded(key[1])}
         if missing:
             confine(config.sandbox.require)
@@ -57,7 +57,7 @@ def recall_profiles(
             rules, source = key
             return (current if key in missing else gates[rules]).measure(source)
 
-        verdicts = dict(zip(distinct, executor.map(judge, distinct), strict=True))
+        verdicts = dict(zip(distinct, bench.executor.map(judge, distinct), strict=True))
     found = {}
     for name, key in sources.items():
         verdict = verdicts[key]

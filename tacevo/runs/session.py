@@ -2,8 +2,7 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,27 +11,28 @@ from tacevo.config.compose import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.costs import Spending, spending_on, total
+from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import DataFacts, Json, Mode, Rejection, to_json
 from tacevo.redaction import without_password
-from tacevo.rules import CURRENT, PAGES, Era, Rules
+from tacevo.rules import CURRENT, PAGES, Era
 from tacevo.runs.datasets import load_data
 from tacevo.runs.header import archive_files, run_header
-from tacevo.runs.progress import View, Watcher
+from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import build_plan, open_tools
-from tacevo.sandbox.client import Notice
+from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.algorithm import Plan, SearchState, run_eras
-from tacevo.search.development import Outcome, Tools
+from tacevo.search.development import Outcome
 from tacevo.search.proposals import Task
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import SCHEMA, RunDirectory
 from tacevo.storage.store import sweep_stores
 from tacevo.tracking.process import Mirror
+from tacevo.training.evaluation import Run
 from tacevo.training.numerics import check_machine
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
@@ -50,7 +50,7 @@ class Result:
     best: str
 
 
-def search(config: RunConfig, view: View) -> Result:
+def search(config: RunConfig, view: Progress) -> Result:
     """Run a search, or take up the one that was begun under the same configuration.
 
     Raises:
@@ -58,13 +58,8 @@ def search(config: RunConfig, view: View) -> Result:
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     require_means(config)
-    data = load_data(config, view.data, view.say)
-    task = load_task(config, data.facts)
-
-    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, data.facts, data, Mode.record, rules=rules, notice=notice)
-
-    return record(config, task, data.facts, tools, view)
+    data = load_data(config, view)
+    return record(config, load_task(config, data.facts), data, view)
 
 
 def require_means(config: RunConfig) -> None:
@@ -82,29 +77,29 @@ def require_means(config: RunConfig) -> None:
 def record(
     config: RunConfig,
     task: Task,
-    facts: DataFacts,
-    tools: Callable[[Rules, Notice], AbstractContextManager[Tools]],
-    view: View,
+    data: Dataset,
+    view: Progress,
     *,
     begun: Sequence[dict[str, Json]] = (),
     eras: Sequence[Era] = (Era(generation=0, rules=CURRENT),),
+    run: Run | None = None,
 ) -> Result:
-    """Run a search with given effects into its run directory, or take up the one that was begun there.
+    """Run a search into its run directory, or continue the one that was begun there.
 
     Args:
         config: the configuration.
         task: the task.
-        facts: of the data set.
-        tools: opens the effects under given rules when the directory is ready, and has what holds each candidate told.
-        view: who is told.
+        data: the data set.
+        view: shows how far the search is.
         begun: the ledger of another run that this one continues; its lines are held against the search as those of a
             stopped run are.
         eras: the rules to search under, from which generation on.
+        run: what runs candidates in place of a sandbox.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
-    plan = build_plan(config, task, Mode.record)
+    plan, facts = build_plan(config, task, Mode.record), data.facts
     header = run_header(config, task, facts, plan, eras[0].rules)
     directory = RunDirectory(_run_path(config, [header, config.search.generations, *(era.line() for era in eras[1:])]))
     with directory.locked(), _opened(directory, begun) as ledger:
@@ -115,7 +110,8 @@ def record(
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view):
             observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
-            state = run_eras(plan, eras, lambda rules: tools(rules, walls.note), ledger, observer)
+            with Workbench(config, task, facts, Mode.record, data=data, notice=walls.note, run=run) as bench:
+                state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
@@ -203,7 +199,7 @@ def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, dige
 
 
 @contextlib.contextmanager
-def _mirrored(config: RunConfig, directory: RunDirectory, view: View) -> Iterator[None]:
+def _mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
     """Let a mirror follow the ledger, where one is wanted; it cannot stop the search."""
     if config.tracking.kind is Tracking.none:
         yield
@@ -252,7 +248,7 @@ class Walls:
 class _Recorder(Watcher):
     """Shows the search to a view and keeps its files; the ledger itself is kept by the search."""
 
-    def __init__(self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: View) -> None:
+    def __init__(self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: Progress) -> None:
         super().__init__(plan, view)
         self._directory = directory
         self._ledger = ledger

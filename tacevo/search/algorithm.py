@@ -13,7 +13,6 @@ import hashlib
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Protocol
@@ -125,7 +124,7 @@ def run_search(
 def run_eras(
     plan: Plan,
     eras: Sequence[Era],
-    open_tools: Callable[[Rules], AbstractContextManager[Tools]],
+    tools: Callable[[Rules], Tools],
     ledger: Ledger,
     observer: Observer,
 ) -> SearchState:
@@ -134,7 +133,7 @@ def run_eras(
     Args:
         plan: of the whole search.
         eras: from generation 0 on; one, unless the run was continued under other rules.
-        open_tools: opens the effects under the rules of an era.
+        tools: gives the effects under the rules of an era.
         ledger: for every line.
         observer: who watches.
 
@@ -146,9 +145,8 @@ def run_eras(
     for era, end in zip(eras, ends, strict=True):
         if state is not None:
             ledger.commit(era.line())
-        with open_tools(era.rules) as tools:
-            part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
-            state = run_search(part, tools, ledger, observer, since=state)
+        part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
+        state = run_search(part, tools(era.rules), ledger, observer, since=state)
     if state is None:
         raise ValueError("a search has one era at least; got none")
     return state

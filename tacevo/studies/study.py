@@ -21,8 +21,8 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Kind, Limits, Mode, Recipe, Rejection
 from tacevo.rules import STUDY
 from tacevo.runs.datasets import load_same, source_of
-from tacevo.runs.progress import Listener, StudyView
-from tacevo.runs.wiring import open_studies, recipe_of
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.confinement import require
 from tacevo.search.proposals import Task
 from tacevo.storage.run_directory import RunDirectory
@@ -79,7 +79,7 @@ class _Plan:
     jobs: tuple[_Job, ...]
 
 
-def study(config: StudyConfig, view: StudyView) -> Studied:
+def study(config: StudyConfig, view: Progress) -> Studied:
     """Study a finished run, or take up a study that was begun under the same configuration.
 
     Raises:
@@ -107,10 +107,11 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     units = list(units_of(catalogue)) if data.scale else []
     circumstances = {"scale": list(data.scale), "units": units, "versions": versions(), "machine": machine()}
     directory.begin(_described(plan), circumstances)
-    with open_studies(run, plan.task, plan.facts, data, Mode.record, rules=STUDY) as (evaluator, executor):
+    with Workbench(run, plan.task, plan.facts, Mode.record, data=data) as bench:
+        evaluator = bench.studies(STUDY)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, config, len(recorded), view)
-        verdicts = _train(plan.jobs, recorded, evaluator, executor, view)
+        verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
         digest = directory.finish(_entries(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
@@ -119,7 +120,7 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     )
 
 
-def replay_studies(path: Path, store: str | None, view: Listener, *, seen: Seen | None = None) -> dict[str, str]:
+def replay_studies(path: Path, store: str | None, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
     """Compute the scores of a run's finished studies again from the store alone, and compare every line.
 
     Args:
@@ -181,7 +182,8 @@ def _replay(
     )
     if not describes(recorded, _described(plan)):
         raise DivergenceError(f"{directory.path}/study.json was edited, or tells of another run or other networks")
-    with open_studies(plan.config, plan.task, plan.facts, None, Mode.replay, rules=rules, seen=seen) as (evaluator, _):
+    with Workbench(plan.config, plan.task, plan.facts, Mode.replay, seen=seen) as bench:
+        evaluator = bench.studies(rules)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = directory.compare(_entries(plan, evaluator, verdicts))
     if digest != recorded["digest"]:
@@ -244,7 +246,7 @@ def _described(plan: _Plan) -> dict[str, Json]:
     return {key: value for key, value in plan.header.items() if key not in {"kind", "schema"}}
 
 
-def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: StudyView) -> None:
+def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     view.say(f"study: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks = plan.header["networks"]
@@ -260,7 +262,7 @@ def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, reco
 
 
 def _train(
-    jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: StudyView
+    jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: Progress
 ) -> list[FullTraining | Rejection]:
     """Train all that is not recorded, in parallel; give the verdicts in the order of the jobs.
 
@@ -279,7 +281,9 @@ def _train(
             view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
         if jobs[place].row not in recorded:
             done += 1
-            view.trained(done, len(jobs))
+            view.advance("trainings", done, len(jobs))
+            if 10 * done // len(jobs) > 10 * (done - 1) // len(jobs):
+                view.say(f"{done} of {len(jobs)} trainings are done")
     return [verdicts[place] for place in range(len(jobs))]
 
 

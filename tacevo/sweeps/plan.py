@@ -20,7 +20,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
 from tacevo.redaction import without_password
-from tacevo.runs.progress import SweepView
+from tacevo.runs.progress import Progress
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import require_means
@@ -56,7 +56,7 @@ class Swept:
     statuses: tuple[Status, ...]
 
 
-def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Launch = launch) -> Swept:
+def sweep(overrides: Sequence[str], into: str | None, view: Progress, run: Launch = launch) -> Swept:
     """Run the jobs of a sweep that are not finished.
 
     Args:
@@ -100,7 +100,7 @@ def _run(
     planned: Sequence[Planned],
     *,
     launcher: Launcher,
-    view: SweepView,
+    view: Progress,
     run: Launch,
 ) -> None:
     """Run the jobs that are neither finished nor run by somebody else."""
@@ -315,14 +315,14 @@ class _Lookout:
     """
 
     def __init__(
-        self, directory: SweepDirectory, jobs: Sequence[Job], view: SweepView, *, done: int, total: int
+        self, directory: SweepDirectory, jobs: Sequence[Job], view: Progress, *, done: int, total: int
     ) -> None:
         self._directory = directory
         self._left = {job: directory.endings(job) for job in jobs}
         self._view = view
         self._done = done
         self._total = total
-        view.jobs(done, total)
+        view.advance("jobs", done, total)
 
     def look(self) -> None:
         """Tell of the jobs that have ended since the last look."""
@@ -336,4 +336,4 @@ class _Lookout:
             self._done += status.standing is Standing.finished
             found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
             self._view.say(f"{job.name}: {status.standing}, {found} ({self._done} of {self._total} jobs finished)")
-            self._view.jobs(self._done, self._total)
+            self._view.advance("jobs", self._done, self._total)

@@ -26,7 +26,7 @@ from tacevo.bundles.verify import table_difference, verify
 from tacevo.cli.app import main
 from tacevo.errors import BundleError
 from tacevo.records import Json
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
 
 def verify_at(bundle: Path) -> None:
     """Verify a bundle's searches and studies, without its tables."""
-    with opened(bundle) as found, PlainView(Console(file=io.StringIO())) as view:
+    with opened(bundle) as found, Progress(Console(file=io.StringIO())) as view:
         verify(found, lambda run, store: {}, view)
 
 

@@ -15,13 +15,12 @@ from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
 from tacevo.cli.inspect import task_without_data
+from tacevo.config.tasks import facts_without_data
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Request
 from tacevo.rules import CURRENT
-from tacevo.runs.wiring import ENTRIES, build_gate
-from tacevo.sandbox.client import Sandbox
+from tacevo.runs.wiring import Workbench
 from tacevo.search.effects import LLM
-from tacevo.training.numerics import environment
 
 ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
 SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"
@@ -138,8 +137,8 @@ def test_served_answers_get_the_verdicts_that_their_folder_states(
     for task in ("force", "grating"):
         config, judged = task_without_data(task, 32)
         config.store.root = str(tmp_path)
-        with Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={}) as sandbox:
-            gate = build_gate(config, judged.contract, sandbox.run, Mode.record, CURRENT)
+        with Workbench(config, judged, facts_without_data(config), Mode.record) as bench:
+            gate = bench.gate(CURRENT)
             mine = [completion for name, completion in given.items() if files[name]["task"] == task]
             admitted[task] = sum(isinstance(gate.admit(completion), Admitted) for completion in mine)
     assert admitted == Counter(file["task"] for file in files.values() if file["trains_at"]["32"])

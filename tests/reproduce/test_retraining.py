@@ -16,7 +16,7 @@ from tacevo.cli.app import main
 from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.records import Json, Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluated, retrain, sampled
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import Ledger, read_ledger
 
 #: A real search, as small as one can be.
@@ -73,7 +73,7 @@ def rewritten(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]
 
 def again(count: int | None = None) -> Retrained:
     """Train again in the working directory."""
-    with PlainView(Console(quiet=True)) as view:
+    with Progress(Console(quiet=True)) as view:
         return retrain([Path("run")], None, count, view)
 
 

@@ -1,7 +1,6 @@
 """Promise: a setting that a model refuses, and that was therefore not sent, is told wherever a run speaks of it."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 
 import fakes
@@ -80,7 +79,7 @@ def test_ledger_under_the_first_core_gains_no_field() -> None:
         with Ledger(None) as ledger:
             eras = [Era(generation=0, rules=replace(FIRST, core=core))]
             recorder = fakes.Recorder()
-            run_eras(plan, eras, lambda _: nullcontext(fakes.tools(Refusing())), ledger, recorder)
+            run_eras(plan, eras, lambda _: fakes.tools(Refusing()), ledger, recorder)
         assert any("dropped" in line for line in recorder.lines) is (core == 2)
 
 

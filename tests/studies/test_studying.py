@@ -21,6 +21,7 @@ from tacevo.config.compose import compose
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import read_ledger
 from tacevo.storage.store import Store, check_entry
 from tacevo.storage.study_directory import SCHEMA, StudyDirectory, studies_of
@@ -397,7 +398,7 @@ def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytes
     images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
     np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
     numpy = [*TINY[:-1], "data=numpy", "data.image_size=16", "archive.niches=5"]
-    rows = load_data(compose([*numpy, "data.root=a.npz"]), None).test
+    rows = load_data(compose([*numpy, "data.root=a.npz"]), Progress()).test
     images[rows], labels[rows] = 255 - images[rows], labels[rows] + 1
     np.savez("b.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
     decisions = []
