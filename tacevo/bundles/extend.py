@@ -4,12 +4,11 @@ What it promises: the published run is replayed and compared before anything is 
 with its very lines, and the search is held against each of them; nothing is written to the published run or its stores.
 """
 
-import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from tacevo.bundles.open import Opened, insist_on_walls
+from tacevo.bundles.open import Opened, check_walls
 from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.identity import identity
 from tacevo.config.recorded import read_run
@@ -20,9 +19,10 @@ from tacevo.rules import CURRENT, Era, eras_of
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record, require_means
-from tacevo.storage.canonical import differences, readable, shown
+from tacevo.storage.canonical import differences, shown
 from tacevo.storage.listing import take_in
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import read_entry
 from tacevo.text import counted
 
 #: Groups that say where and how safely a run is computed and written: those of the published run are another machine's.
@@ -54,7 +54,7 @@ def continue_run(
         "give the folder of one of its jobs, or a file into which that was published by itself: `tacevo publish "
         "SWEEP/JOB -o FILE.zip`"
     )
-    insist_on_walls(published)
+    check_walls(published)
     directory = RunDirectory(run)
     settings, task, facts = read_run(directory)
     recorded = directory.read_finished()
@@ -65,8 +65,7 @@ def continue_run(
     require_means(config)
     read = sorted(check(published))
     data = load_same(config, facts, view)
-    entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
-    written, _ = take_in(published.store, entries, Path(config.store.root))
+    written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
     view.say(f"{counted(len(recorded), 'ledger line')} replayed; {written} of {len(read)} store entries were new here")
     return record(config, task, data, view, begun=recorded, eras=eras)
 
@@ -121,11 +120,6 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
             f"{config.search.generations}"
         )
     return config
-
-
-def _readable(entry: Path) -> bytes:
-    """Write an entry as a store does; a bundle's are unpacked without line breaks."""
-    return readable(json.loads(entry.read_bytes())).encode()
 
 
 def _refuse_same_folder(config: RunConfig, published: Path) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.bundles.format import JOBS, SWEEP, unpack_verified
+from tacevo.bundles.format import JOBS, SWEEP, refusing, unpack_verified
 from tacevo.choices import Confinement, Device
 from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
@@ -43,16 +43,16 @@ class Opened:
         return (self.folder,) if self.jobs is None else tuple(self.folder / job for job in self.jobs)
 
     def one_run(self, remedy: str) -> Path:
-        """Give the folder of its only run.
+        """Return the directory of its only run.
 
         Args:
-            remedy: what a user who gave a sweep may do instead.
+            remedy: what a user who gave a sweep can do instead.
 
         Raises:
             RunError: it is a sweep.
         """
         if self.jobs is not None:
-            raise RunError(f"one run was expected, and this is a sweep of {len(self.jobs)}; {remedy}")
+            raise RunError(f"a sweep of {len(self.jobs)}", expected="one run", remedy=remedy)
         return self.folder
 
 
@@ -82,7 +82,7 @@ def located(path: Path) -> Opened:
     """
     jobs = _jobs(path) if SweepDirectory(path).is_one else None
     if jobs is not None:
-        _insist_on_finished(SweepDirectory(path))
+        _check_finished(SweepDirectory(path))
     found = Opened(folder=path, store=path, jobs=jobs)
     return replace(found, store=_store_of(found))
 
@@ -103,15 +103,16 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
         try:
             done.append(act(run))
         except TacevoError as error:
-            raise type(error)(f"job {job}: {error}") from error
+            error.place = ", ".join(part for part in (f"job {job}", error.place) if part)
+            raise
     return tuple(done)
 
 
 @contextlib.contextmanager
 def private_folder(place: Path) -> Iterator[Path]:
-    """Give a temporary folder that stands for a place; messages of errors name that place instead.
+    """Make a temporary directory that stands for a place; errors name that place instead.
 
-    It is this user's alone, and removed at the end, also where that is an error or Ctrl-C.
+    It is this user's alone, and removed at the end, also after an error or Ctrl-C.
     """
     with tempfile.TemporaryDirectory(prefix="tacevo-") as folder, standing_for(Path(folder), place):
         yield Path(folder)
@@ -119,11 +120,13 @@ def private_folder(place: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def standing_for(folder: Path, place: Path) -> Iterator[None]:
-    """Let messages of errors name a place where they would name a folder that stands for it."""
+    """Let errors name a place where they would name a directory that stands for it."""
     try:
         yield
     except TacevoError as error:
-        raise type(error)(str(error).replace(str(folder), str(place))) from error
+        error.place = error.place.replace(str(folder), str(place))
+        error.got = error.got.replace(str(folder), str(place))
+        raise
 
 
 def _unpacked(source: Path, folder: Path) -> Opened:
@@ -136,15 +139,14 @@ def _unpacked(source: Path, folder: Path) -> Opened:
         run.parent.mkdir()
         (folder / "moved").rename(run)  # tables and figures bear the name of the run's folder
         return replace(found, folder=run)
-    try:
-        jobs = _jobs(found.folder)
-    except RunError as error:
-        raise BundleError(str(error)) from error
+    with refusing():
+        jobs, written = _jobs(found.folder), sweep_text(*SweepDirectory(found.folder).read())
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
-        what = "is a job, and its run is not there" if name in jobs else "is there, and is no job"
-        raise BundleError(f"{source}/{JOBS}: {name!r} {what}")
-    if (folder / JOBS).read_bytes() != sweep_text(*SweepDirectory(found.folder).read()).encode():
-        raise BundleError(f"{source}/{JOBS} is not written as `tacevo publish` writes it, so it was edited")
+        what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
+        raise BundleError(what, place=f"{source}/{JOBS}", expected="one directory for each job")
+    if (folder / JOBS).read_bytes() != written.encode():
+        expected = "the text that `tacevo publish` writes"
+        raise BundleError("another: it was edited", place=f"{source}/{JOBS}", expected=expected)
     return replace(found, jobs=jobs)
 
 
@@ -156,16 +158,15 @@ def _jobs(folder: Path) -> tuple[str, ...]:
     """
     _, jobs = SweepDirectory(folder).read()
     names = tuple(job.name for job in jobs)
-    if not names:
-        raise RunError(f"{folder}/sweep.json lists no job; a sweep has one at least")
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise RunError(f"{folder}/sweep.json lists the job {twice[0]!r} twice")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice or not names:
+        got = f"{twice[0]!r} twice" if twice else "none"
+        raise RunError(got, place=f"{folder}/sweep.json", expected="at least one job, each of another name")
     return names
 
 
-def _insist_on_finished(directory: SweepDirectory) -> None:
-    """See that every job of a sweep came to its end: results of a part of it would be another sweep's.
+def _check_finished(directory: SweepDirectory) -> None:
+    """Check that every job of a sweep is finished: results of a part of it would be another sweep's.
 
     Raises:
         RunError: some did not; the message names them all.
@@ -177,8 +178,10 @@ def _insist_on_finished(directory: SweepDirectory) -> None:
             unfinished.append(job.name if reason is None else f"{job.name} (failed: {reason})")
     if unfinished:
         raise RunError(
-            f"jobs of {directory.path} are not finished: {', '.join(unfinished)}; the `tacevo search -m` command that "
-            "began the sweep takes them up"
+            f"some are not finished: {', '.join(unfinished)}",
+            place=str(directory.path),
+            expected="finished jobs",
+            remedy="give the `tacevo search -m` command that began the sweep again; it continues them",
         )
 
 
@@ -196,42 +199,34 @@ def _store_of(found: Opened) -> Path:
             roots.add(Path(described["config"]["store"]["root"]))
     if len(roots) > 1:
         listed = ", ".join(sorted(map(str, roots)))
-        raise RunError(f"the runs of {found.folder} keep their answers in several stores: {listed}; a sweep has one")
+        raise RunError(listed, place=str(found.folder), expected="runs with one store.root for all")
     return roots.pop()
 
 
 def _name(run: Path) -> str:
-    """Read the name of a run, which becomes that of a folder."""
+    """Read the name of a run, which becomes that of a directory."""
     directory = RunDirectory(run)
-    try:
-        with directory.believed():
-            name = directory.read_run()["name"]
-    except RunError as error:
-        raise BundleError(str(error)) from error
-    if (
-        not (isinstance(name, str) and name.isprintable())
-        or "/" in name
-        or name in {"", ".", ".."}
-        or len(name.encode()) > 255
-    ):
-        raise BundleError(f"{run}/run.json: the name of a run must be that of a folder; got {json.dumps(name)[:100]}")
-    return name
+    with refusing(), directory.believed():
+        name = directory.read_run()["name"]
+    text = name if isinstance(name, str) and name.isprintable() else ""
+    if "/" in text or text in {"", ".", ".."} or len(text.encode()) > 255:
+        got = json.dumps(name)[:100]
+        raise BundleError(got, place=f"{run}/run.json, name", expected="the name of a directory")
+    return text
 
 
-def insist_on_walls(found: Opened) -> None:
+def check_walls(found: Opened) -> None:
     """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
 
     Raises:
-        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works behind no walls; or its
+        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works without walls; or its
             configuration cannot be read.
     """
     if found.root is None:
         return
     for run in found.runs:
-        try:
+        with refusing():
             config, _, _ = read_run(RunDirectory(run))
-        except RunError as error:
-            raise BundleError(str(error)) from error
         asked = []
         if config.sandbox.require is Confinement.none:
             asked.append("sandbox.require=none")
@@ -239,6 +234,8 @@ def insist_on_walls(found: Opened) -> None:
             asked.append(f"training.device={config.training.device}")
         if asked:
             raise BundleError(
-                f"the published run has {' and '.join(asked)}, with which its candidates would run here without walls; "
-                f"if you trust every source in it, unpack it and give its folder {run.relative_to(found.root)} instead"
+                f"{' and '.join(asked)}, with which its candidates would run here without walls",
+                expected="a published run whose candidates can be confined",
+                remedy="if you trust every source in it, unpack it and give its directory "
+                f"{run.relative_to(found.root)} instead",
             )

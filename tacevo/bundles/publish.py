@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tacevo.bundles import entries
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
 from tacevo.bundles.open import Opened, located, over_runs, private_folder, standing_for
@@ -26,8 +25,10 @@ from tacevo.rules import FIRST_PAGES, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.runs.summary import summarise
+from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import read_entry
 from tacevo.storage.study_directory import StudyDirectory, studies_of
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.check import check_jobs
@@ -100,7 +101,7 @@ def publish(
         tables, figures = make_pages(staged.folder, store)
         members = {
             **_members(staged, runs),
-            STORE: entries.pack(json.loads(path.read_bytes()) for path in read),
+            STORE: pack(map(read_entry, read)),
             **_in_folder("tables", tables),
             **_in_folder("figures", figures),
         }

@@ -1,7 +1,7 @@
 """Whether the records of a published run or sweep follow from each other: searches, studies, tables, a sweep's jobs.
 
 Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made anew from the records (figures,
-which depend on fonts and libraries, and the pages that describe the bundle) is held against its checksum only.
+which depend on fonts and libraries, and the pages that describe the bundle) is compared with its checksum only.
 """
 
 import contextlib
@@ -11,17 +11,18 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
 from tacevo.config.recorded import doubting
 from tacevo.environment import deviations, versions
-from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
+from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
 from tacevo.reproduce.replay import Replayed, replay
 from tacevo.rules import FIRST_PAGES, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.storage.ledger import unsealed
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.store import EMPTY, OTHERWISE, Seen
+from tacevo.storage.store import Seen
 from tacevo.storage.study_directory import name_study, studies_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.study import replay_studies
@@ -30,8 +31,8 @@ from tacevo.sweeps.check import check_jobs
 #: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.
 MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
 
-#: What there is to say of a miss in a bundle, whose user has no other store and records nothing.
-_INCOMPLETE = "a bundle has every entry that its replay reads, so this one was edited, or this version asks otherwise"
+#: What to do about a miss in a bundle, whose user has no other store and records nothing.
+_INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +63,7 @@ class Verified:
 
 
 def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
-    """Replay a bundle from its own store entries, and hold everything that follows from them against it.
+    """Replay a bundle from its own store entries, and compare everything that follows from them.
 
     Args:
         bundle: opened, hence complete and as its manifest says.
@@ -75,7 +76,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
     if bundle.root is None:
-        raise ValueError(f"{bundle.folder} is no bundle")
+        raise ValueError(f"{bundle.folder} is not a bundle")
     read: set[Path] = set()
 
     def check(run: Path) -> Rerun:
@@ -100,7 +101,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
 
 
 def rerun(run: Path, store: str | None, view: Progress, *, seen: Seen | None = None) -> Rerun:
-    """Run a search and its studies again, and hold all of its own files against that.
+    """Run a search and its studies again, and compare all of its own files.
 
     Args:
         run: its folder.
@@ -121,7 +122,7 @@ def rerun(run: Path, store: str | None, view: Progress, *, seen: Seen | None = N
 
 
 def check_sizes(run: Path) -> None:
-    """See that a run's configuration and studies speak of as many candidates and scores as there are.
+    """Check that a run has as many candidates and scores as its configuration and its studies say.
 
     Otherwise a few digits could ask for more memory than there is.
 
@@ -136,7 +137,7 @@ def check_sizes(run: Path) -> None:
         changes = sum(line["kind"] == "rules" for line in lines)
         expected = 1 + (1 + initial + 1) + generations * (candidates + 1) + changes
     if len(lines) != expected:
-        raise RunError(f"{run}/ledger.jsonl has {len(lines)} lines; the configuration in run.json gives {expected}")
+        raise RunError(f"{len(lines)}", place=f"{run}/ledger.jsonl", expected=f"{expected} lines, by run.json")
     for study in studies_of(run):
         recorded = study.read()
         if recorded.get("digest") is None:
@@ -145,7 +146,8 @@ def check_sizes(run: Path) -> None:
         with directory.believed():
             trainings = recorded["seeds"] * len(recorded["networks"])
         if len(scores) != 1 + trainings:
-            raise RunError(f"{study.path}/study.json speaks of {trainings} trainings; it has {len(scores) - 1} scores")
+            wanted = f"{trainings} scores, by its study.json"
+            raise RunError(f"{len(scores) - 1}", place=str(study.path), expected=wanted)
 
 
 def check_records(run: Path, replayed: Replayed) -> int:
@@ -158,13 +160,15 @@ def check_records(run: Path, replayed: Replayed) -> int:
         DivergenceError: they are not what follows from the records.
     """
     directory = RunDirectory(run)
-    remedy = "the command that began the run writes it anew"
+    remedy = "the command that began the run writes it again"
     spending = directory.read_spending()
     for name, spent in sorted(spending.items()):
         if replayed.spending.get(name) != spent:
             raise DivergenceError(
-                f"{run}/timings.jsonl: {name} was recorded with {spent} and its answers give "
-                f"{replayed.spending.get(name)}; {remedy}"
+                f"{spent}",
+                place=f"{run}/timings.jsonl, {name}",
+                expected=f"what its answers cost, {replayed.spending.get(name)}",
+                remedy=remedy,
             )
     recorded_run = directory.read_run()
     with directory.believed():
@@ -176,12 +180,12 @@ def check_records(run: Path, replayed: Replayed) -> int:
     recorded = path.read_text(encoding="utf-8") if path.exists() else ""
     found = _first_line(recorded, summary)
     if found is not None:
-        raise DivergenceError(f"{path}, {found}; {remedy}")
+        raise DivergenceError(found, place=str(path), remedy=remedy)
     return pages
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
-    """See that every replayed study is called what it is; tables and figures of it bear that name.
+    """Check the name of every replayed study; tables and figures of it bear that name.
 
     Raises:
         DivergenceError: one is not.
@@ -192,11 +196,15 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
         header = unsealed(study.read_scores()[0])
         name = name_study(header, epochs=header["recipe"]["epochs"])
         if {study.path.name, study.read()["name"]} != {name}:
-            raise DivergenceError(f"{study.path} and the name in its study.json must be {name}, which is what it is")
+            raise DivergenceError(
+                f"{study.path.name} and {study.read()['name']!r}",
+                place=f"{study.path} and the name in its study.json",
+                expected=f"{name}, which follows from its scores",
+            )
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
-    """Hold tables against those that were made anew.
+    """Compare tables with those that were made again.
 
     Args:
         folder: of the published ones.
@@ -207,12 +215,12 @@ def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
     """
     there = {path.name for path in folder.glob("*")}
     for name in sorted(there ^ made.keys()):
-        what = "is there, and does not follow from the records" if name in there else "is missing"
-        raise DivergenceError(f"table {name} {what}")
+        got = "one that does not follow from the records" if name in there else "none"
+        raise DivergenceError(got, place=f"table {name}", expected="the tables of this release")
     for name, content in sorted(made.items()):
         found = table_difference((folder / name).read_bytes(), content, is_csv=name.endswith(".csv"))
         if found is not None:
-            raise DivergenceError(f"table {name}, {found}")
+            raise DivergenceError(found, place=f"table {name}")
 
 
 def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
@@ -256,7 +264,7 @@ def _first_line(was: str, now: str) -> str | None:
 
 
 def _check_files(run: Path, checked: Rerun) -> None:
-    """See that a run has no candidate or study beside those that were compared.
+    """Check that a run has no candidate or study beside those that were compared.
 
     Raises:
         BundleError: it has.
@@ -267,11 +275,11 @@ def _check_files(run: Path, checked: Rerun) -> None:
     }
     for what, (there, known) in found.items():
         for name in sorted(there - known):
-            raise BundleError(f"{run}: {name} is there, and belongs to nothing of {what}")
+            raise BundleError(name, place=str(run), expected=f"only files of {what}")
 
 
 def _check_entries(store: Path, read: Set[Path]) -> None:
-    """See that every store entry of a bundle was needed by a run of it.
+    """Check that every store entry of a bundle was needed by a run of it.
 
     Raises:
         BundleError: one was not.
@@ -279,19 +287,20 @@ def _check_entries(store: Path, read: Set[Path]) -> None:
     names = {path.name for path in read}
     for path in sorted(store.rglob("*.json")):
         if path.name not in names:
-            raise BundleError(f"{store}: {path.name} is there, and belongs to nothing of the replay")
+            raise BundleError(path.name, place=str(store), expected="only entries that the replay reads")
 
 
 @contextlib.contextmanager
 def _refusing(place: Path) -> Iterator[None]:
     """Refuse a bundle whose records cannot be used at all, whatever is wrong with them."""
     try:
-        yield
-    except CacheMissError as error:
-        message = str(error).replace(OTHERWISE, _INCOMPLETE).replace(EMPTY, _INCOMPLETE)
-        raise BundleError(message) from error
-    except (RunError, StoreError, ConfigError) as error:
-        raise BundleError(str(error)) from error
-    # Checksums can be written anew around any content, and the readers of records take the form of these for granted.
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise BundleError(f"{place} holds a record that no run writes: {type(error).__name__}: {error}") from error
+        with refusing():
+            yield
+    except BundleError as error:
+        if isinstance(error.__cause__, CacheMissError):
+            error.remedy = _INCOMPLETE
+        raise
+    except (DivergenceError, OSError):
+        raise
+    except Exception as error:  # checksums can be written again around any content, which readers stumble over
+        raise BundleError(f"{type(error).__name__}: {error}", place=str(place), expected="records of a run") from error

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.bundles.extend import continue_run
-from tacevo.bundles.open import Opened, insist_on_walls, opened, over_runs
+from tacevo.bundles.open import Opened, check_walls, opened, over_runs
 from tacevo.bundles.verify import Rerun, Verified, rerun, verify
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store
 from tacevo.costs import in_words, total
@@ -58,7 +58,7 @@ def _replay(options: argparse.Namespace) -> int:
 
     with opened(Path(options.run)) as found, Progress() as view:
         if options.retrain is not None:
-            insist_on_walls(found)
+            check_walls(found)
         if found.root is None:
             runs, beside = _rerun(found, existing_store(options.store), view), []
         else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made

@@ -35,7 +35,7 @@ def ever_answered(store: Store, request: Request) -> bool:
     """
     asked = to_json(request)
     return any(
-        entry["answer"]["text"] and all(entry["request"].get(name) == asked[name] for name in _CHOICE)
+        entry.answer["text"] and all(entry.request.get(name) == asked[name] for name in _CHOICE)
         for entry in store.entries()
     )
 
@@ -54,8 +54,7 @@ def ever_refused(store: Store, choice: Mapping[str, Json], setting: str) -> bool
         StoreError: an entry that was looked at is damaged.
     """
     return any(
-        setting in entry["answer"].get("dropped", ())
-        and all(entry["request"].get(name) == choice[name] for name in _CHOICE)
+        setting in entry.answer.get("dropped", ()) and all(entry.request.get(name) == choice[name] for name in _CHOICE)
         for entry in store.entries()
     )
 

@@ -136,10 +136,10 @@ def _most(asked: int, task: Task, *, mutation: Request, crossover: Request, roun
 def _answers(root: Path, model: str) -> Iterator[Completion]:
     """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
     for found in scan(root, ("completions",)):
-        if found.entry is None:
+        if found.completion is None:
             raise StoreError(found.problem)
-        if found.entry["request"]["model"] == model:
-            yield Completion.from_json(found.entry["answer"])
+        if found.model == model:
+            yield found.completion
 
 
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:

@@ -133,7 +133,7 @@ def test_refusal_of_all_but_one_is_recorded_for_none(server: LLMServer, tmp_path
     asked = [request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]
     with pytest.raises(ConfigError, match="this is not understood"):
         recorded(server.url, tmp_path, asked)
-    assert [entry["answer"]["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
+    assert [entry.answer["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
 
 
 @pytest.mark.parametrize("results", ["lacking", "unreadable"])

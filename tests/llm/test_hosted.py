@@ -239,7 +239,7 @@ def test_refusal_of_all_that_follows_an_answer_is_recorded_for_none(provider: st
             list(llm.complete([request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]))
         with pytest.raises(ConfigError, match="this is not understood"):
             list(llm.complete([request(text) for text in ("d [fault invalid]", "e [fault invalid]")]))
-    assert [entry["request"]["messages"][-1]["content"] for entry in store.entries()] == ["a"]
+    assert [entry.request["messages"][-1]["content"] for entry in store.entries()] == ["a"]
 
 
 @both

@@ -10,7 +10,7 @@ from bundles import members_of, resealed
 from rich.console import Console
 from smallest import ARCHIVES, UNTRACKED
 
-from tacevo.bundles.open import Opened, insist_on_walls, opened
+from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.choices import Device, Numerics
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, DataError, DivergenceError
@@ -234,8 +234,8 @@ def test_bundle_does_not_take_the_walls_down(
     run["config"][group][name] = value
     bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
     with opened(bundle) as found, pytest.raises(BundleError, match=words):
-        insist_on_walls(found)
+        check_walls(found)
     for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
         assert main(command) == 1
         assert words in capsys.readouterr().err
-    insist_on_walls(Opened(folder=found.folder, store=found.store))
+    check_walls(Opened(folder=found.folder, store=found.store))

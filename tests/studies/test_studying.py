@@ -100,7 +100,7 @@ def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
 def test_networks_are_paired_by_seed(studied: Path) -> None:
     """Each seed of the study is one training seed, the same for both networks."""
     entries = list(Store(studied / "cache", "studies").entries())
-    seeds = {(entry["request"]["source"], entry["request"]["seed"]) for entry in entries}
+    seeds = {(entry.request["source"], entry.request["seed"]) for entry in entries}
     assert len(entries) == 4
     assert len({seed for _, seed in seeds}) == len({source for source, _ in seeds}) == 2
 
@@ -310,8 +310,8 @@ def test_network_that_comes_to_no_end_is_told_and_the_rest_is_finished(
 
 def test_export_takes_the_study_along(folder: Path) -> None:
     """What is imported elsewhere replays run and study."""
-    assert main(["cache", "export", "run", "-o", "run.tar"]) == 0
-    assert main(["cache", "import", "run.tar", "--store", "other"]) == 0
+    assert main(["cache", "export", "run", "-o", "run.jsonl.xz"]) == 0
+    assert main(["cache", "import", "run.jsonl.xz", "--store", "other"]) == 0
     assert main(["replay", "run", "--store", "other"]) == 0
     assert len(list(folder.glob("other/studies/*/*.json"))) == 4
     for path in folder.glob("other/studies/*/*.json"):
