@@ -4,11 +4,13 @@ Equal runs give equal bytes wherever, whenever and by whomever they are publishe
 Matplotlib and of the libraries that compress. Nothing in a bundle names a folder or a host of the machine.
 """
 
-import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
+
+from annotated_types import MinLen
 
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
@@ -32,6 +34,7 @@ from tacevo.storage.store import read_entry
 from tacevo.storage.study_directory import StudyDirectory, studies_of
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.check import check_jobs
+from tacevo.typed import parse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,14 +81,14 @@ def publish(
     Args:
         request: what to publish.
         target: the file to write; one that stands there is replaced.
-        make_pages: gives the files of every table, and those of every figure, from the folders of a run or a sweep and
-            of its stores.
-        view: who is told.
+        make_pages: returns the files of every table, and those of every figure, from the directories of a run or a
+            sweep and of its stores.
+        view: shows how far the replay is.
 
     Raises:
         DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
-        RunError: this is no finished run or sweep, or a study is none of its finished ones.
+        RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
         ConfigError: licence, date or an author cannot be used.
     """
     found = located(request.run)
@@ -113,18 +116,19 @@ def publish(
 
 
 def _staged(request: Request, found: Opened, folder: Path, view: Progress) -> Opened:
-    """Lay what is to be published of a run or a sweep into a folder whose name tables and figures may bear.
+    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear.
 
     Raises:
         DivergenceError: the sweep's jobs are not what its sweep.json says.
-        RunError: a run is not finished, or a study is none of its finished ones.
+        RunError: a run is not finished, or a study is not one of its finished ones.
     """
     if found.jobs is None:
         run = _publishable(RunDirectory(found.folder))
         _stage(found.folder, run, folder / run["name"], _studies(request, found.folder, run["digest"], view))
         return replace(found, folder=folder / run["name"])
     if request.studies:
-        raise RunError("a sweep is published with every finished study of its runs; name none")
+        expected = "no study: a sweep is published with every finished study of its runs"
+        raise RunError(", ".join(map(str, request.studies)), expected=expected)
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
     staged = replace(found, folder=folder / SWEEP)
@@ -158,7 +162,7 @@ def _publishable(directory: RunDirectory) -> dict[str, Json]:
 
 
 def _day(request: Request, found: Opened) -> str:
-    """Give the day of publication: by default the last one in the runs' timings, so that it is their own.
+    """Return the day of publication: by default the last one in the runs' timings, so that it is their own.
 
     Raises:
         ConfigError: there is none.
@@ -166,17 +170,23 @@ def _day(request: Request, found: Opened) -> str:
     return request.published or max(_last_day(run) for run in found.runs)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Timing:
+    """What is read of a line of timings.jsonl."""
+
+    #: Date and time, in ISO 8601.
+    at: Annotated[str, MinLen(10)]
+
+
 def _last_day(run: Path) -> str:
     path = run / "timings.jsonl"
-    try:
-        last = path.read_text(encoding="utf-8").splitlines()[-1]
-        return str(json.loads(last)["at"])[: len("YYYY-MM-DD")]
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise ConfigError(f"{path} does not say when the run ended; give the day with --date YYYY-MM-DD") from error
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    remedy = "give the day with --date YYYY-MM-DD"
+    return parse(_Timing, lines[-1] if lines else "", place=str(path), error=ConfigError, remedy=remedy).at[:10]
 
 
 def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[StudyDirectory]) -> None:
-    """Lay what is to be published of a run into another folder."""
+    """Copy what is published of a run into another directory."""
     shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
         if (source / name).exists() and name != "run.json":
@@ -204,13 +214,13 @@ def _studies(request: Request, run: Path, digest: str, view: Progress) -> list[S
     if not request.studies:
         for study in every:
             if study not in whole:
-                view.say(f"study {study.path.name} is not a finished one of the run as it is, and is left out")
+                view.say(f"study {study.path.name} is left out: it is not finished, or not about the run as it is")
         return whole
     by_place = {study.path.resolve(): study for study in whole}
     for path in request.studies:
         if path.resolve() not in by_place:
             finished = ", ".join(str(study.path) for study in whole) or "none"
-            raise RunError(f"{path} is not the folder of a finished study of {run}; finished: {finished}")
+            raise RunError(str(path), expected=f"the directory of a finished study of {run}: {finished}")
     return [by_place[place] for place in sorted({path.resolve() for path in request.studies})]
 
 

@@ -18,17 +18,15 @@ def add_cache(parser: Parser) -> None:
     ls.add_argument("--kind", choices=KINDS, help="only these")
     ls.add_argument("--model", metavar="TEXT", help="only completions of models whose name contains TEXT")
 
-    verify = actions.add_parser("verify", help="check every entry; status 1 where one is damaged")
+    verify = actions.add_parser("verify", help="check every entry; the exit status is 1 if one is damaged")
 
-    explain = actions.add_parser(
-        "explain", help="what an entry is, or how a request differs from the nearest recording"
-    )
+    explain = actions.add_parser("explain", help="show an entry, or how a request differs from the nearest recording")
     explain.add_argument("key", metavar="KEY", help="the first digits of a key, or a JSON file with a request")
 
     export = actions.add_parser("export", help="write exactly the entries that a run needs into one file")
-    export.add_argument("run", metavar="RUN", help="the folder of a run")
+    export.add_argument("run", metavar="RUN", help="the directory of a run")
     export.add_argument("-o", "--output", required=True, metavar="FILE")
-    export.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    export.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
     export.set_defaults(command=_export)
 
     import_ = actions.add_parser("import", help="verify such a file, then write its entries into the stores")

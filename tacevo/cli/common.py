@@ -1,7 +1,4 @@
-"""What all commands of `tacevo` have in common: the parser, the exit status, the word for an override.
-
-Nothing here imports a library, so that help is quick.
-"""
+"""What all commands have in common: the parser, the exit status, directories of stores and results."""
 
 import argparse
 import os
@@ -17,48 +14,48 @@ OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a 
 
 
 def existing_store(name: str | None) -> str | None:
-    """Take what `--store` names; a mistyped folder would be made, and filled anew.
+    """Return what `--store` names; a mistyped directory would be made and filled again.
 
     Raises:
-        ConfigError: it is no folder.
+        ConfigError: it is not a directory.
     """
     if name is not None and not Path(name).is_dir():
-        raise ConfigError(f"--store needs the folder that holds a run's stores; {name} is no folder")
+        raise ConfigError(name, place="--store", expected="the directory of a run's stores")
     return name
 
 
 def place_of_results(output: str | None, source: str, name: str, what: str) -> Path:
-    """Say where results go: where the user wants them, else into the folder that they are of.
+    """Return where results go: where the user wants them, else into the directory of the run or sweep.
 
     Args:
         output: where the user wants them.
-        source: the folder or the bundle that they are of.
-        name: what they are called in a folder.
+        source: the directory or the bundle.
+        name: what they are called in a directory.
         what: what they are, for the message, e.g. `the figures of a published run`.
 
     Raises:
-        ConfigError: they are of a bundle, into which nothing is written, and the user named no place.
+        ConfigError: nothing is written into a bundle, and the user named no place.
     """
     if output:
         return Path(output)
     if Path(source).is_file():
-        raise ConfigError(f"{source} is a file; say by -o where {what} go")
+        raise ConfigError(f"the file {source}", place="-o", expected=f"where {what} go")
     return Path(source) / name
 
 
 def output_folder(name: str | Path) -> Path:
-    """Make the folder of results before any work is done for them.
+    """Make the directory of results before any work is done for them.
 
     Raises:
         ConfigError: it cannot be made, or nothing can be written into it.
     """
-    folder = Path(name)
+    folder, expected = Path(name), "a directory that results can be written to"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"results need a folder; {folder} can be none: {error.strerror}") from error
+        raise ConfigError(str(error.strerror), place=str(folder), expected=expected) from error
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError(f"results need a folder that can be written to; {folder} cannot; name another one by -o")
+        raise ConfigError("a write-protected one", place=str(folder), expected=expected, remedy="name another by -o")
     return folder
 
 

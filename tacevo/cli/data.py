@@ -30,7 +30,7 @@ def add_data(parser: Parser) -> None:
         "check",
         help="load a data set as a search would, count it, and draw a contact sheet",
         description="Load a data set as a search would, count it, and draw a contact sheet. "
-        "The exit status is 1 where equal images straddle the splits.",
+        "The exit status is 1 if two splits share an image.",
         fromfile_prefix_chars="@",
     )
     check.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
@@ -52,8 +52,8 @@ def add_data(parser: Parser) -> None:
     simulate = choices.add_parser(
         "simulate",
         help="write a simulated data set as images and labels, in TacVerse's layout",
-        description="Write a simulated data set as images and labels, in TacVerse's layout; the folder is whole or "
-        "absent.",
+        description="Write a simulated data set as images and labels, in TacVerse's layout; the directory is whole "
+        "or absent.",
         fromfile_prefix_chars="@",
     )
     settings = "out=FOLDER, n=IMAGES, or an override: " + OVERRIDE

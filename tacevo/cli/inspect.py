@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from tacevo.search.proposals import Task
 from tacevo.search.unsent import TEMPERATURE, sent_temperature
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
+from tacevo.typed import parse
 
 
 def add_check(parser: Parser) -> None:
@@ -78,7 +80,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
 
 
 def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Task]:
-    """Give a task and its configuration as if its data set were there, for work that needs none.
+    """Return a task and its configuration as if its data set were there, for work that needs none.
 
     Raises:
         ConfigError: there is no such task, or it cannot have that image size.
@@ -92,27 +94,33 @@ def _read(path: Path) -> Completion:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} cannot be read as an answer: {error}") from error
+        raise ConfigError(str(error), place=str(path), expected="an answer: text in UTF-8") from error
     stop_reason = "end_turn"
     if path.suffix == ".json":
         text, stop_reason = _recorded(path, text)
     return Completion(text=text, model="", stop_reason=stop_reason, input_tokens=0, output_tokens=0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Recording:
+    """What is read of a JSON recording: a `response`, or else a `source`."""
+
+    response: str | None = None
+    source: str | None = None
+    stop_reason: str = "end_turn"
+
+
 def _recorded(path: Path, text: str) -> tuple[str, str]:
-    """Take answer and stop reason out of a JSON recording."""
-    try:
-        recording = json.loads(text)
-    except ValueError as error:
-        raise ConfigError(f"{path} is not JSON: {error}") from error
-    answer = recording.get("response", recording.get("source")) if isinstance(recording, dict) else None
-    if not isinstance(answer, str):
-        raise ConfigError(f"{path} needs a text `response` or `source`, as recordings have it")
-    return answer, str(recording.get("stop_reason", "end_turn"))
+    """Return the answer and the stop reason of a JSON recording."""
+    recording = parse(_Recording, text, place=str(path), error=ConfigError)
+    answer = recording.source if recording.response is None else recording.response
+    if answer is None:
+        raise ConfigError("neither", place=str(path), expected="a text `response` or `source`")
+    return answer, recording.stop_reason
 
 
 def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
-    """Give a file's verdict as the fields of its line."""
+    """Return a file's verdict as the fields of its line."""
     if isinstance(admission, Admitted):
         parameters = admission.profile.parameters
         return {
@@ -152,7 +160,7 @@ def _show(options: argparse.Namespace) -> int:
     return DONE
 
 
-#: Ledger fields of a candidate that are shown elsewhere, or to nobody.
+#: Ledger fields of a candidate that are shown elsewhere, or not at all.
 _HIDDEN = {"kind", "id", "prompt", "previous", "hash", "train_losses", "validation_losses", "repairs"}
 
 
@@ -160,7 +168,7 @@ def show_run(path: Path) -> str:
     """Write the summary of a run, finished or not.
 
     Raises:
-        RunError: this is no run directory, or it is damaged.
+        RunError: this is not a run directory, or it is damaged.
     """
     directory = RunDirectory(path)
     run, lines = directory.read_run(), directory.read_ledger()
@@ -174,14 +182,15 @@ def show_candidate(path: Path, name: str) -> str:
     """Write down one candidate: what was asked, what became of it, its losses and its source or answer.
 
     Raises:
-        RunError: this is no run directory, or it has no such candidate.
+        RunError: this is not a run directory, or it has no such candidate.
     """
     directory = RunDirectory(path)
     run, lines = directory.read_run(), directory.read_ledger()
     found = [line for line in lines if line.get("id") == name]
     if not found:
         last = next((line["id"] for line in reversed(lines) if "id" in line), "none yet")
-        raise RunError(f"{path} has no candidate {name!r}; ids look like g02s03, and the last one is {last}")
+        expected = f"the id of a candidate, such as g02s03; the last one is {last}"
+        raise RunError(repr(name), place=str(path), expected=expected)
     with directory.believed():
         line = found[0]
         parts = [f"# {name} of {run['name']}", f"Instruction: {_instruction(run, line)}", _fields(line)]
@@ -194,7 +203,7 @@ def show_candidate(path: Path, name: str) -> str:
 
 
 def _instruction(run: Mapping[str, Json], line: Mapping[str, Json]) -> str:
-    """Give the words that the candidate was asked for with."""
+    """Return the instruction that the candidate was asked for with."""
     if line["operator"] == "baseline":
         return "none; this is the task's baseline"
     if line["prompt"] is None:
@@ -235,7 +244,7 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def examine() -> tuple[str, bool]:
-    """Look at machine, packages, sandbox and folders.
+    """Check machine, packages, sandbox and directories.
 
     The confinement is what held the candidate that was tried, or what the machine has, where none could be.
 
@@ -246,7 +255,7 @@ def examine() -> tuple[str, bool]:
     checks: dict[str, Callable[[], str]] = {
         "configs": _configs,
         "sandbox": partial(_sandbox, held.append),
-        "current folder": _folder,
+        "current directory": _folder,
     }
     results = {name: _tried(check) for name, check in checks.items()}
     confinement = in_force(held[0]) if held else report()
@@ -282,9 +291,8 @@ def _sandbox(notice: Notice) -> str:
     ):
         verdict = bench.gate(CURRENT).inspect(task.baseline)
     if isinstance(verdict, Rejection):
-        raise SandboxError(
-            f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"
-        )
+        got = f"{verdict.stage}, {verdict.reason}: {verdict.detail}"
+        raise SandboxError(got, expected="the baseline of task force to be admitted")
     return f"the baseline of task force is admitted, with {verdict.profile.parameters:,} parameters"
 
 

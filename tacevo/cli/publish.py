@@ -17,12 +17,12 @@ def add_publish(parser: Parser) -> None:
         "Replay a finished run or sweep and its studies, and write all that a replay elsewhere needs, with tables, "
         "figures, licence and checksums, into one file: an RO-Crate."
     )
-    parser.add_argument("run", metavar="RUN", help="the folder of a run or of a sweep")
+    parser.add_argument("run", metavar="RUN", help="the directory of a run or of a sweep")
     parser.add_argument(
-        "studies", metavar="STUDY", nargs="*", help="the folder of a study of a run (default: all finished ones)"
+        "studies", metavar="STUDY", nargs="*", help="the directory of a study of a run (default: all finished ones)"
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="e.g. run.zip")
-    parser.add_argument("--store", metavar="DIR", help="where the stores of the run lie, if they were moved")
+    parser.add_argument("--store", metavar="DIR", help="the directory of the run's stores, if they were moved")
     parser.add_argument(
         "--license", default="CC-BY-4.0", metavar="SPDX", help="of what is published (default: CC-BY-4.0)"
     )

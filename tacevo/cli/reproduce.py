@@ -33,12 +33,12 @@ def add_replay(parser: Parser) -> None:
         "another one."
     )
     parser.add_argument(
-        "run", metavar="RUN", help="the folder of a run or a sweep, or a file that `tacevo publish` wrote"
+        "run", metavar="RUN", help="the directory of a run or a sweep, or a file that `tacevo publish` wrote"
     )
     parser.add_argument(
         "--store",
         metavar="DIR",
-        help="where its stores lie, if they were moved; for a published run, where --retrain keeps images",
+        help="the directory of its stores, if they were moved; for a published run, where --retrain keeps images",
     )
     parser.add_argument(
         "--retrain",
@@ -48,7 +48,7 @@ def add_replay(parser: Parser) -> None:
         metavar="N",
         help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
     )
-    parser.add_argument("--diff", metavar="OTHER", help="say where this run and another one part; 1 is the status then")
+    parser.add_argument("--diff", metavar="OTHER", help="compare with another run; the exit status is 1 if they differ")
     parser.set_defaults(command=_replay)
 
 
@@ -61,7 +61,7 @@ def _replay(options: argparse.Namespace) -> int:
             check_walls(found)
         if found.root is None:
             runs, beside = _rerun(found, existing_store(options.store), view), []
-        else:  # its --store is for the images of --retrain, and may be a folder that is yet to be made
+        else:  # its --store is for the images of --retrain, and need not exist yet
             verified = _verified(found, view)
             runs = verified.runs
             beside = [_in_bundle(verified), f"bundle digest: {found.digest}"]
@@ -79,7 +79,7 @@ def _verified(bundle: Opened, view: Progress) -> Verified:
 
 
 def _in_bundle(verified: Verified) -> str:
-    """Say what of a bundle was compared beside its search and studies, for a person."""
+    """Describe what of a bundle was compared beside its search and studies."""
     if all(run.pages == PAGES for run in verified.runs):
         pages = f"summary, costs and {verified.tables} files of tables follow from the records, byte for byte"
     else:
@@ -90,13 +90,13 @@ def _in_bundle(verified: Verified) -> str:
         )
     return (
         f"{pages}; all {verified.entries} store entries were needed\n"
-        f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, no more was "
-        "compared"
+        f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, nothing else "
+        "was compared"
     )
 
 
 def _rerun(found: Opened, store: str | None, view: Progress) -> tuple["Rerun", ...]:
-    """Run every search and study of a folder again; compare a sweep's list of jobs with them."""
+    """Run every search and study of a directory again; compare a sweep's list of jobs with them."""
     runs = over_runs(found, lambda run: rerun(run, store, view), view.say)
     if found.jobs is not None:
         check_jobs(SweepDirectory(found.folder))
@@ -104,7 +104,7 @@ def _rerun(found: Opened, store: str | None, view: Progress) -> tuple["Rerun", .
 
 
 def _told(found: Opened, runs: Sequence["Rerun"]) -> list[str]:
-    """Say what was compared of each run, and of a sweep of all together, for a person."""
+    """Describe what was compared of each run, and of all runs of a sweep together."""
     lines = sum(run.replayed.lines for run in runs)
     spent = in_words(total(run.replayed.spent for run in runs))
     summary = "costs and summary" if all(run.pages == PAGES for run in runs) else "and costs"
@@ -122,18 +122,18 @@ def _told(found: Opened, runs: Sequence["Rerun"]) -> list[str]:
 
 
 def _digest(found: Opened, runs: Sequence["Rerun"]) -> str:
-    """Give the digest of a run, or of a sweep."""
+    """Return the digest of a run, or of a sweep."""
     digests = [run.replayed.digest for run in runs]
     return digests[0] if found.jobs is None else sweep_digest(dict(zip(found.jobs, digests, strict=True)))
 
 
 def _diff(options: argparse.Namespace) -> int:
-    """Hold two runs against each other."""
+    """Compare two runs."""
     if options.retrain is not None or options.store is not None:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
 
     with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
-        remedy = "give the folders of two runs, of a sweep those of two jobs (a published one is unpacked for that)"
+        remedy = "give the directories of two runs, of a sweep those of two jobs (unpack a published one for that)"
         found = compare.compare(
             compare.read_recorded(one.one_run(remedy)), compare.read_recorded(other.one_run(remedy))
         )
@@ -142,7 +142,7 @@ def _diff(options: argparse.Namespace) -> int:
 
 
 def _retrain(found: Opened, options: argparse.Namespace, view: Progress) -> str:
-    """Train candidates of a run or a sweep again; say what was compared."""
+    """Train candidates of a run or a sweep again; describe what was compared."""
     return describe(retrain(found.runs, options.store, options.retrain or None, view))
 
 
@@ -159,14 +159,14 @@ def add_continue(parser: Parser) -> None:
         "Replay a finished run, and search on from its end in a new run directory, whose ledger begins with the lines "
         "of the published one. The published run and its stores are only read."
     )
-    parser.add_argument("run", metavar="RUN", help="the folder of a run, or a file that `tacevo publish` wrote")
+    parser.add_argument("run", metavar="RUN", help="the directory of a run, or a file that `tacevo publish` wrote")
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; search.generations=N is needed")
     parser.add_argument(
         "--rules",
         choices=["current"],
-        help="search on under this release's rules where the run has others; the ledger records the change",
+        help="search on under this release's rules if the run has others; the ledger records the change",
     )
-    parser.add_argument("--store", metavar="DIR", help="where its stores lie, if they were moved")
+    parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
     parser.set_defaults(command=_continue)
 
 
@@ -183,7 +183,7 @@ def _continue(options: argparse.Namespace) -> int:
 
 
 def _checked(published: Opened, view: Progress) -> set[Path]:
-    """Replay a run, and of a bundle verify all of it; give the store entries that it needs."""
+    """Replay a run, and of a bundle verify all of it; return the store entries that it needs."""
     if published.root is not None:
         _verified(published, view)
         return set(published.store.rglob("*.json"))

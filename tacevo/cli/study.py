@@ -10,19 +10,19 @@ from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
-    "run": "the folder of a finished run; it must be given",
+    "run": "the directory of a finished run; required",
     "elites": "how many elites, best validation loss first, beside the baseline (4)",
     "seeds": "training seeds of each network (20)",
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
-    "seconds": "what one training may take (86400)",
-    "memory_mib": "the same, of memory (4096)",
+    "seconds": "the longest time of one training (86400)",
+    "memory_mib": "the most memory of one training (4096)",
     "alpha": "level of the tests, after Holm (0.05)",
-    "margins.regression.value": "of the test MSE: the largest difference that counts as none (0.1)",
+    "margins.regression.value": "the largest difference of the test MSE that counts as none (0.1)",
     "margins.regression.kind": "relative (to the baseline's median), or absolute; the first unless set",
-    "margins.classification.value": "the same, of the test accuracy (0.01)",
+    "margins.classification.value": "the same for the test accuracy (0.01)",
     "margins.classification.kind": "absolute (in the metric itself), or relative; the first unless set",
     "executor.workers": "trainings at once (2)",
-    "store.root": "the folder of the stores (that of the run)",
+    "store.root": "the directory of the stores (that of the run)",
 }
 
 _EPILOG = """\
@@ -31,8 +31,8 @@ examples:
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
   tacevo study run=runs/NAME margins.regression.value=0.05
 
-The same command continues a study that was stopped. Given in several processes, on one or more machines that share the
-run and the store, they divide the work."""
+The same command continues a study that was stopped. Several processes, on one or more machines that share the run and
+the store, divide the work."""
 
 
 def add_study(parser: Parser) -> None:
@@ -59,6 +59,6 @@ def _study(options: argparse.Namespace) -> int:
     for row in studied.failed:
         print(f"failed: {row}")
     if studied.failed:
-        print("no statistics without these: give them more with seconds= or memory_mib=, or study fewer elites=")
+        print("no statistics without these: raise seconds= or memory_mib=, or lower elites=")
     print(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE

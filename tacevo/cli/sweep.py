@@ -16,7 +16,7 @@ examples:
   tacevo search -m experiment=paper_force llm=anthropic ablation=none,no_qd seed=0,1,2 hydra/launcher=submitit_slurm
   tacevo sweep status sweeps/NAME
 
-The command that began a sweep continues it: finished jobs are not repeated, stopped ones are taken up, failed ones are
+The command that began a sweep continues it: finished jobs are not repeated, stopped ones continue, failed ones are
 repeated. With more arms or seeds it adds jobs."""
 
 
@@ -27,28 +27,28 @@ def add_sweep(parser: Parser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     status = actions.add_parser("status", help="list every job: finished, running, failed and why, stopped, not begun")
-    status.add_argument("sweep", metavar="DIR", help="the folder of a sweep")
+    status.add_argument("sweep", metavar="DIR", help="the directory of a sweep")
     status.set_defaults(command=_status)
 
 
 def add_multirun(search: argparse.ArgumentParser) -> None:
-    """Describe what `tacevo search` takes for a sweep."""
+    """Describe the options of `tacevo search` for a sweep."""
     search.add_argument(
         "-m",
         "--multirun",
         action="store_true",
         help="run all combinations of overrides with several values, as in seed=0,1,2; Hydra's hydra/launcher= and "
-        "hydra.launcher.*= say how",
+        "hydra.launcher.*= choose how",
     )
     search.add_argument(
         "--into",
         metavar="DIR",
-        help="the folder of the sweep (default: one in sweeps/, named after what its jobs share)",
+        help="the directory of the sweep (default: one in sweeps/, named after what its jobs share)",
     )
 
 
 def run_sweep(options: argparse.Namespace) -> int:
-    """Run the jobs of a sweep that are not finished; the status is 1 where one is not finished then."""
+    """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished afterwards."""
     with Progress() as view:
         swept = sweep(options.overrides, options.into, view)
     print(describe(swept.statuses))

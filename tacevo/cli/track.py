@@ -14,10 +14,10 @@ from tacevo.tracking.backfill import track
 def add_track(parser: Parser) -> None:
     """Describe `tacevo track`."""
     parser.description = (
-        "Mirror a run directory into MLflow, or those of a sweep, or all below a folder. Doing it twice writes "
-        "nothing twice. The exit status is 1 where a run of several could not be written."
+        "Mirror a run directory into MLflow, or those of a sweep, or all below a directory. Doing it twice writes "
+        "nothing twice. The exit status is 1 if one of several runs could not be written."
     )
-    parser.add_argument("folder", metavar="DIR", help="the folder of a run, of a sweep, or with such below it")
+    parser.add_argument("folder", metavar="DIR", help="the directory of a run or a sweep, or one that holds such")
     parser.add_argument("--uri", help="MLflow tracking URI (default: each run's own)")
     parser.set_defaults(command=_track, interrupted="what is in MLflow stays, and the same command writes the rest")
 

@@ -20,9 +20,9 @@ def doubting(others: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except (CacheMissError, ConfigError, DivergenceError) as error:
-        if not others:
-            raise
-        raise type(error)(f"{error}; this may come of another version: {', '.join(others)}") from error
+        doubt = f"this may come of another version: {', '.join(others)}" if others else ""
+        error.remedy = "; ".join(part for part in (error.remedy, doubt) if part)
+        raise
 
 
 def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:

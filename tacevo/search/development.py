@@ -115,11 +115,12 @@ def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: L
             answered += 1
             yield places[position], completion
     except CacheMissError as error:
-        raise _missed(proposals[places[answered]], error) from error
+        _name_slot(error, proposals[places[answered]])
+        raise
 
 
-def _missed(proposal: Proposal, error: CacheMissError) -> CacheMissError:
-    return CacheMissError(f"generation {proposal.generation}, slot {proposal.slot}: {error}")
+def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
+    error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
 def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
@@ -143,7 +144,8 @@ def _develop_one(
         gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
         result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
     except CacheMissError as error:
-        raise _missed(proposal, error) from error
+        _name_slot(error, proposal)
+        raise
     return Outcome(
         proposal=proposal,
         completion=completion,

@@ -86,5 +86,5 @@ def test_damaged_centroids_are_told(searched: Path, tmp_path: Path) -> None:
     shutil.copytree(searched / "centroids", tmp_path / "centroids")
     for path in (tmp_path / "centroids").rglob("*.json"):
         path.write_text("{}")
-    with pytest.raises(StoreError, match="expected JSON"):
+    with pytest.raises(StoreError, match="expected a value"):
         load_niches(load_run(searched / "run"), tmp_path)

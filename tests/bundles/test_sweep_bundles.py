@@ -160,9 +160,9 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"name": "gone"}, "'gone' is a job, and its run is not there"),
+        ({"name": "gone"}, "no directory of the job 'gone'"),
         ({"name": "../../evil"}, "a job's name must be that of a folder"),
-        ({"name": "none-seed0"}, "lists the job 'none-seed0' twice"),
+        ({"name": "none-seed0"}, "each of another name; got 'none-seed0' twice"),
         ({"arm": "mine"}, "the arms 'none' and 'mine' have runs of the same settings"),
         ({"seed": 9}, "sweep.json, job none-seed1: field 'seed' is 9"),
         ({"seed": "one"}, "sweep.json is damaged"),
@@ -177,18 +177,22 @@ def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None
     """The jobs and the folders are the same."""
     told = json.loads(whole[JOBS])
     fewer = {**told, "jobs": told["jobs"][:2]}
-    refused({**whole, JOBS: jobs_text(fewer)}, "'fixed_temperature-seed0' is there, and is no job")
-    refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "lists no job")
+    refused({**whole, JOBS: jobs_text(fewer)}, "got directory 'fixed_temperature-seed0', which is not a job")
+    refused(
+        {**whole, JOBS: jobs_text({**told, "jobs": []})}, "expected at least one job, each of another name; got none"
+    )
     without = {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}
-    refused(without, "'none-seed1' is a job, and its run is not there")
-    refused({**without, JOBS: jobs_text({**told, "jobs": told["jobs"][::2]})}, "belongs to nothing of the")
+    refused(without, "no directory of the job 'none-seed1'")
+    refused(
+        {**without, JOBS: jobs_text({**told, "jobs": told["jobs"][::2]})}, "expected only entries that the replay reads"
+    )
 
 
 def test_other_spelling_of_the_jobs_is_found(whole: Members, refused: Refused) -> None:
     """What reads alike is not what was published; a field that nobody reads may say anything."""
     told = json.loads(whole[JOBS])
-    refused({**whole, JOBS: json.dumps(told).encode()}, "is not written as `tacevo publish` writes it")
-    refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "is not written as `tacevo publish` writes it")
+    refused({**whole, JOBS: json.dumps(told).encode()}, "expected the text that `tacevo publish` writes")
+    refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "expected the text that `tacevo publish` writes")
 
 
 def test_published_list_has_no_overrides(whole: Members) -> None:
@@ -217,7 +221,7 @@ def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> N
     source = "sweep/none-seed1/candidates/g00s00.py"
     refused({**whole, source: whole[source] + b"# mine\n"}, "job none-seed1: the file of g00s00 in ")
     foreign = {**whole, "sweep/none-seed1/candidates/g99s99.py": b"class Mine: pass\n"}
-    refused(foreign, "job none-seed1: ")
+    refused(foreign, "job none-seed1, ")
 
 
 def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) -> None:
@@ -231,16 +235,16 @@ def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) ->
 def test_foreign_entry_is_found(whole: Members, refused: Refused) -> None:
     """What no run of the sweep reads has no place in it."""
     entries = [*entries_of(whole), {"kind": "probes", "request": "of another run", "answer": {}}]
-    refused(with_entries(whole, entries), "belongs to nothing of the replay")
+    refused(with_entries(whole, entries), "expected only entries that the replay reads")
 
 
 def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:
     """Not both, and not a half of either."""
     both = {**whole, **{f"run/{name}": data for name, data in run_of(whole, "none-seed0").items()}}
-    refused(both, "'run/archive.json' has no place in a published sweep")
-    refused({name: data for name, data in whole.items() if name != JOBS}, "lacks sweep/sweep.json")
+    refused(both, "expected files of a published sweep only; got 'run/archive.json'")
+    refused({name: data for name, data in whole.items() if name != JOBS}, "none of sweep/sweep.json")
     ledger = "sweep/none-seed1/ledger.jsonl"
-    refused({name: data for name, data in whole.items() if name != ledger}, f"lacks {ledger}")
+    refused({name: data for name, data in whole.items() if name != ledger}, f"none of {ledger}")
 
 
 def test_job_does_not_take_the_walls_down(whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

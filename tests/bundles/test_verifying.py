@@ -108,7 +108,7 @@ def test_every_member_is_held_against_its_checksum(whole: Members, refused: Refu
     names += [next(name for name in whole if name.startswith(folder)) for folder in ("tables/", "figures/")]
     for name in names:
         edited = {**whole, name: whole[name] + b"\n"}
-        refused(zipped(edited, tmp_path / "x.zip"), f"x.zip: '{name}' is not what {MANIFEST} says")
+        refused(zipped(edited, tmp_path / "x.zip"), f"got '{name}' was edited or damaged")
 
 
 def test_edited_checksum_is_named(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -116,21 +116,27 @@ def test_edited_checksum_is_named(whole: Members, refused: Refused, tmp_path: Pa
     lines = whole[MANIFEST].decode().splitlines()
     name = lines[0].split("  ")[1]
     edited = "\n".join([f"{'0' * 64}  {name}", *lines[1:]]) + "\n"
-    refused(zipped({**whole, MANIFEST: edited.encode()}, tmp_path / "x.zip"), f"'{name}' is not what {MANIFEST} says")
-    refused(zipped({**whole, MANIFEST: b"nonsense"}, tmp_path / "x.zip"), f"{MANIFEST}, line 1 is no digest")
+    refused(zipped({**whole, MANIFEST: edited.encode()}, tmp_path / "x.zip"), f"'{name}' was edited or damaged")
+    refused(
+        zipped({**whole, MANIFEST: b"nonsense"}, tmp_path / "x.zip"),
+        f"{MANIFEST}, line 1: expected the digest of a member",
+    )
 
 
 def test_member_more_or_less_is_named(whole: Members, refused: Refused, tmp_path: Path) -> None:
     """In the zip file or in the manifest."""
     less = {name: data for name, data in whole.items() if name != "run/summary.md"}
-    refused(zipped(less, tmp_path / "x.zip"), "x.zip lacks run/summary.md")
-    refused(zipped(honest(less), tmp_path / "x.zip"), "x.zip lacks run/summary.md")
+    refused(zipped(less, tmp_path / "x.zip"), "x.zip: expected a published run; got none of run/summary.md")
+    refused(zipped(honest(less), tmp_path / "x.zip"), "x.zip: expected a published run; got none of run/summary.md")
     table = next(name for name in whole if name.startswith("tables/"))
     gone = {name: data for name, data in whole.items() if name != table}
-    refused(zipped(gone, tmp_path / "x.zip"), f"'{table}' stands in {MANIFEST} but is not there")
+    refused(zipped(gone, tmp_path / "x.zip"), f"'{table}' is missing")
     more = {**whole, "tables/mine.csv": b"1"}
-    refused(zipped(more, tmp_path / "x.zip"), f"'tables/mine.csv' is there but does not stand in {MANIFEST}")
-    refused(zipped({**whole, "setup.py": b"1"}, tmp_path / "x.zip"), "'setup.py' is no file of a published run")
+    refused(zipped(more, tmp_path / "x.zip"), "'tables/mine.csv' is not listed")
+    refused(
+        zipped({**whole, "setup.py": b"1"}, tmp_path / "x.zip"),
+        "only files of a published run, each once; got 'setup.py'",
+    )
 
 
 # From here on the attacker writes every checksum anew.
@@ -176,7 +182,7 @@ def test_edited_cost_is_found(whole: Members, refused: Refused, tmp_path: Path) 
     edited = json.dumps({**json.loads(first), "output_tokens": 12345})
     timings = "\n".join([edited, *rest]) + "\n"
     bundle = resealed({**whole, "run/timings.jsonl": timings.encode()}, tmp_path / "x.zip")
-    refused(bundle, "x.zip/run/run/timings.jsonl: g00s00 was recorded with")
+    refused(bundle, "x.zip/run/run/timings.jsonl, g00s00: expected what its answers cost")
 
 
 @pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
@@ -200,7 +206,7 @@ def test_edited_source_is_found(whole: Members, refused: Refused, tmp_path: Path
 def test_foreign_candidate_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
     """A source that the search never had."""
     bundle = resealed({**whole, "run/candidates/g99s99.py": b"class Mine: pass\n"}, tmp_path / "x.zip")
-    refused(bundle, "g99s99.py is there, and belongs to nothing of the ledger")
+    refused(bundle, "expected only files of the ledger; got g99s99.py")
 
 
 def test_edited_summary_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -230,9 +236,12 @@ def test_edited_table_is_found(whole: Members, refused: Refused, tmp_path: Path)
 def test_table_more_or_less_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
     """All that follow from the records are there, and no other."""
     more = {**whole, "tables/wishes.csv": b"a,b\r\n"}
-    refused(resealed(more, tmp_path / "x.zip"), "table wishes.csv is there, and does not follow from the records")
+    refused(
+        resealed(more, tmp_path / "x.zip"),
+        "table wishes.csv: expected the tables of this release; got one that does not follow",
+    )
     less = {name: data for name, data in whole.items() if name != "tables/gate_force.md"}
-    refused(resealed(less, tmp_path / "x.zip"), "table gate_force.md is missing")
+    refused(resealed(less, tmp_path / "x.zip"), "table gate_force.md: expected the tables of this release; got none")
 
 
 def test_edited_study_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -249,7 +258,10 @@ def test_entry_more_or_less_is_found(whole: Members, refused: Refused, tmp_path:
     """What no replay reads has no place in a bundle, and what it needs is there."""
     entries = entries_of(whole)
     foreign: dict[str, Json] = {"kind": "probes", "request": "of another run", "answer": {}}
-    refused(resealed(with_entries(whole, [*entries, foreign]), tmp_path / "x.zip"), "belongs to nothing of the replay")
+    refused(
+        resealed(with_entries(whole, [*entries, foreign]), tmp_path / "x.zip"),
+        "expected only entries that the replay reads",
+    )
     refused(resealed(with_entries(whole, entries[1:]), tmp_path / "x.zip"), "no recorded answer for")
 
 
@@ -259,10 +271,10 @@ def test_missing_entry_is_told_with_its_place(kind: str, whole: Members, refused
     entries = entries_of(whole)
     gone = next(place for place, entry in enumerate(entries) if entry["kind"] == kind)
     bundle = resealed(with_entries(whole, entries[:gone] + entries[gone + 1 :]), tmp_path / "x.zip")
-    with pytest.raises(BundleError, match=r"generation \d, slot \d: no recorded answer for") as told:
+    with pytest.raises(BundleError, match=r"generation \d, slot \d, .*: no recorded answer for") as told:
         verify_at(bundle)
     assert "llm.mode=record" not in str(told.value)
-    assert "a bundle has every entry that its replay reads" in str(told.value)
+    assert "fetch the bundle again: an entry that its replay reads was removed" in str(told.value)
     refused(bundle, f"no recorded answer for {kind} request")
 
 
@@ -273,9 +285,9 @@ def test_study_under_another_name_is_found(whole: Members, refused: Refused, tmp
     study = json.loads(whole[f"run/studies/{old}/study.json"])
     renamed = {name.replace(old, new): data for name, data in whole.items()}
     renamed[f"run/studies/{new}/study.json"] = json.dumps({**study, "name": new}).encode()
-    refused(resealed(renamed, tmp_path / "x.zip"), f"must be {old}, which is what it is")
+    refused(resealed(renamed, tmp_path / "x.zip"), f"expected {old}, which follows from its scores")
     told = {**whole, f"run/studies/{old}/study.json": json.dumps({**study, "name": new}).encode()}
-    refused(resealed(told, tmp_path / "x.zip"), f"must be {old}, which is what it is")
+    refused(resealed(told, tmp_path / "x.zip"), f"expected {old}, which follows from its scores")
 
 
 def test_study_of_another_version_is_told_beside_its_failure(whole: Members, refused: Refused, tmp_path: Path) -> None:
@@ -306,7 +318,7 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
     for key in ("generations", "candidates", "initial"):
         config = {**run["config"], "search": {**run["config"]["search"], key: 10**12}}
         edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-        refused(resealed(edited, tmp_path / "x.zip"), "lines; the configuration in run.json gives ")
+        refused(resealed(edited, tmp_path / "x.zip"), " lines, by run.json; got ")
     name = next(name for name in whole if name.endswith("study.json"))
     study = {**json.loads(whole[name]), "seeds": 10**12}
     refused(
@@ -321,7 +333,7 @@ def test_name_of_a_run_that_is_no_folders_is_refused(
     """It becomes that of a folder."""
     run = {**json.loads(whole["run/run.json"]), "name": name}
     bundle = resealed({**whole, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
-    refused(bundle, "the name of a run must be that of a folder")
+    refused(bundle, "expected the name of a directory")
 
 
 @pytest.mark.parametrize(

@@ -178,9 +178,8 @@ def test_bomb_is_stopped_while_it_unpacks(file: Path) -> None:
 @pytest.mark.parametrize("claimed", [5, MOST_OF_A_MEMBER])
 def test_size_that_a_header_claims_is_not_believed(claimed: int, file: Path) -> None:
     """A member that unpacks to more or less than it says is refused."""
-    file.write_bytes(
-        packed({"a.txt": bytes(FREE_BYTES)}).replace(*(struct.pack("<L", n) for n in (FREE_BYTES, claimed)))
-    )
+    true, false = (struct.pack("<L", number) for number in (FREE_BYTES, claimed))
+    file.write_bytes(packed({"a.txt": bytes(FREE_BYTES)}).replace(true, false))
     with refused(BundleError, expected="of the size and checksum in its header"):
         unpacked(file)
     assert (file.parent / "inside" / "a.txt").stat().st_size <= FREE_BYTES
