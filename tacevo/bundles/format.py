@@ -1,8 +1,8 @@
-"""A published run, or a sweep of runs: one zip file with their folders, store entries, studies, tables and figures.
+"""A published run, or a sweep of runs: one zip file with their directories, store entries, studies, tables and figures.
 
 docs/publishing.md describes it member by member. What unpacking promises: every member is where it belongs and is what
-the manifest says, and no other is there. What it does not: a manifest can be written anew by whoever edits a member, so
-only a replay (`tacevo.bundles.verify`) tells whether the records follow from each other.
+the manifest says, and there is no other. What it does not: a manifest can be written again after an edit, so only a
+replay (`tacevo.bundles.verify`) shows whether the records follow from each other.
 """
 
 import contextlib
@@ -35,7 +35,7 @@ LOCK = "requirements.lock"
 #: Of a run's own files, those that a bundle may lack.
 _OPTIONAL = {"timings.jsonl"}
 
-#: The folder of a sweep, and what it holds beside its runs.
+#: The directory of a sweep, and what it holds beside its runs.
 SWEEP = "sweep"
 
 JOBS = f"{SWEEP}/sweep.json"
@@ -45,7 +45,7 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
-#: The name of every member: those of one run lie in `run`, those of a sweep's runs in the folders of its jobs.
+#: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
 _PLACES = re.compile(
     "|".join(map(re.escape, sorted({LOCK, JOBS} | _ALWAYS)))
     + rf"|(run|{SWEEP}/(?!sweep\.json/){_WORD})/("
@@ -81,7 +81,7 @@ def unpack_verified(source: Path, folder: Path) -> str:
 
     Args:
         source: the file.
-        folder: the caller's to remove, also where this fails.
+        folder: the caller removes it, also if this fails.
 
     Returns:
         The bundle's digest.
@@ -104,7 +104,7 @@ def unpack_verified(source: Path, folder: Path) -> str:
 
 @contextlib.contextmanager
 def refusing() -> Iterator[None]:
-    """Refuse a bundle for whatever its readers cannot use in it; a difference stays a difference.
+    """Refuse a bundle for anything that its readers cannot use; a difference stays a difference.
 
     Raises:
         BundleError: with the fields of the reader's error.

@@ -1,7 +1,7 @@
-"""A run or a sweep of runs, opened wherever it lies: in its folder, or in a bundle.
+"""A run or a sweep of runs, opened from its directory or from a bundle.
 
-What it promises: a bundle lies in a private folder, which is removed however the work ends, but for a killed process;
-messages name the file and not that folder. The rest of the commands see runs, and not where they came from.
+What it promises: a bundle lies in a private directory, which is removed however the work ends, unless the process is
+killed; errors name the file and not that directory. The commands see runs, and not where they came from.
 """
 
 import contextlib
@@ -24,22 +24,22 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opened:
-    """A run or a sweep, wherever it lies."""
+    """A run or a sweep."""
 
-    #: Its folder.
+    #: Its directory.
     folder: Path
-    #: The folder of its stores.
+    #: The directory of its stores.
     store: Path
-    #: Names of a sweep's jobs, each that of a run's folder in the sweep's; None for one run.
+    #: Names of a sweep's jobs and of their directories; None for one run.
     jobs: tuple[str, ...] | None = None
-    #: The folder of all members of a bundle, where those of `folder` lie deeper; None for what is no bundle.
+    #: The directory of all members of a bundle; None if it is not a bundle.
     root: Path | None = None
     #: Of a bundle: SHA-256 of its manifest, which stands for every byte of it.
     digest: str | None = None
 
     @property
     def runs(self) -> tuple[Path, ...]:
-        """The folders of its runs: one, or those of a sweep's jobs."""
+        """The directories of its runs: one, or those of a sweep's jobs."""
         return (self.folder,) if self.jobs is None else tuple(self.folder / job for job in self.jobs)
 
     def one_run(self, remedy: str) -> Path:
@@ -58,14 +58,14 @@ class Opened:
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Opened]:
-    """Open the folder of a run or a sweep, or a bundle, verified against its manifest, in a private temporary folder.
+    """Open the directory of a run or a sweep; or a bundle, compared with its manifest, in a private directory.
 
     Args:
-        path: the folder or the file.
+        path: the directory or the file.
 
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
-        RunError: it is neither a run's or a sweep's folder nor a file.
+        RunError: it is neither a run's or a sweep's directory nor a file.
     """
     if not path.is_file():
         yield located(path)
@@ -75,7 +75,7 @@ def opened(path: Path) -> Iterator[Opened]:
 
 
 def located(path: Path) -> Opened:
-    """Find what lies in the folder of a run or of a sweep.
+    """Find what lies in the directory of a run or of a sweep.
 
     Raises:
         RunError: it is neither, or a sweep that is not finished, or one whose runs have several stores.
@@ -88,12 +88,12 @@ def located(path: Path) -> Opened:
 
 
 def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
-    """Do something with every run in turn; of a sweep, what is said and raised names the job.
+    """Do something with every run in turn; for a sweep, lines and errors name the job.
 
     Args:
         found: one run, or a sweep.
-        act: takes the folder of a run.
-        say: is told which job's turn it is.
+        act: takes the directory of a run.
+        say: called with a line for each job.
     """
     if found.jobs is None:
         return (act(found.folder),)
@@ -137,7 +137,7 @@ def _unpacked(source: Path, folder: Path) -> Opened:
         run = folder / "run" / _name(folder / "run")
         (folder / "run").rename(folder / "moved")
         run.parent.mkdir()
-        (folder / "moved").rename(run)  # tables and figures bear the name of the run's folder
+        (folder / "moved").rename(run)  # tables and figures bear the name of the run's directory
         return replace(found, folder=run)
     with refusing():
         jobs, written = _jobs(found.folder), sweep_text(*SweepDirectory(found.folder).read())
@@ -186,10 +186,10 @@ def _check_finished(directory: SweepDirectory) -> None:
 
 
 def _store_of(found: Opened) -> Path:
-    """Read where the stores of what lies in a folder are.
+    """Read which stores the runs have.
 
     Raises:
-        RunError: this is no run directory, or a sweep whose runs have several stores.
+        RunError: this is not a run directory, or a sweep whose runs have several stores.
     """
     roots = set()
     for run in found.runs:

@@ -1,7 +1,7 @@
 """`tacevo publish`: a finished run or sweep, its studies and all that follows from them, gathered into one bundle.
 
 Equal runs give equal bytes wherever, whenever and by whomever they are published, under one version of this package, of
-Matplotlib and of the libraries that compress. Nothing in a bundle names a folder or a host of the machine.
+Matplotlib and of the libraries that compress. Nothing in a bundle names a directory or a host of the machine.
 """
 
 import shutil
@@ -41,7 +41,7 @@ from tacevo.typed import parse
 class Request:
     """What a user wants published, and how."""
 
-    #: The folder of the run, or of the sweep.
+    #: The directory of the run, or of the sweep.
     run: Path
     #: Folders of its studies; none for all that are finished. Those of a sweep are not chosen.
     studies: tuple[Path, ...] = ()

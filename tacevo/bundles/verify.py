@@ -1,6 +1,6 @@
 """Whether the records of a published run or sweep follow from each other: searches, studies, tables, a sweep's jobs.
 
-Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made anew from the records (figures,
+Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made again from the records (figures,
 which depend on fonts and libraries, and the pages that describe the bundle) is compared with its checksum only.
 """
 
@@ -28,7 +28,7 @@ from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
-#: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.
+#: Makes every table, from the directories of a run or a sweep and of its stores; returns contents by file name.
 MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
 
 #: What to do about a miss in a bundle, whose user has no other store and records nothing.
@@ -54,7 +54,7 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Files of tables that were made anew; they were compared where all runs have the current number of pages.
+    #: Files of tables that were made again; they were compared where all runs have the current number of pages.
     tables: int
     #: Of those, the files that would differ today; none where they were compared.
     outdated: int
@@ -68,7 +68,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
     Args:
         bundle: opened, hence complete and as its manifest says.
         make_tables: makes the tables.
-        view: who is told.
+        view: shows how far it is.
 
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
@@ -104,10 +104,10 @@ def rerun(run: Path, store: str | None, view: Progress, *, seen: Seen | None = N
     """Run a search and its studies again, and compare all of its own files.
 
     Args:
-        run: its folder.
+        run: its directory.
         store: where the stores lie, if not where the run had them.
-        view: who is told.
-        seen: told of every store entry that is read.
+        view: shows how far it is.
+        seen: called with every store entry that is read.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
@@ -151,7 +151,7 @@ def check_sizes(run: Path) -> None:
 
 
 def check_records(run: Path, replayed: Replayed) -> int:
-    """Compare what stands beside a run's ledger and archives with its replay: costs, and a summary of this release.
+    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release.
 
     Returns:
         The number of the run's pages; the summary was compared where it is `tacevo.rules.PAGES`.
@@ -292,7 +292,7 @@ def _check_entries(store: Path, read: Set[Path]) -> None:
 
 @contextlib.contextmanager
 def _refusing(place: Path) -> Iterator[None]:
-    """Refuse a bundle whose records cannot be used at all, whatever is wrong with them."""
+    """Refuse a bundle whose records cannot be used at all."""
     try:
         with refusing():
             yield

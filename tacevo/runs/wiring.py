@@ -72,7 +72,7 @@ def build_settings(config: RunConfig) -> Settings:
 
 
 def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
-    """Give the bounds of the network archive's axes, where the configuration has them."""
+    """Return the bounds of the network archive's axes, where the configuration has them."""
     if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
         return None
     scale = archive.eff_ratio_scale
@@ -85,7 +85,7 @@ def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
 
 
 def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | Places:
-    """Give the network archive's niches, or the places of one that has none."""
+    """Return the network archive's niches, or the places of one that has none."""
     archive = config.archive
     match archive.kind:
         case ArchiveKind.cvt:
@@ -111,8 +111,8 @@ class Workbench:
         facts: of the data set.
         mode: of the stores; the completions follow `llm.mode`, unless this is `replay`.
         data: the data set; None where nothing is trained, as in a replay.
-        seen: told of every store entry that is read.
-        notice: told of what holds each candidate, before its answer is kept.
+        seen: called with every store entry that is read.
+        notice: called with the measures that confine a candidate, before its answer is kept.
         run: what runs jobs in place of a sandbox.
     """
 

@@ -1,7 +1,7 @@
 """Many store entries as one compressed file: a header, then one JSON line for each, sorted, in one LZMA stream.
 
 Entries of one kind repeat each other's text, so that packed together they take a small part of what they take one by
-one. A line holds kind, request and answer; key, place and checksum follow from these and are made anew.
+one. A line holds kind, request and answer; key, place and checksum follow from these.
 """
 
 import lzma

@@ -1,4 +1,4 @@
-"""`tacevo cache ls | verify | explain`: what lies in the stores, whether it is sound, and how two requests differ."""
+"""`tacevo cache ls | verify | explain`: what the stores hold, whether it is sound, and how two requests differ."""
 
 import json
 from collections import defaultdict
@@ -59,12 +59,12 @@ def list_stores(root: Path, *, kind: str | None, model: str | None) -> str:
     """Count the entries of the stores by kind and model, with sizes, tokens and costs.
 
     Args:
-        root: the folder of the stores.
+        root: the directory of the stores.
         kind: only this one.
         model: only completions of models whose name contains this.
 
     Raises:
-        StoreError: there is no such folder.
+        StoreError: there is no such directory.
     """
     _check_folder(root)
     chosen = KINDS if kind is None else (kind,)
@@ -83,10 +83,10 @@ def verify(root: Path) -> tuple[list[str], int]:
     """Compare every entry with its checksum, its name and its question.
 
     Returns:
-        What is wrong, a line a file, and the number of files.
+        What is wrong, one line for each damaged file, and the number of files.
 
     Raises:
-        StoreError: there is no such folder.
+        StoreError: there is no such directory.
     """
     _check_folder(root)
     problems = [found.problem for found in scan(root)]  # the entries themselves would fill the memory
@@ -94,10 +94,10 @@ def verify(root: Path) -> tuple[list[str], int]:
 
 
 def explain(root: Path, what: str) -> str:
-    """Say what an entry is, or what a request is not, and how it differs from the nearest recording.
+    """Describe an entry or a request, and how it differs from the nearest recording.
 
     Args:
-        root: the folder of the stores.
+        root: the directory of the stores.
         what: the first digits of a key; or a JSON file with a completion's request, or with a `kind` and a `request`.
 
     Raises:

@@ -1,10 +1,10 @@
 """A store of answers under the content hash of their questions.
 
 What it promises: an entry, once `write` returns, survives a crash; a reader never sees half of one; two
-processes may share a store; nothing expires; what a killed writer left is swept up. What it does not: no lock spans
+processes may share a store; nothing expires; what a killed writer left is removed. What it does not: no lock spans
 a computation, so two processes that miss at the same moment both compute, and the answer that lands last (for a pure
-function: an equal one) stays. On a file system without `flock` nothing is swept up, because nobody can tell there
-whose writer lives.
+function: an equal one) stays. On a file system without `flock` nothing is removed, because it is not known there
+which writer lives.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from tacevo.typed import parse
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
 
-#: Is told the path of an entry that was read.
+#: Called with the path of an entry that was read.
 Seen = Callable[[Path], object]
 
 #: The kinds of answers that a search keeps.
@@ -90,10 +90,10 @@ class Store:
     """One kind of answers (`completions`, `evaluations`, ...) as readable JSON files, by key.
 
     Args:
-        root: the folder that holds all kinds.
+        root: the directory that holds all kinds.
         kind: the name of this kind; part of every key.
         mode: see `Mode`.
-        seen: told of every entry that `read` finds, from whichever thread reads.
+        seen: called with every entry that `read` finds, from the thread that reads.
     """
 
     def __init__(self, root: Path, kind: str, mode: Mode = Mode.record, *, seen: Seen | None = None) -> None:
@@ -111,7 +111,7 @@ class Store:
 
         Args:
             request: everything that determines the answer, as JSON.
-            compute: gives the answer as JSON; an exception it raises passes through and nothing is stored.
+            compute: returns the answer as JSON; an exception it raises passes through and nothing is stored.
 
         Raises:
             CacheMissError: the mode is `replay` and the answer was never recorded.
