@@ -29,7 +29,7 @@ class Terms:
     #: SPDX identifier of the bundle's own licence; the code's is Apache-2.0.
     licence: str
     authors: tuple[str, ...]
-    #: As YYYY-MM-DD.
+    #: As YYYY-MM-DD; empty for the day on which the run ended.
     published: str
 
     def __post_init__(self) -> None:
@@ -39,7 +39,7 @@ class Terms:
         if not all(author.isprintable() and author.strip() for author in self.authors):
             raise ConfigError(f"{list(self.authors)}", place="--author", expected="a name")
         try:
-            sound = date.fromisoformat(self.published).isoformat() == self.published
+            sound = not self.published or date.fromisoformat(self.published).isoformat() == self.published
         except ValueError:
             sound = False
         if not sound:

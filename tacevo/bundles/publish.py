@@ -6,7 +6,7 @@ Matplotlib and of the libraries that compress. Nothing in a bundle names a direc
 
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -38,23 +38,6 @@ from tacevo.typed import parse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What a user wants published, and how."""
-
-    #: The directory of the run, or of the sweep.
-    run: Path
-    #: Folders of its studies; none for all that are finished. Those of a sweep are not chosen.
-    studies: tuple[Path, ...] = ()
-    #: Where the stores lie, if not where the run had them.
-    store: Path | None = None
-    #: SPDX identifier.
-    licence: str = "CC-BY-4.0"
-    authors: tuple[str, ...] = field(default=())
-    #: As YYYY-MM-DD; None for the day on which the run, or the last one of the sweep, ended.
-    published: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Published:
     """A bundle that was written."""
 
@@ -70,35 +53,41 @@ class Published:
 
 
 def publish(
-    request: Request,
+    run: Path,
     target: Path,
     *,
+    terms: Terms,
     make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
     view: Progress,
+    studies: Sequence[Path] = (),
+    store: Path | None = None,
 ) -> Published:
     """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
 
     Args:
-        request: what to publish.
+        run: the directory of the run, or of the sweep.
         target: the file to write; one that stands there is replaced.
+        terms: of publication; without a day, it is that on which the run, or the last one of the sweep, ended.
         make_pages: returns the files of every table, and those of every figure, from the directories of a run or a
             sweep and of its stores.
         view: shows how far the replay is.
+        studies: directories of its studies; none for all that are finished. Those of a sweep are not chosen.
+        store: where the stores lie, if not where the run had them.
 
     Raises:
         DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
         RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
-        ConfigError: licence, date or an author cannot be used.
+        ConfigError: the day is not known.
     """
-    found = located(request.run)
-    terms = Terms(licence=request.licence, authors=request.authors, published=_day(request, found))
-    store = request.store or found.store
-    with private_folder(request.run.parent) as folder:
-        staged = _staged(request, found, folder, view)
+    found = located(run)
+    terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in found.runs))
+    store = store or found.store
+    with private_folder(run.parent) as folder:
+        staged = _staged(studies, found, folder, view)
         read: set[Path] = set()
-        with standing_for(staged.folder, request.run):
-            runs = over_runs(staged, lambda run: rerun(run, str(store), view, seen=read.add), view.say)
+        with standing_for(staged.folder, run):
+            runs = over_runs(staged, lambda path: rerun(path, str(store), view, seen=read.add), view.say)
             if staged.jobs is not None:
                 check_jobs(SweepDirectory(staged.folder))
         tables, figures = make_pages(staged.folder, store)
@@ -115,7 +104,7 @@ def publish(
     return Published(what=subject.what, content=subject.digest, digest=digest, files=len(members) + 1, size=len(data))
 
 
-def _staged(request: Request, found: Opened, folder: Path, view: Progress) -> Opened:
+def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
     """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear.
 
     Raises:
@@ -124,17 +113,17 @@ def _staged(request: Request, found: Opened, folder: Path, view: Progress) -> Op
     """
     if found.jobs is None:
         run = _publishable(RunDirectory(found.folder))
-        _stage(found.folder, run, folder / run["name"], _studies(request, found.folder, run["digest"], view))
+        _stage(found.folder, run, folder / run["name"], _studies(studies, found.folder, run["digest"], view))
         return replace(found, folder=folder / run["name"])
-    if request.studies:
+    if studies:
         expected = "no study: a sweep is published with every finished study of its runs"
-        raise RunError(", ".join(map(str, request.studies)), expected=expected)
+        raise RunError(", ".join(map(str, studies)), expected=expected)
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
     staged = replace(found, folder=folder / SWEEP)
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = _publishable(RunDirectory(source))
-        _stage(source, run, target, _studies(request, source, run["digest"], view))
+        _stage(source, run, target, _studies(studies, source, run["digest"], view))
     _, jobs = directory.read()
     SweepDirectory(staged.folder).write((), [_published_job(staged.folder, job) for job in jobs])
     return staged
@@ -159,15 +148,6 @@ def _publishable(directory: RunDirectory) -> dict[str, Json]:
     run = directory.read_run()
     with directory.believed():
         return {**run, "name": run["name"] or "run", "config": published_config(run["config"]), "pages": PAGES}
-
-
-def _day(request: Request, found: Opened) -> str:
-    """Return the day of publication: by default the last one in the runs' timings, so that it is their own.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    return request.published or max(_last_day(run) for run in found.runs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,7 +183,7 @@ def _stage(source: Path, run: dict[str, Json], staged: Path, studies: Iterable[S
             shutil.copy(study.path / name, folder / name)
 
 
-def _studies(request: Request, run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
+def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
     """Choose the studies of a run: those that were named, or all that are finished.
 
     Raises:
@@ -211,17 +191,17 @@ def _studies(request: Request, run: Path, digest: str, view: Progress) -> list[S
     """
     every = studies_of(run)
     whole = [study for study in every if _is_finished(study, digest)]
-    if not request.studies:
+    if not chosen:
         for study in every:
             if study not in whole:
                 view.say(f"study {study.path.name} is left out: it is not finished, or not about the run as it is")
         return whole
     by_place = {study.path.resolve(): study for study in whole}
-    for path in request.studies:
+    for path in chosen:
         if path.resolve() not in by_place:
             finished = ", ".join(str(study.path) for study in whole) or "none"
             raise RunError(str(path), expected=f"the directory of a finished study of {run}: {finished}")
-    return [by_place[place] for place in sorted({path.resolve() for path in request.studies})]
+    return [by_place[place] for place in sorted({path.resolve() for path in chosen})]
 
 
 def _is_finished(study: StudyDirectory, digest: str) -> bool:

@@ -18,7 +18,7 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Json, Mode, Rejection
+from tacevo.records import Completion, Json, Mode, Rejection, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
@@ -122,23 +122,9 @@ def _recorded(path: Path, text: str) -> tuple[str, str]:
 def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
     """Return a file's verdict as the fields of its line."""
     if isinstance(admission, Admitted):
-        parameters = admission.profile.parameters
-        return {
-            "file": file,
-            "verdict": "admitted",
-            "stage": None,
-            "reason": None,
-            "detail": None,
-            "parameters": parameters,
-        }
-    return {
-        "file": file,
-        "verdict": "rejected",
-        "stage": admission.stage.value,
-        "reason": admission.reason.value,
-        "detail": admission.detail,
-        "parameters": None,
-    }
+        absent: Json = {"stage": None, "reason": None, "detail": None}
+        return {"file": file, "verdict": "admitted", **absent, "parameters": admission.profile.parameters}
+    return {"file": file, "verdict": "rejected", **to_json(admission), "parameters": None}
 
 
 def _words(verdict: dict[str, Json]) -> str:

@@ -4,7 +4,8 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from tacevo.bundles.publish import Request, publish
+from tacevo.bundles.pages import Terms
+from tacevo.bundles.publish import publish
 from tacevo.cli.common import DONE, Parser
 from tacevo.cli.pages import pages
 from tacevo.runs.progress import Progress
@@ -27,21 +28,23 @@ def add_publish(parser: Parser) -> None:
         "--license", default="CC-BY-4.0", metavar="SPDX", help="of what is published (default: CC-BY-4.0)"
     )
     parser.add_argument("--author", action="append", default=[], metavar="NAME", help="may be given several times")
-    parser.add_argument("--date", metavar="YYYY-MM-DD", help="of publication (default: the day the run ended)")
+    parser.add_argument(
+        "--date", default="", metavar="YYYY-MM-DD", help="of publication (default: the end of the run)"
+    )
     parser.set_defaults(command=_publish, interrupted="nothing was written; the same command begins again")
 
 
 def _publish(options: argparse.Namespace) -> int:
-    request = Request(
-        run=Path(options.run),
-        studies=tuple(map(Path, options.studies)),
-        store=None if options.store is None else Path(options.store),
-        licence=options.license,
-        authors=tuple(options.author),
-        published=options.date,
-    )
     with Progress() as view:
-        done = publish(request, Path(options.output), make_pages=partial(pages, say=view.say), view=view)
+        done = publish(
+            Path(options.run),
+            Path(options.output),
+            terms=Terms(licence=options.license, authors=tuple(options.author), published=options.date),
+            make_pages=partial(pages, say=view.say),
+            view=view,
+            studies=tuple(map(Path, options.studies)),
+            store=None if options.store is None else Path(options.store),
+        )
     print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
     print(f"{done.what}: {done.content}")
     print(f"bundle digest: {done.digest}")
