@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import itertools
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress as Bars
 
 from analysis.report import sweep_collection
 from analysis.report.collection import Collection, collect, pictures_of, tables_of, with_one_study
@@ -29,6 +29,7 @@ from tacevo.errors import CacheMissError, ConfigError, DataError, RunError, Sand
 from tacevo.records import Mode
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.profiles import recall_profiles
+from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
 
 _FORMATS = ("pdf", "svg", "png")
@@ -300,10 +301,9 @@ def _nobody(name: str) -> None:
 @contextlib.contextmanager
 def _shown(words: str, total: int) -> Iterator[Callable[[str], None]]:
     """Show how many pictures are drawn, on a terminal."""
-    console = Console(stderr=True)
-    with Bars(console=console, transient=True, disable=not console.is_terminal) as bars:
-        task = bars.add_task(words, total=total)
-        yield lambda name: bars.advance(task)
+    number = itertools.count(1)
+    with Progress() as view:
+        yield lambda name: view.advance(words, next(number), total)
 
 
 def _ablations(options: argparse.Namespace) -> int:

@@ -28,9 +28,7 @@ def add_publish(parser: Parser) -> None:
         "--license", default="CC-BY-4.0", metavar="SPDX", help="of what is published (default: CC-BY-4.0)"
     )
     parser.add_argument("--author", action="append", default=[], metavar="NAME", help="may be given several times")
-    parser.add_argument(
-        "--date", default="", metavar="YYYY-MM-DD", help="of publication (default: the end of the run)"
-    )
+    parser.add_argument("--date", default="", metavar="YYYY-MM-DD", help="of publication (default: the end of the run)")
     parser.set_defaults(command=_publish, interrupted="nothing was written; the same command begins again")
 
 

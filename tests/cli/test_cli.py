@@ -254,14 +254,6 @@ def test_edited_evaluation_is_refused(copied: Path) -> None:
     assert f"{entry.name}: expected an entry that fits its name and its checksum" in refused.stderr
 
 
-@pytest.mark.parametrize("name", ["archive.json", "candidates/g00s00.py"])
-def test_edited_file_beside_the_ledger_is_a_difference(copied: Path, name: str) -> None:
-    """Replay compares the archives and every evaluated source, too."""
-    path = run_of(copied) / name
-    path.write_text(path.read_text().replace("3", "4", 1))
-    assert Path(name).stem in tacevo("replay", str(path.parents[name.count("/")]), cwd=copied, status=1).stderr
-
-
 def test_missing_recording_is_named(copied: Path) -> None:
     """A replay without its stores says what is missing and never computes."""
     shutil.rmtree(copied / "cache" / "evaluations")

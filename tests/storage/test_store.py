@@ -249,15 +249,6 @@ def test_miss_sees_every_difference_that_a_key_sees(recorded: Json, asked: Json,
         Store(tmp_path, "things", Mode.replay).find(asked)
 
 
-@pytest.mark.parametrize("length", [0, 1, 50, -2])
-def test_truncated_entry_is_an_error(length: int, store: Store, tmp_path: Path) -> None:
-    """A file that lost its end is refused, by its name and with the remedy."""
-    path = entry_path(tmp_path)
-    path.write_bytes(path.read_bytes()[:length])
-    with refused(StoreError, place=path.name, expected="JSON", remedy="restore the file"):
-        store.read({"x": 1})
-
-
 @pytest.mark.parametrize("content", [b"\xff\xfe\x00garbage", b"null", b"[]", b'"text"', b"{}", b"\x80"])
 def test_foreign_content_is_an_error(content: bytes, store: Store, tmp_path: Path) -> None:
     """A file that is something else altogether is refused alike, be it not even text."""
