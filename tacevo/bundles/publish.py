@@ -41,11 +41,8 @@ from tacevo.typed import parse
 class Published:
     """A bundle that was written."""
 
-    #: `run` or `sweep`.
-    what: str
-    #: The digest of the run's ledger, or of the sweep.
-    content: str
-    #: Of the bundle: SHA-256 of its manifest.
+    subject: Subject
+    #: SHA-256 of its manifest.
     digest: str
     #: Files in it, and its size in bytes.
     files: int
@@ -101,7 +98,7 @@ def publish(
     members |= _papers(subject, terms, members)
     data, digest = sealed(members)
     write_durably(target, data)
-    return Published(what=subject.what, content=subject.digest, digest=digest, files=len(members) + 1, size=len(data))
+    return Published(subject=subject, digest=digest, files=len(members) + 1, size=len(data))
 
 
 def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
@@ -261,14 +258,7 @@ def _lock(versions: Mapping[str, str]) -> str | None:
     if not path.exists():
         return None
     text = path.read_text(encoding="utf-8")
-    locked = dict(_pins(text.splitlines()))
-    compared = [name for name in PACKAGES if name != "tacevo" and versions.get(name, "absent") != "absent"]
-    agree = all(locked.get(name) == versions[name].partition("+")[0] for name in compared)  # torch adds its build
-    return text if agree else None
-
-
-def _pins(lines: Sequence[str]) -> Iterable[tuple[str, str]]:
-    for line in lines:
-        name, pinned, version = line.partition("==")
-        if pinned:
-            yield name.lower().replace("_", "-"), version.strip()
+    pins = set(text.lower().replace("_", "-").split())
+    # torch adds its build to its version
+    had = {name: versions.get(name, "absent").partition("+")[0] for name in PACKAGES if name != "tacevo"}
+    return text if all(f"{name}=={version}" in pins for name, version in had.items() if version != "absent") else None

@@ -44,6 +44,6 @@ def _publish(options: argparse.Namespace) -> int:
             store=None if options.store is None else Path(options.store),
         )
     print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
-    print(f"{done.what}: {done.content}")
+    print(f"{done.subject.what}: {done.subject.digest}")
     print(f"bundle digest: {done.digest}")
     return DONE

@@ -161,7 +161,7 @@ def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "words"),
+    "edit",
     [
         (
             "run/timings.jsonl",
