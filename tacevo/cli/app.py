@@ -108,7 +108,7 @@ def _parser(command: str | None) -> Parser:
     parser.set_defaults(interrupted="what was computed is kept, and the same command continues")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, line) in COMMANDS.items():
-        described = commands.add_parser(name, help=line)
+        described = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.")
         if name == command:
             getattr(importlib.import_module(f"tacevo.cli.{module}"), f"add_{name}")(described)
     return parser

@@ -11,7 +11,6 @@ from pathlib import Path
 from tacevo.config.schema import RunConfig, deliveries
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
-from tacevo.errors import StoreError
 from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, to_json
 from tacevo.runs.providers import load_prices
@@ -136,9 +135,9 @@ def _most(asked: int, task: Task, *, mutation: Request, crossover: Request, roun
 def _answers(root: Path, model: str) -> Iterator[Completion]:
     """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
     for found in scan(root, ("completions",)):
-        if found.completion is None:
-            raise StoreError(found.problem)
-        if found.model == model:
+        if found.problem is not None:
+            raise found.problem
+        if found.model == model and found.completion is not None:
             yield found.completion
 
 

@@ -11,7 +11,7 @@ from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Json
 from tacevo.storage.canonical import content_hash, readable, shown, value_at
 from tacevo.storage.files import write_durably
-from tacevo.storage.store import KINDS, Entry, Store, check_entry
+from tacevo.storage.store import KINDS, Entry, Store, check_entry, read_entry
 from tacevo.text import counted, table
 from tacevo.typed import convert
 
@@ -36,8 +36,8 @@ class Found:
     #: Of a completion: the model that was asked, and its answer.
     model: str = ""
     completion: Completion | None = None
-    #: Empty where the file is sound.
-    problem: str = ""
+    #: None if the file is sound.
+    problem: StoreError | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,7 @@ def verify(root: Path) -> tuple[list[str], int]:
     """
     _check_folder(root)
     problems = [found.problem for found in scan(root)]  # the entries themselves would fill the memory
-    return [problem for problem in problems if problem], len(problems)
+    return [str(problem) for problem in problems if problem], len(problems)
 
 
 def explain(root: Path, what: str) -> str:
@@ -110,20 +110,13 @@ def explain(root: Path, what: str) -> str:
         key = Store(root, kind).key(request)
         if not Store(root, kind).holds(key):
             return "\n".join([f"{kind} {key}: not recorded", _nearest(root, kind, request)])
-        found, entry = _sound(root, key)
-        return "\n".join([f"{kind} {key}: recorded", *_answered(found), _nearest(root, kind, request)])
-    found, entry = _sound(root, what)
-    lines = [f"{found.kind} {entry.key}: recorded in {found.path}", *_answered(found)]
+        path = _find(root, key)
+        return "\n".join([f"{kind} {key}: recorded", *_answered(path), _nearest(root, kind, request)])
+    path = _find(root, what)
+    entry = read_entry(path)
+    lines = [f"{entry.kind} {entry.key}: recorded in {path}", *_answered(path)]
     lines += [f"  {name}: {_brief(value)}" for name, value in sorted(entry.request.items())]
-    return "\n".join([*lines, _nearest(root, found.kind, entry.request)])
-
-
-def _sound(root: Path, digits: str) -> tuple[Found, Entry]:
-    """Read the one entry whose key begins with some digits; a damaged one is refused."""
-    found = _entry(root, digits)
-    if found.entry is None:
-        raise StoreError(found.problem)
-    return found, found.entry
+    return "\n".join([*lines, _nearest(root, entry.kind, entry.request)])
 
 
 def _check_folder(root: Path) -> None:
@@ -143,9 +136,9 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
         model, completion = _completion(path, entry)
         return Found(kind=kind, path=path, bytes=size, entry=entry, model=model, completion=completion)
     except StoreError as error:
-        problem = str(error)
+        problem = error
     except OSError as error:
-        problem = f"{path} cannot be read: {error.strerror}"
+        problem = StoreError(str(error.strerror), place=str(path), expected="a file that can be read")
     return Found(kind=kind, path=path, bytes=size, entry=None, problem=problem)
 
 
@@ -169,7 +162,7 @@ def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[s
     return [kind, model, str(len(files)), f"{sum(size for size, _ in files) / 1e6:.2f} MB", *tokens]
 
 
-def _entry(root: Path, prefix: str) -> Found:
+def _find(root: Path, prefix: str) -> Path:
     """Find the one entry whose key begins with a text."""
     hexadecimal = len(prefix) >= _SHORTEST_KEY and set(prefix.lower()) <= set("0123456789abcdef")
     if not hexadecimal:
@@ -177,7 +170,7 @@ def _entry(root: Path, prefix: str) -> Found:
             prefix, expected=f"a JSON file with a request, or at least {_SHORTEST_KEY} hexadecimal digits of a key"
         )
     folder = prefix.lower()[:2]
-    paths = [(kind, path) for kind in KINDS for path in sorted((root / kind / folder).glob(f"{prefix.lower()}*.json"))]
+    paths = [path for kind in KINDS for path in (root / kind / folder).glob(f"{prefix.lower()}*.json")]
     if len(paths) != 1:
         raise StoreError(
             f"{len(paths)}",
@@ -185,8 +178,7 @@ def _entry(root: Path, prefix: str) -> Found:
             expected=f"one entry whose key begins with {prefix}",
             remedy="give more digits, or the request as a JSON file",
         )
-    kind, path = paths[0]
-    return _inspect(root, kind, path)
+    return paths[0]
 
 
 def _asked(path: Path) -> tuple[str, Json]:
@@ -207,9 +199,9 @@ def _asked(path: Path) -> tuple[str, Json]:
     return kind, value["request"]
 
 
-def _answered(found: Found) -> list[str]:
+def _answered(path: Path) -> list[str]:
     """Describe a completion's answer; those of other kinds are readable in their files."""
-    completion = found.completion
+    _, completion = _completion(path, read_entry(path))
     if completion is None:
         return []
     dropped = f", sent without {', '.join(completion.dropped)}" if completion.dropped else ""

@@ -250,7 +250,7 @@ def reseal(folder: Path, change: Callable[[dict[str, Json]], dict[str, Json]]) -
 def test_store_that_is_no_folder_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistyped one would be filled with images and trainings; nothing is made."""
     assert main(["replay", "run", "--retrain", "1", "--store", "nowhere"]) == 2
-    assert "--store needs the folder that holds a run's stores; nowhere is no folder" in capsys.readouterr().err
+    assert "--store: expected the directory of a run's stores; got nowhere" in capsys.readouterr().err
     assert not Path("nowhere").exists()
 
 
