@@ -41,14 +41,11 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            got = "one that its search or another `tacevo track` is mirroring"
-            remedy = "give the command again when that is done"
-            raise RunError(got, place=str(folder), expected="an idle run", remedy=remedy) from error
-        except OSError:  # no locks here
-            pass
+        with contextlib.suppress(OSError):  # no locks here
+            if not _flock(handle, wait=wait):
+                got = "one that its search or another `tacevo track` is mirroring"
+                remedy = "give the command again when that is done"
+                raise RunError(got, place=str(folder), expected="an idle run", remedy=remedy)
         yield
     finally:
         os.close(handle)
@@ -73,27 +70,29 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
             str(error), place=f"{setting}={folder}", expected="a directory that can be written to"
         ) from error
     try:
-        _take(handle)
-    except BlockingIOError as error:
-        got, remedy = "another process in it", f"wait for it, or choose another {setting}"
-        raise RunError(got, place=f"{setting}={folder}", expected="an idle directory", remedy=remedy) from error
-    else:
+        for _ in range(_PATIENCE):  # `RunDirectory.is_busy` locks it for a moment to see whether it is locked
+            if _flock(handle, wait=False):
+                break
+            time.sleep(_PAUSE)
+        else:
+            got, remedy = "another process in it", f"wait for it, or choose another {setting}"
+            raise RunError(got, place=f"{setting}={folder}", expected="an idle directory", remedy=remedy)
         yield
     finally:
         os.close(handle)
 
 
-def _take(handle: int) -> None:
-    """Lock a file; wait a little, because `RunDirectory.is_busy` locks it for a moment to see whether it is locked.
+def _flock(handle: int, *, wait: bool) -> bool:
+    """Lock an open file or directory until it is closed; return False where another process holds it.
 
     Raises:
-        BlockingIOError: another process holds it all the while.
+        OSError: the file system has no locks.
     """
-    for _ in range(_PATIENCE):
-        with contextlib.suppress(BlockingIOError):
-            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        time.sleep(_PAUSE)
-    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def write_durably(path: Path, content: str | bytes) -> None:
@@ -129,8 +128,8 @@ def sweep(folder: Path) -> None:
     for part in folder.rglob(".*.part"):
         if _PART.fullmatch(part.name):
             with contextlib.suppress(OSError), part.open("rb+") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                part.unlink()
+                if _flock(file.fileno(), wait=False):
+                    part.unlink()
 
 
 @contextlib.contextmanager
@@ -152,7 +151,7 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
 def _lock(file: BinaryIO) -> None:
     """Lock a new file; where the file system cannot, it needs no lock, since `sweep` fails there too."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        _flock(file.fileno(), wait=True)
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
