@@ -5,6 +5,7 @@ begins with the same lines, and the search is compared with each of them; nothin
 stores.
 """
 
+import json
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +21,7 @@ from tacevo.rules import CURRENT, Era, eras_of
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record, require_means
-from tacevo.storage.canonical import differences, shown
+from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import read_entry
@@ -114,11 +115,9 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     config = from_plain(plain)
     changed = differences(identity(published), identity(config))
     if changed:
-        raise ConfigError(
-            "another",
-            place=shown(changed[0]),
-            expected="the value of the published run: it is part of the run's identity and cannot change",
-        )
+        was, now = (json.dumps(value_at(identity(each), changed[0])) for each in (published, config))
+        expected = f"{was}, the value of the published run, which is part of its identity"
+        raise ConfigError(now, place=shown(changed[0]), expected=expected)
     if config.search.generations <= published.search.generations:
         expected = f"more than the {published.search.generations} that the run has"
         raise ConfigError(f"{config.search.generations}", place="search.generations", expected=expected)
