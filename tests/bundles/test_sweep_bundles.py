@@ -111,9 +111,9 @@ def test_other_commands_ask_for_one_run(swept: Path, capsys: pytest.CaptureFixtu
     """They say so in one line, with what to do."""
     for place in (str(swept / "sweep"), str(swept / "sweep.zip")):
         assert main(["replay", place, "--diff", place]) == 2
-        assert "this is a sweep of 3; give the folders of two runs" in capsys.readouterr().err
+        assert "expected one run; got a sweep of 3; give the directories of two runs" in capsys.readouterr().err
         assert main(["continue", place, "search.generations=9"]) == 2
-        assert "this is a sweep of 3; give the folder of one of its jobs" in capsys.readouterr().err
+        assert "expected one run; got a sweep of 3; give the directory of one of its jobs" in capsys.readouterr().err
 
 
 def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -127,7 +127,9 @@ def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: 
         run.write_json("run.json", {**run.read_run(), "digest": None})
     for command in (["publish", str(directory.path), "-o", str(tmp_path / "x.zip")], ["replay", str(directory.path)]):
         assert main(command) == 2
-        words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; the `tacevo search -m`"
+        words = (
+            "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; give the `tacevo search -m`"
+        )
         assert words in capsys.readouterr().err
     assert not (tmp_path / "x.zip").exists()
 
@@ -140,7 +142,7 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
     told["config"]["store"]["root"] = "other"
     run.write_json("run.json", told)
     assert main(["publish", str(tmp_path / "sweep"), "-o", str(tmp_path / "x.zip")]) == 2
-    assert "keep their answers in several stores" in capsys.readouterr().err
+    assert "expected runs with one store.root for all" in capsys.readouterr().err
 
 
 # From here on somebody edits a published sweep, and writes every checksum anew.

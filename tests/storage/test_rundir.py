@@ -78,7 +78,9 @@ def test_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     """The message names the setting that chose it."""
     (tmp_path / "file").write_text("", encoding="utf-8")
     with (
-        pytest.raises(RunError, match=r"run.dir=.*/file/run cannot be used"),
+        pytest.raises(
+            RunError, match=r"run.dir=.*/file/run: expected a directory that can be written to; got Not a directory"
+        ),
         RunDirectory(tmp_path / "file/run").locked(),
     ):
         pass
