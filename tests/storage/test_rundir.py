@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from tacevo.costs import Spending
 from tacevo.environment import PACKAGES, gpu, machine, versions
@@ -77,12 +78,8 @@ def test_killed_process_lets_go_of_the_lock(directory: RunDirectory) -> None:
 def test_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     """The message names the setting that chose it."""
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with (
-        pytest.raises(
-            RunError, match=r"run.dir=.*/file/run: expected a directory that can be written to; got Not a directory"
-        ),
-        RunDirectory(tmp_path / "file/run").locked(),
-    ):
+    directory = RunDirectory(tmp_path / "file/run")
+    with refused(RunError, place="run.dir=", expected="can be written to", got="Not a directory"), directory.locked():
         pass
 
 
