@@ -64,7 +64,8 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
         One line a file.
 
     Raises:
-        ConfigError: there is no such task, or a file cannot be read.
+        ConfigError: there is no such task, or a file is not an answer.
+        OSError: a file cannot be read.
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
@@ -93,7 +94,7 @@ def _read(path: Path) -> Completion:
     """Read a file as the answer of a model."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise ConfigError(str(error), place=str(path), expected="an answer: text in UTF-8") from error
     stop_reason = "end_turn"
     if path.suffix == ".json":

@@ -284,7 +284,7 @@ def test_show_tells_a_run_and_a_candidate(searched: tuple[Path, str], capsys: py
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
         (["replay", "nowhere"], "nowhere is not the folder of a run"),
         (["show", "nowhere"], "nowhere is not the folder of a run"),
-        (["check", "nowhere.py"], "nowhere.py cannot be read"),
+        (["check", "nowhere.py"], "nowhere.py: No such file or directory"),
     ],
 )
 def test_users_mistake_is_one_line_and_status_2(
