@@ -27,7 +27,7 @@ from tacevo.randomness import stream
 from tacevo.records import Limits, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.runs.datasets import source_of
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.sandbox.client import Sandbox
 from tacevo.search.archive import Archive, Elite, Tessellation, insert
@@ -179,8 +179,8 @@ def memory() -> str:
     return f"peak memory of the process that searches: {peak} MiB (torch imported: {torch})"
 
 
-def _silent() -> PlainView:
-    return PlainView(Console(file=io.StringIO()), total=0)
+def _silent() -> Progress:
+    return Progress(Console(file=io.StringIO()))
 
 
 def main() -> None:

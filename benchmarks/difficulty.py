@@ -32,6 +32,7 @@ from tacevo.llm.grammar.rendering import render
 from tacevo.randomness import stream
 from tacevo.records import Kind
 from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 
 LIBRARY = Path("conf/library")
 BATCH = 32
@@ -72,7 +73,7 @@ def networks(task: str, count: int) -> list[str]:
 def simulated(task: str, size: int, workers: int) -> Dataset:
     """Make or load the data set of a task at an image size."""
     settings = [f"task={task}", f"data.image_size={size}", f"executor.workers={workers}"]
-    return load_data(compose(settings), None)
+    return load_data(compose(settings), Progress())
 
 
 class Training:

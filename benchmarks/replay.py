@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.synthetic import record_synthetic
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 
 #: Generations of 50 candidates: the paper's size, and ten times that.
 GENERATIONS = (20, 200)
@@ -48,7 +48,7 @@ def synthetic_replays() -> str:
     lines, seconds = [], []
     for generations in GENERATIONS:
         with tempfile.TemporaryDirectory() as folder:
-            record_synthetic(Path(folder), generations, PlainView(Console(file=io.StringIO())))
+            record_synthetic(Path(folder), generations, Progress(Console(file=io.StringIO())))
             line, took = measured(Path(folder))
         lines.append(line)
         seconds.append(took)

@@ -7,27 +7,22 @@ as many candidates.
 
 import hashlib
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from tacevo.choices import Numerics
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.data.dataset import Dataset
 from tacevo.profile import Profile
 from tacevo.records import DataFacts, Json, Limits, Mode, Task, to_json
-from tacevo.rules import CURRENT, Rules
-from tacevo.runs.progress import View
+from tacevo.rules import CURRENT
+from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record
-from tacevo.runs.wiring import ENTRIES, build_gate, build_tools
-from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
-from tacevo.search.development import Tools
-from tacevo.training.evaluation import Examples
-from tacevo.training.numerics import environment
+from tacevo.runs.wiring import Workbench
+from tacevo.sandbox.client import Died, Finished, Frame, Run
 
 #: Images of the data set, which does not exist; few, because a made-up training predicts values for each.
 _TRAINED, _VALIDATED = 32, 8
@@ -37,7 +32,7 @@ _IMAGES = _TRAINED + 2 * _VALIDATED
 _FINGERPRINT = hashlib.sha256(b"a data set that is not there").hexdigest()
 
 
-def record_synthetic(folder: Path, generations: int, view: View) -> Result:
+def record_synthetic(folder: Path, generations: int, view: Progress) -> Result:
     """Record a run of 50 candidates a generation, in `folder`/run with its stores in `folder`/cache.
 
     Args:
@@ -50,25 +45,14 @@ def record_synthetic(folder: Path, generations: int, view: View) -> Result:
     config = compose(["experiment=paper_force", "llm=grammar", f"data.images={_IMAGES}", *size, *places])
     facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
     task = load_task(config, facts)
-    # A made-up sandbox confines nothing, so there is no confinement to report.
-    return record(config, task, facts, lambda rules, _notice: _made_up(config, task, facts, rules), view)
+    run = _sandbox(_profile_of_baseline(config, task, facts), config.training.epochs, facts.outputs)
+    return record(config, task, _dataset(facts), view, run=run)
 
 
-@contextmanager
-def _made_up(config: RunConfig, task: Task, facts: DataFacts, rules: Rules) -> Iterator[Tools]:
-    """Open the effects of a search over a sandbox that is made up."""
-    run = _sandbox(_profile_of_baseline(config, task), config.training.epochs, facts.outputs)
-    with ThreadPoolExecutor(1) as executor:
-        examples = _examples(facts)
-        yield build_tools(
-            config, task, facts.fingerprint, run, rules, executor=executor, examples=examples, mode=Mode.record
-        )
-
-
-def _profile_of_baseline(config: RunConfig, task: Task) -> Profile:
+def _profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Profile:
     """Probe the baseline in a real sandbox, once."""
-    with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}) as sandbox:
-        judged = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
+    with Workbench(config, task, facts, Mode.record) as bench:
+        judged = bench.gate(CURRENT).inspect(task.baseline)
     if not hasattr(judged, "profile"):
         raise RuntimeError(f"the baseline was rejected: {judged}")
     return judged.profile
@@ -106,14 +90,18 @@ def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Fr
     yield Frame({"weights_sha256": hashlib.sha256(rng.bytes(32)).hexdigest()}, b"")
 
 
-def _examples(facts: DataFacts) -> Examples:
-    """Return labels that are all alike, for images that are not there."""
-    return Examples(
-        train=np.arange(_TRAINED),
-        validation=np.arange(_TRAINED, _TRAINED + _VALIDATED),
-        train_targets=np.full((_TRAINED, facts.outputs), 0.5, np.float32),
-        validation_targets=np.full((_VALIDATED, facts.outputs), 0.5, np.float32),
+def _dataset(facts: DataFacts) -> Dataset:
+    """Return labels that are all alike, for images that do not exist."""
+    train, validation, test = np.split(np.arange(sum(facts.counts)), np.cumsum(facts.counts)[:2])
+    return Dataset(
+        facts=facts,
+        images=Path("absent.npy"),
+        targets=np.full((sum(facts.counts), facts.outputs), 0.5, np.float32),
+        train=train,
+        validation=validation,
+        test=test,
         mean=(0.0,) * facts.in_channels,
         deviation=(1.0,) * facts.in_channels,
-        fingerprint=facts.fingerprint,
+        offset=(0.0,) * facts.outputs,
+        scale=(1.0,) * facts.outputs,
     )

@@ -63,34 +63,22 @@ def metadata(subject: Subject, terms: Terms, names: Iterable[str]) -> str:
     crate.root_dataset["identifier"] = subject.digest
     for name in sorted(names):
         described = {"description": _DESCRIPTIONS[name]} if name in _DESCRIPTIONS else {}
-        crate.add_file(dest_path=name, properties={"name": name, "encodingFormat": _media_type(name), **described})
+        crate.add_file(
+            dest_path=name,
+            properties={"name": name, "encodingFormat": _TYPES[f".{name.rpartition('.')[2]}"], **described},
+        )
     _add_action(crate, subject)
     return json.dumps(crate.metadata.generate(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
 
 
-def _media_type(name: str) -> str:
-    return _TYPES[f".{name.rpartition('.')[2]}"]
-
-
 def _add_action(crate: ROCrate, subject: Subject) -> None:
-    """Say which software made the run, as the Process Run Crate profile does."""
-    version = subject.first["versions"]["tacevo"]
-    software = crate.add(
-        SoftwareApplication(crate, "#tacevo", properties={"name": "TacEvo", "softwareVersion": version})
-    )
-    action = crate.add(
-        ContextEntity(
-            crate,
-            "#search",
-            properties={"@type": "CreateAction", "name": _searched(subject)},
-        )
-    )
+    """Name the software that made the run, as the Process Run Crate profile does."""
+    version, jobs = subject.first["versions"]["tacevo"], subject.jobs
+    named = "The searches of a sweep" if jobs else f"The search of {subject.first['name']}"
+    about = {"name": "TacEvo", "softwareVersion": version}
+    software = crate.add(SoftwareApplication(crate, "#tacevo", properties=about))
+    action = crate.add(ContextEntity(crate, "#search", properties={"@type": "CreateAction", "name": named}))
     action["instrument"] = software
-    folders = [f"sweep/{job.name}" for job in subject.jobs] or ["run"]
-    ledgers = [crate.get(f"{folder}/ledger.jsonl") for folder in folders]
-    action["result"] = ledgers if subject.jobs else ledgers[0]
+    ledgers = [crate.get(f"{place}/ledger.jsonl") for place in [f"sweep/{job.name}" for job in jobs] or ["run"]]
+    action["result"] = ledgers if jobs else ledgers[0]
     crate.root_dataset["mentions"] = action
-
-
-def _searched(subject: Subject) -> str:
-    return "The searches of a sweep" if subject.jobs else f"The search of {subject.first['name']}"

@@ -1,51 +1,49 @@
-"""`tacevo continue RUN search.generations=30`: a published run taken up where it ended.
+"""`tacevo continue RUN search.generations=30`: a published run continued from its end.
 
-What it promises: the published run is replayed and compared before anything is asked; the ledger of the new run begins
-with its very lines, and the search is held against each of them; nothing is written to the published run or its stores.
+What it promises: the published run is replayed and compared before any request is sent; the ledger of the new run
+begins with the same lines, and the search is compared with each of them; nothing is written to the published run or its
+stores.
 """
 
 import json
 from collections.abc import Callable, Collection, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 
-from tacevo.bundles.open import Opened, insist_on_walls
+from tacevo.bundles.open import Opened, check_walls
 from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.identity import identity
 from tacevo.config.recorded import read_recorded
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import Json, Mode
-from tacevo.rules import CURRENT, Rules
+from tacevo.records import Json
+from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record, require_means
-from tacevo.runs.wiring import open_tools
-from tacevo.sandbox.client import Notice
-from tacevo.search.development import Tools
 from tacevo.search.lines import RulesLine
-from tacevo.storage.canonical import differences, readable, shown
+from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
+from tacevo.storage.store import read_entry
 from tacevo.text import counted
 
-#: Groups that say where and how safely a run is computed and written: those of the published run are another machine's.
+#: Groups that say where and how safely a run is computed and written; in a published run they are another machine's.
 _HERE = ("store", "run", "tracking", "executor", "sandbox")
 
-#: Holds a published run against what its stores give, and names the store entries that it needs.
+#: Compares a published run with what its stores give, and returns the store entries that it needs.
 Check = Callable[[Opened], Collection[Path]]
 
 
 def continue_run(
-    published: Opened, overrides: Sequence[str], view: View, *, check: Check, mix_rules: bool = False
+    published: Opened, overrides: Sequence[str], view: Progress, *, check: Check, mix_rules: bool = False
 ) -> Result:
-    """Take up a finished run where it ended, in a run directory of its own.
+    """Continue a finished run in a new run directory.
 
     Args:
         published: the run.
         overrides: settings as `tacevo search` takes them, among them `search.generations`.
-        view: who is told.
-        check: raises where the published run is not as it should be.
+        view: shows how far the search is.
+        check: raises if the published run is not as it should be.
         mix_rules: whether generations under the current rules may follow those under others.
 
     Raises:
@@ -55,31 +53,23 @@ def continue_run(
         TacevoError: what `check` raises, and as `tacevo.runs.session.search`.
     """
     run = published.one_run(
-        "give the folder of one of its jobs, or a file into which that was published by itself: `tacevo publish "
-        "SWEEP/JOB -o FILE.zip`"
+        "give the directory of one of its jobs, or publish that by itself: `tacevo publish SWEEP/JOB -o FILE.zip`"
     )
-    insist_on_walls(published)
+    check_walls(published)
     recorded = read_recorded(run)
-    task, facts, ledger = recorded.record.task, recorded.record.data, recorded.ledger
     config = continued(recorded.config, overrides)
     eras = _eras(recorded.eras, recorded.config.search.generations, mix_rules, view)
     _refuse_same_folder(config, run)
     require_means(config)
     read = sorted(check(published))
-    data = load_same(config, facts, view)
-    entries = {entry.relative_to(published.store).as_posix(): _readable(entry) for entry in read}
-    written, _ = take_in(published.store, entries, Path(config.store.root))
-    view.say(
-        f"{counted(len(ledger.lines), 'ledger line')} replayed; {written} of {len(read)} store entries were new here"
-    )
-
-    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, facts, data, Mode.record, rules=rules, notice=notice)
-
-    return record(config, task, facts, tools, view, begun=ledger, eras=eras)
+    data = load_same(config, recorded.record.data, view)
+    written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
+    lines = counted(len(recorded.ledger.lines), "ledger line")
+    view.say(f"{lines} replayed; {written} of {len(read)} store entries were new here")
+    return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras)
 
 
-def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: View) -> tuple[RulesLine, ...]:
+def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: Progress) -> tuple[RulesLine, ...]:
     """List the eras of a continued run: those of the published one and, where its rules are old, one more.
 
     Raises:
@@ -92,8 +82,9 @@ def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: 
     others = ", ".join(f"{part} {was[part]} instead of {now[part]}" for part in now if was[part] != now[part])
     if not mix_rules:
         raise RunError(
-            f"expected a run under the current rules; got one under others ({others}). Its candidates and new ones "
-            "would be judged differently; continue all the same with --rules current, which the ledger records"
+            f"one under others ({others}), whose candidates and new ones would be judged differently",
+            expected="a run under the current rules",
+            remedy="continue all the same with --rules current, which the ledger records",
         )
     view.say(f"from generation {generations + 1} on, the current rules apply: {others}")
     return (*eras, RulesLine(generation=generations + 1, rules=CURRENT))
@@ -102,9 +93,9 @@ def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: 
 def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     """Lay overrides over a run's configuration.
 
-    What belongs to a machine (store, run directory, tracking, workers, walls), and of the model's settings whatever
-    does not decide what it answers (server, price table, mode), is not the published run's but the default here: a
-    stranger's run must not choose whom a key is sent to.
+    Settings of a machine (store, run directory, tracking, workers, walls), and those of the model that do not decide
+    its answers (server, price table, mode), are the defaults here and not those of the published run: a stranger's run
+    must not choose where a key is sent.
 
     Args:
         published: the run's configuration.
@@ -121,23 +112,18 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     config = from_plain(plain)
     changed = differences(identity(published), identity(config))
     if changed:
-        raise ConfigError(f"{shown(changed[0])} decides what a run finds; continued with another, it is another run")
+        was, now = (json.dumps(value_at(identity(each), changed[0])) for each in (published, config))
+        expected = f"{was}, the value of the published run, which is part of its identity"
+        raise ConfigError(now, place=shown(changed[0]), expected=expected)
     if config.search.generations <= published.search.generations:
-        raise ConfigError(
-            f"search.generations needs more than the {published.search.generations} that the run has; got "
-            f"{config.search.generations}"
-        )
+        expected = f"more than the {published.search.generations} that the run has"
+        raise ConfigError(f"{config.search.generations}", place="search.generations", expected=expected)
     return config
-
-
-def _readable(entry: Path) -> bytes:
-    """Write an entry as a store does; a bundle's are unpacked without line breaks."""
-    return readable(json.loads(entry.read_bytes())).encode()
 
 
 def _refuse_same_folder(config: RunConfig, published: Path) -> None:
     if config.run.dir is not None and Path(config.run.dir).resolve() == published.resolve():
-        raise ConfigError(f"run.dir={config.run.dir} is the published run, which is left as it is; name another folder")
+        raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
 
 
 def _lay(override: str, chosen: dict[str, Json], plain: dict[str, Json]) -> None:
@@ -149,9 +135,8 @@ def _lay(override: str, chosen: dict[str, Json], plain: dict[str, Json]) -> None
     key = override.partition("=")[0]
     *groups, name = key.split(".")
     if (groups or [name])[0] not in plain or key == "task" or groups[:1] == ["task"]:
-        raise ConfigError(
-            f"{key} cannot be set here: a continued run has the task and the experiment of the published one"
-        )
+        expected = "no other: a continued run has the task and the experiment of the published one"
+        raise ConfigError(override.partition("=")[2], place=key, expected=expected)
     for group in groups:
         chosen, plain = chosen[group], plain[group]
     plain[name] = chosen[name]

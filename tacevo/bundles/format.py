@@ -1,23 +1,26 @@
-"""A published run, or a sweep of runs: one zip file with their folders, store entries, studies, tables and figures.
+"""A published run, or a sweep of runs: one zip file with their directories, store entries, studies, tables and figures.
 
 docs/publishing.md describes it member by member. What unpacking promises: every member is where it belongs and is what
-the manifest says, and no other is there. What it does not: a manifest can be written anew by whoever edits a member, so
-only a replay (`tacevo.bundles.verify`) tells whether the records follow from each other.
+the manifest says, and there is no other. What it does not: a manifest can be written again after an edit, so only a
+replay (`tacevo.bundles.verify`) shows whether the records follow from each other.
 """
 
+import contextlib
 import hashlib
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from tacevo.bundles import entries
-from tacevo.bundles.zipfiles import Budget, packed, unpack
-from tacevo.errors import BundleError, RunError
+from tacevo.bundles.zipfiles import packed, unpack
+from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
+from tacevo.storage import entries
+from tacevo.storage.canonical import canonical
+from tacevo.storage.entries import Budget
 
 #: The digests of all other members, in the form that `sha256sum --check` reads.
 MANIFEST = "manifest-sha256.txt"
 
-#: The store entries (`tacevo.bundles.entries`).
+#: The store entries (`tacevo.storage.entries`).
 STORE = "store.jsonl.xz"
 
 #: What describes the bundle to people and to archives.
@@ -32,7 +35,7 @@ LOCK = "requirements.lock"
 #: Of a run's own files, those that a bundle may lack.
 _OPTIONAL = {"timings.jsonl"}
 
-#: The folder of a sweep, and what it holds beside its runs.
+#: The directory of a sweep, and what it holds beside its runs.
 SWEEP = "sweep"
 
 JOBS = f"{SWEEP}/sweep.json"
@@ -42,7 +45,7 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
-#: The name of every member: those of one run lie in `run`, those of a sweep's runs in the folders of its jobs.
+#: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
 _PLACES = re.compile(
     "|".join(map(re.escape, sorted({LOCK, JOBS} | _ALWAYS)))
     + rf"|(run|{SWEEP}/(?!sweep\.json/){_WORD})/("
@@ -63,22 +66,22 @@ def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
         The file, and the bundle's digest.
 
     Raises:
-        RunError: a member's name is none that a bundle may have, e.g. since a task's name holds strange letters.
+        RunError: a member's name is not one that a bundle may have, e.g. because a task's name holds strange letters.
     """
     for name in members:
         if _PLACES.fullmatch(name) is None:
-            raise RunError(f"{name!r} cannot be published; names may hold the letters A-Z, a-z, 0-9, '.', '_' and '-'")
+            raise RunError(repr(name), expected="names with the letters A-Z, a-z, 0-9, '.', '_' and '-' only")
     lines = [f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(members.items())]
     manifest = "".join(lines).encode()
     return packed({**members, MANIFEST: manifest}), hashlib.sha256(manifest).hexdigest()
 
 
 def unpack_verified(source: Path, folder: Path) -> str:
-    """Unpack a bundle into an empty folder, its store entries into `store`, and hold it against its manifest.
+    """Unpack a bundle into an empty directory, its store entries into `store`, and compare it with its manifest.
 
     Args:
         source: the file.
-        folder: the caller's to remove, also where this fails.
+        folder: the caller removes it, also if this fails.
 
     Returns:
         The bundle's digest.
@@ -87,16 +90,35 @@ def unpack_verified(source: Path, folder: Path) -> str:
         BundleError: it is damaged, or holds what none should; the message names the place.
     """
     budget = Budget(source, source.stat().st_size)
-    digests = unpack(source, folder, _PLACES, budget)
-    _check_layout(source, digests)
-    digest = digests.pop(MANIFEST)
-    _check_manifest(source, (folder / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
-    entries.unpack(folder / STORE, folder / "store", budget)
+    with refusing():
+        digests = unpack(source, folder, _PLACES, budget)
+        _check_layout(source, digests)
+        digest = digests.pop(MANIFEST)
+        _check_manifest(source, (folder / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
+        for entry in entries.unpack(folder / STORE, budget):
+            path = folder / "store" / entry.place
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(canonical(entry.sealed()), encoding="utf-8")  # it need not survive a crash
     return digest
 
 
+@contextlib.contextmanager
+def refusing() -> Iterator[None]:
+    """Refuse a bundle for anything that its readers cannot use; a difference stays a difference.
+
+    Raises:
+        BundleError: with the fields of the reader's error.
+    """
+    try:
+        yield
+    except (BundleError, DivergenceError):
+        raise
+    except TacevoError as error:
+        raise BundleError(error.got, place=error.place, expected=error.expected, remedy=error.remedy) from error
+
+
 def _check_layout(source: Path, names: Collection[str]) -> None:
-    """See that every file that a bundle needs is there, and that it is either one run or a sweep.
+    """Check that every file that a bundle needs is there, and that it is either one run or a sweep.
 
     Raises:
         BundleError: a file is missing, or one is there that belongs to neither.
@@ -107,14 +129,14 @@ def _check_layout(source: Path, names: Collection[str]) -> None:
     needed = {f"{folder}/{name}" for folder in folders for name in set(RUN_FILES) - _OPTIONAL}
     missing = sorted((_ALWAYS | needed | ({JOBS} if is_sweep else set())) - set(names))
     if missing:
-        raise BundleError(f"{source} lacks {', '.join(missing)}; it is no published run, or was damaged")
+        raise BundleError(f"none of {', '.join(missing)}", place=str(source), expected="a published run")
     foreign = sorted(name for name in names if is_sweep and name.startswith("run/"))
     if foreign:
-        raise BundleError(f"{source}: {foreign[0]!r} has no place in a published sweep")
+        raise BundleError(repr(foreign[0]), place=str(source), expected="files of a published sweep only")
 
 
 def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> None:
-    """Hold the members against the manifest.
+    """Compare the members with the manifest.
 
     Raises:
         BundleError: a member is not what it says, or one of the two has a member more.
@@ -123,12 +145,11 @@ def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> 
     for number, line in enumerate(manifest.splitlines(), start=1):
         match = _MANIFEST_LINE.fullmatch(line)
         if match is None or match[2] in listed:
-            raise BundleError(f"{source}: {MANIFEST}, line {number} is no digest of a member, or one given twice")
+            place = f"{source}, {MANIFEST}, line {number}"
+            raise BundleError("another or a second one", place=place, expected="the digest of a member")
         listed[match[2]] = match[1]
     for name in sorted(listed.keys() | digests.keys()):
-        if name not in digests:
-            raise BundleError(f"{source}: {name!r} stands in {MANIFEST} but is not there")
-        if name not in listed:
-            raise BundleError(f"{source}: {name!r} is there but does not stand in {MANIFEST}")
-        if listed[name] != digests[name]:
-            raise BundleError(f"{source}: {name!r} is not what {MANIFEST} says: it was edited or damaged")
+        if listed.get(name) != digests.get(name):
+            edited = "was edited or damaged" if name in listed else "is not listed"
+            got = f"{name!r} {edited if name in digests else 'is missing'}"
+            raise BundleError(got, place=str(source), expected=f"the files that {MANIFEST} lists")

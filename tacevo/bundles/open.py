@@ -1,7 +1,7 @@
-"""A run or a sweep of runs, opened wherever it lies: in its folder, or in a bundle.
+"""A run or a sweep of runs, opened from its directory or from a bundle.
 
-What it promises: a bundle lies in a private folder, which is removed however the work ends, but for a killed process;
-messages name the file and not that folder. The rest of the commands see runs, and not where they came from.
+What it promises: a bundle lies in a private directory, which is removed however the work ends, unless the process is
+killed; errors name the file and not that directory. The commands see runs, and not where they came from.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.bundles.format import JOBS, SWEEP, unpack_verified
+from tacevo.bundles.format import JOBS, SWEEP, refusing, unpack_verified
 from tacevo.choices import Confinement, Device
 from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
@@ -25,48 +25,48 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opened:
-    """A run or a sweep, wherever it lies."""
+    """A run or a sweep."""
 
-    #: Its folder.
+    #: Its directory.
     folder: Path
-    #: The folder of its stores.
+    #: The directory of its stores.
     store: Path
-    #: Names of a sweep's jobs, each that of a run's folder in the sweep's; None for one run.
+    #: Names of a sweep's jobs and of their directories; None for one run.
     jobs: tuple[str, ...] | None = None
-    #: The folder of all members of a bundle, where those of `folder` lie deeper; None for what is no bundle.
+    #: The directory of all members of a bundle; None if it is not a bundle.
     root: Path | None = None
     #: Of a bundle: SHA-256 of its manifest, which stands for every byte of it.
     digest: str | None = None
 
     @property
     def runs(self) -> tuple[Path, ...]:
-        """The folders of its runs: one, or those of a sweep's jobs."""
+        """The directories of its runs: one, or those of a sweep's jobs."""
         return (self.folder,) if self.jobs is None else tuple(self.folder / job for job in self.jobs)
 
     def one_run(self, remedy: str) -> Path:
-        """Give the folder of its only run.
+        """Return the directory of its only run.
 
         Args:
-            remedy: what a user who gave a sweep may do instead.
+            remedy: what a user who gave a sweep can do instead.
 
         Raises:
             RunError: it is a sweep.
         """
         if self.jobs is not None:
-            raise RunError(f"one run was expected, and this is a sweep of {len(self.jobs)}; {remedy}")
+            raise RunError(f"a sweep of {len(self.jobs)}", expected="one run", remedy=remedy)
         return self.folder
 
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Opened]:
-    """Open the folder of a run or a sweep, or a bundle, verified against its manifest, in a private temporary folder.
+    """Open the directory of a run or a sweep; or a bundle, compared with its manifest, in a private directory.
 
     Args:
-        path: the folder or the file.
+        path: the directory or the file.
 
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
-        RunError: it is neither a run's or a sweep's folder nor a file.
+        RunError: it is neither a run's or a sweep's directory nor a file.
     """
     if not path.exists():
         raise RunError("it does not exist", place=str(path), remedy="name the directory of a run, or a bundle")
@@ -78,25 +78,25 @@ def opened(path: Path) -> Iterator[Opened]:
 
 
 def located(path: Path) -> Opened:
-    """Find what lies in the folder of a run or of a sweep.
+    """Find what lies in the directory of a run or of a sweep.
 
     Raises:
         RunError: it is neither, or a sweep that is not finished, or one whose runs have several stores.
     """
     jobs = _jobs(path) if SweepDirectory(path).is_one else None
     if jobs is not None:
-        _insist_on_finished(SweepDirectory(path))
+        _check_finished(SweepDirectory(path))
     found = Opened(folder=path, store=path, jobs=jobs)
     return replace(found, store=_store_of(found))
 
 
 def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
-    """Do something with every run in turn; of a sweep, what is said and raised names the job.
+    """Do something with every run in turn; for a sweep, lines and errors name the job.
 
     Args:
         found: one run, or a sweep.
-        act: takes the folder of a run.
-        say: is told which job's turn it is.
+        act: takes the directory of a run.
+        say: called with a line for each job.
     """
     if found.jobs is None:
         return (act(found.folder),)
@@ -106,15 +106,16 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
         try:
             done.append(act(run))
         except TacevoError as error:
-            raise type(error)(f"job {job}: {error}") from error
+            error.place = ", ".join(part for part in (f"job {job}", error.place) if part)
+            raise
     return tuple(done)
 
 
 @contextlib.contextmanager
 def private_folder(place: Path) -> Iterator[Path]:
-    """Give a temporary folder that stands for a place; messages of errors name that place instead.
+    """Make a temporary directory that stands for a place; errors name that place instead.
 
-    It is this user's alone, and removed at the end, also where that is an error or Ctrl-C.
+    It is this user's alone, and removed at the end, also after an error or Ctrl-C.
     """
     with tempfile.TemporaryDirectory(prefix="tacevo-") as folder, standing_for(Path(folder), place):
         yield Path(folder)
@@ -122,11 +123,13 @@ def private_folder(place: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def standing_for(folder: Path, place: Path) -> Iterator[None]:
-    """Let messages of errors name a place where they would name a folder that stands for it."""
+    """Let errors name a place where they would name a directory that stands for it."""
     try:
         yield
     except TacevoError as error:
-        raise type(error)(str(error).replace(str(folder), str(place))) from error
+        error.place = error.place.replace(str(folder), str(place))
+        error.got = error.got.replace(str(folder), str(place))
+        raise
 
 
 def _unpacked(source: Path, folder: Path) -> Opened:
@@ -137,17 +140,16 @@ def _unpacked(source: Path, folder: Path) -> Opened:
         run = folder / "run" / _name(folder / "run")
         (folder / "run").rename(folder / "moved")
         run.parent.mkdir()
-        (folder / "moved").rename(run)  # tables and figures bear the name of the run's folder
+        (folder / "moved").rename(run)  # tables and figures bear the name of the run's directory
         return replace(found, folder=run)
-    try:
-        jobs = _jobs(found.folder)
-    except RunError as error:
-        raise BundleError(str(error)) from error
+    with refusing():
+        jobs, written = _jobs(found.folder), sweep_text(*SweepDirectory(found.folder).read())
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
-        what = "is a job, and its run is not there" if name in jobs else "is there, and is no job"
-        raise BundleError(f"{source}/{JOBS}: {name!r} {what}")
-    if (folder / JOBS).read_bytes() != sweep_text(*SweepDirectory(found.folder).read()).encode():
-        raise BundleError(f"{source}/{JOBS} is not written as `tacevo publish` writes it, so it was edited")
+        what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
+        raise BundleError(what, place=f"{source}/{JOBS}", expected="one directory for each job")
+    if (folder / JOBS).read_bytes() != written.encode():
+        expected = "the text that `tacevo publish` writes"
+        raise BundleError("another: it was edited", place=f"{source}/{JOBS}", expected=expected)
     return replace(found, jobs=jobs)
 
 
@@ -159,16 +161,15 @@ def _jobs(folder: Path) -> tuple[str, ...]:
     """
     _, jobs = SweepDirectory(folder).read()
     names = tuple(job.name for job in jobs)
-    if not names:
-        raise RunError(f"{folder}/sweep.json lists no job; a sweep has one at least")
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise RunError(f"{folder}/sweep.json lists the job {twice[0]!r} twice")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice or not names:
+        got = f"{twice[0]!r} twice" if twice else "none"
+        raise RunError(got, place=f"{folder}/sweep.json", expected="at least one job, each of another name")
     return names
 
 
-def _insist_on_finished(directory: SweepDirectory) -> None:
-    """See that every job of a sweep came to its end: results of a part of it would be another sweep's.
+def _check_finished(directory: SweepDirectory) -> None:
+    """Check that every job of a sweep is finished: results of a part of it would be another sweep's.
 
     Raises:
         RunError: some did not; the message names them all.
@@ -180,16 +181,18 @@ def _insist_on_finished(directory: SweepDirectory) -> None:
             unfinished.append(job.name if reason is None else f"{job.name} (failed: {reason})")
     if unfinished:
         raise RunError(
-            f"jobs of {directory.path} are not finished: {', '.join(unfinished)}; the `tacevo search -m` command that "
-            "began the sweep takes them up"
+            f"some are not finished: {', '.join(unfinished)}",
+            place=str(directory.path),
+            expected="finished jobs",
+            remedy="give the `tacevo search -m` command that began the sweep again; it continues them",
         )
 
 
 def _store_of(found: Opened) -> Path:
-    """Read where the stores of what lies in a folder are.
+    """Read which stores the runs have.
 
     Raises:
-        RunError: this is no run directory, or a sweep whose runs have several stores.
+        RunError: this is not a run directory, or a sweep whose runs have several stores.
     """
     roots = set()
     for run in found.runs:
@@ -197,35 +200,32 @@ def _store_of(found: Opened) -> Path:
         roots.add(Path(config.store.root))
     if len(roots) > 1:
         listed = ", ".join(sorted(map(str, roots)))
-        raise RunError(f"the runs of {found.folder} keep their answers in several stores: {listed}; a sweep has one")
+        raise RunError(listed, place=str(found.folder), expected="runs with one store.root for all")
     return roots.pop()
 
 
 def _name(run: Path) -> str:
-    """Read the name of a run, which becomes that of a folder."""
-    try:
+    """Read the name of a run, which becomes that of a directory."""
+    with refusing():
         name = RunDirectory(run).read_run().name
-    except RunError as error:
-        raise BundleError(str(error)) from error
     if not name.isprintable() or "/" in name or name in {"", ".", ".."} or len(name.encode()) > 255:
-        raise BundleError(f"{run}/run.json: the name of a run must be that of a folder; got {json.dumps(name)[:100]}")
+        got = json.dumps(name)[:100]
+        raise BundleError(got, place=f"{run}/run.json, name", expected="the name of a directory")
     return name
 
 
-def insist_on_walls(found: Opened) -> None:
+def check_walls(found: Opened) -> None:
     """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
 
     Raises:
-        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works behind no walls; or its
+        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works without walls; or its
             configuration cannot be read.
     """
     if found.root is None:
         return
     for run in found.runs:
-        try:
+        with refusing():
             config, _, _ = read_run(RunDirectory(run))
-        except RunError as error:
-            raise BundleError(str(error)) from error
         asked = []
         if config.sandbox.require is Confinement.none:
             asked.append("sandbox.require=none")
@@ -233,6 +233,8 @@ def insist_on_walls(found: Opened) -> None:
             asked.append(f"training.device={config.training.device}")
         if asked:
             raise BundleError(
-                f"the published run has {' and '.join(asked)}, with which its candidates would run here without walls; "
-                f"if you trust every source in it, unpack it and give its folder {run.relative_to(found.root)} instead"
+                f"{' and '.join(asked)}, with which its candidates would run here without walls",
+                expected="a published run whose candidates can be confined",
+                remedy="if you trust every source in it, unpack it and give its directory "
+                f"{run.relative_to(found.root)} instead",
             )

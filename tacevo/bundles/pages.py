@@ -4,6 +4,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from pathlib import Path
+from string import Template
 from textwrap import fill
 
 import yaml
@@ -27,21 +29,21 @@ class Terms:
     #: SPDX identifier of the bundle's own licence; the code's is Apache-2.0.
     licence: str
     authors: tuple[str, ...]
-    #: As YYYY-MM-DD.
+    #: As YYYY-MM-DD; empty for the day on which the run ended.
     published: str
 
     def __post_init__(self) -> None:
         """Check what the user wrote."""
         if _SPDX.fullmatch(self.licence) is None:
-            raise ConfigError(f"--license needs an SPDX identifier such as CC-BY-4.0; got {self.licence!r}")
+            raise ConfigError(repr(self.licence), place="--license", expected="an SPDX identifier such as CC-BY-4.0")
         if not all(author.isprintable() and author.strip() for author in self.authors):
-            raise ConfigError(f"--author needs a name; got {list(self.authors)}")
+            raise ConfigError(f"{list(self.authors)}", place="--author", expected="a name")
         try:
-            sound = date.fromisoformat(self.published).isoformat() == self.published
+            sound = not self.published or date.fromisoformat(self.published).isoformat() == self.published
         except ValueError:
             sound = False
         if not sound:
-            raise ConfigError(f"--date needs a day as YYYY-MM-DD; got {self.published!r}")
+            raise ConfigError(repr(self.published), place="--date", expected="a day as YYYY-MM-DD")
 
     @property
     def licence_address(self) -> str:
@@ -104,13 +106,10 @@ class Subject:
         if self.jobs:
             arms = ", ".join(dict.fromkeys(job.arm for job in self.jobs))
             seeds = ", ".join(map(str, sorted({job.seed for job in self.jobs})))
-            what = (
-                f"A sweep of finished architecture searches for tactile perception: task {self.first['task']['name']}, "
-            )
-            what += f"arms {arms}, seeds {seeds}, {sizes}."
+            what, which = "A sweep of finished architecture searches", f"arms {arms}, seeds {seeds}"
         else:
-            what = "A finished architecture search for tactile perception: task "
-            what += f"{self.first['task']['name']}, seed {config['seed']}, {sizes}."
+            what, which = "A finished architecture search", f"seed {config['seed']}"
+        what += f" for tactile perception: task {self.first['task']['name']}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
         return " ".join([what, *answers, *data, digest])
 
@@ -131,68 +130,49 @@ def origin_of_data(config: Mapping[str, Json]) -> str:
 
 
 def readme(subject: Subject, *, has_lock: bool) -> str:
-    """Write the README.
+    """Write the README from its template, `readme.template.md`.
 
     Args:
         subject: what is published.
         has_lock: whether a lock file is in the bundle.
     """
-    run = subject.first
-    lock = "requirements.lock pins every package." if has_lock else "No lock file of these versions was at hand."
-    return (
-        "\n\n".join(
-            [
-                f"# {subject.title}",
-                fill(subject.description, 110),
-                "## Replay\n\n    tacevo replay THIS_FILE.zip\n\n"
-                + fill(
-                    f"runs {'every' if subject.jobs else 'the'} search again from the recorded answers and "
-                    "evaluations, without network, training or data set, and compares every ledger line, both "
-                    "archives, every candidate's file, the summary, the studies and every table. Figures and these "
-                    "pages are held against their checksums only. A replay shows that every number follows from the "
-                    "recorded answers and evaluations; that an evaluation is what training gives is shown by",
-                    110,
-                )
-                + "\n\n    tacevo replay THIS_FILE.zip --retrain 5\n\n"
-                + "which trains five candidates again (without a number: all).",
-                "## Digests\n\n" + "\n".join(_digests(subject)),
-                "## Data\n\n" + _data(run, subject.folder),
-                "## Environment\n\n" + fill(f"{_surroundings(subject)} {lock}", 110),
-                "## Contents\n\n" + (_OF_SWEEP if subject.jobs else _OF_RUN) + _CONTENTS,
-            ]
-        ).rstrip()
-        + "\n"
-    )
+    run, is_sweep = subject.first, bool(subject.jobs)
+    data, config = run["data"], run["config"]
+    train, validation, test = data["counts"]
+    template = Template((Path(__file__).parent / "readme.template.md").read_text(encoding="utf-8"))
+    values = {
+        **run["versions"],
+        **run["machine"],
+        "title": subject.title,
+        "description": subject.description,
+        "which": "every" if is_sweep else "the",
+        "digests": "\n".join(_digests(subject)),
+        "fingerprint": data["fingerprint"],
+        "train": train,
+        "validation": validation,
+        "test": test,
+        "image_size": data["image_size"],
+        "source": _origin(run, subject.folder),
+        "of_which": " (the first run; the others say theirs)" if is_sweep else "",
+        "numerics": config["numerics"]["kind"],
+        "device": config["training"]["device"],
+        "folder": subject.folder,
+        "lock": "requirements.lock pins every package." if has_lock else "No lock file of these versions was at hand.",
+        "contents": _OF_SWEEP if is_sweep else _OF_RUN,
+    }
+    text = template.substitute(values)
+    return "\n\n".join(fill(part, 110) if part[0].isalnum() else part for part in text.split("\n\n"))
 
 
 _OF_RUN = """\
-- `run/`: resolved configuration, ledger, archives, candidates' sources and rejected answers, summary, costs, studies
+- `run/`: resolved configuration, ledger, archives, candidates' sources and rejected answers, summary, costs, studies\
 """
 
 _OF_SWEEP = """\
 - `sweep/sweep.json`: the jobs, and the settings that set them apart
 - `sweep/JOB/`: of each job's run resolved configuration, ledger, archives, candidates' sources and rejected answers,
-  summary, costs, studies
+  summary, costs, studies\
 """
-
-_CONTENTS = """\
-- `store.jsonl.xz`: the recorded answers, probes, evaluations, trainings of studies and centroids, a JSON line each
-- `tables/`, `figures/`: what follows from the records
-- `ro-crate-metadata.json`: this bundle as an RO-Crate 1.1; `CITATION.cff`, `LICENSE.txt`
-- `manifest-sha256.txt`: digests of all other files, for `sha256sum --check manifest-sha256.txt`
-"""
-
-
-def _surroundings(subject: Subject) -> str:
-    """Say under which versions and on which machine a run was made; of a sweep, the first one."""
-    run, of_which = subject.first, " (the first run; the others say theirs)" if subject.jobs else ""
-    machine, versions = run["machine"], run["versions"]
-    return (
-        f"Made{of_which} with tacevo {versions['tacevo']}, Python {versions['python']}, torch {versions['torch']}, "
-        f"NumPy {versions['numpy']} on {machine['cpu']} ({machine['architecture']}, {machine['system']}, "
-        f"{machine['libc']}); {run['config']['numerics']['kind']} numerics on {run['config']['training']['device']}. "
-        f"{subject.folder}/run.json says it all."
-    )
 
 
 def _digests(subject: Subject) -> list[str]:
@@ -205,27 +185,19 @@ def _digests(subject: Subject) -> list[str]:
     return lines
 
 
-def _data(run: Mapping[str, Json], folder: str) -> str:
-    """Say which data set the run had, and how to make or obtain it."""
-    data, config = run["data"], run["config"]["data"]
-    train, validation, test = data["counts"]
-    split = f"{train} training, {validation} validation and {test} test images of {data['image_size']} pixels"
-    facts = fill(f"Fingerprint {data['fingerprint']}: {split}. A replay needs none of them.", 110)
+def _origin(run: Mapping[str, Json], folder: str) -> str:
+    """Say how to make or obtain the data set of a run."""
+    config = run["config"]["data"]
     if config["source"] == "simulated":
         settings = [f"task={run['task']['name']}", *(f"data.{key}={_plain(config[key])}" for key in _SIMULATED)]
         return (
-            f"{facts}\n\n{fill('They are made, equal in every byte, when they are needed; as files by', 110)}\n\n"
+            "They are made, equal in every byte, when they are needed; as files by\n\n"
             f"    tacevo data simulate {' '.join(settings)} out=FOLDER"
         )
     return (
-        facts
-        + "\n\n"
-        + fill(
-            f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as "
-            f"`{config['root']}` (data.root) into the working directory; tacevo refuses any with another fingerprint. "
-            f"{folder}/run.json says in `config.data` how they are read.",
-            110,
-        )
+        f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{config['root']}` "
+        "(data.root) into the working directory; tacevo refuses any with another fingerprint. "
+        f"{folder}/run.json says in `config.data` how they are read."
     )
 
 

@@ -1,16 +1,14 @@
 """`tacevo publish`: a finished run or sweep, its studies and all that follows from them, gathered into one bundle.
 
 Equal runs give equal bytes wherever, whenever and by whomever they are published, under one version of this package, of
-Matplotlib and of the libraries that compress. Nothing in a bundle names a folder or a host of the machine.
+Matplotlib and of the libraries that compress. Nothing in a bundle names a directory or a host of the machine.
 """
 
-import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.bundles import entries
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
 from tacevo.bundles.open import Opened, located, over_runs, private_folder, standing_for
@@ -23,43 +21,25 @@ from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import to_json
 from tacevo.rules import PAGES
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
+from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.sweeps.check import check_jobs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What a user wants published, and how."""
-
-    #: The folder of the run, or of the sweep.
-    run: Path
-    #: Folders of its studies; none for all that are finished. Those of a sweep are not chosen.
-    studies: tuple[Path, ...] = ()
-    #: Where the stores lie, if not where the run had them.
-    store: Path | None = None
-    #: SPDX identifier.
-    licence: str = "CC-BY-4.0"
-    authors: tuple[str, ...] = field(default=())
-    #: As YYYY-MM-DD; None for the day on which the run, or the last one of the sweep, ended.
-    published: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Published:
     """A bundle that was written."""
 
-    #: `run` or `sweep`.
-    what: str
-    #: The digest of the run's ledger, or of the sweep.
-    content: str
-    #: Of the bundle: SHA-256 of its manifest.
+    subject: Subject
+    #: SHA-256 of its manifest.
     digest: str
     #: Files in it, and its size in bytes.
     files: int
@@ -67,41 +47,47 @@ class Published:
 
 
 def publish(
-    request: Request,
+    run: Path,
     target: Path,
     *,
+    terms: Terms,
     make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
-    view: View,
+    view: Progress,
+    studies: Sequence[Path] = (),
+    store: Path | None = None,
 ) -> Published:
     """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
 
     Args:
-        request: what to publish.
+        run: the directory of the run, or of the sweep.
         target: the file to write; one that stands there is replaced.
-        make_pages: gives the files of every table, and those of every figure, from the folders of a run or a sweep and
-            of its stores.
-        view: who is told.
+        terms: of publication; without a day, it is that on which the run, or the last one of the sweep, ended.
+        make_pages: returns the files of every table, and those of every figure, from the directories of a run or a
+            sweep and of its stores.
+        view: shows how far the replay is.
+        studies: directories of its studies; none for all that are finished. Those of a sweep are not chosen.
+        store: where the stores lie, if not where the run had them.
 
     Raises:
         DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
-        RunError: this is no finished run or sweep, or a study is none of its finished ones.
-        ConfigError: licence, date or an author cannot be used.
+        RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
+        ConfigError: the day is not known.
     """
-    found = located(request.run)
-    terms = Terms(licence=request.licence, authors=request.authors, published=_day(request, found))
-    store = request.store or found.store
-    with private_folder(request.run.parent) as folder:
-        staged = _staged(request, found, folder, view)
+    found = located(run)
+    terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in found.runs))
+    store = store or found.store
+    with private_folder(run.parent) as folder:
+        staged = _staged(studies, found, folder, view)
         read: set[Path] = set()
-        with standing_for(staged.folder, request.run):
-            runs = over_runs(staged, lambda run: rerun(read_recorded(run, str(store)), view, seen=read.add), view.say)
+        with standing_for(staged.folder, run):
+            runs = over_runs(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view.say)
             if staged.jobs is not None:
                 check_jobs(SweepDirectory(staged.folder))
         tables, figures = make_pages(staged.folder, store)
         members = {
             **_members(staged, runs),
-            STORE: entries.pack(json.loads(path.read_bytes()) for path in read),
+            STORE: pack(map(read_entry, read)),
             **_in_folder("tables", tables),
             **_in_folder("figures", figures),
         }
@@ -109,28 +95,30 @@ def publish(
     members |= _papers(subject, terms, members)
     data, digest = sealed(members)
     write_durably(target, data)
-    return Published(what=subject.what, content=subject.digest, digest=digest, files=len(members) + 1, size=len(data))
+    return Published(subject=subject, digest=digest, files=len(members) + 1, size=len(data))
 
 
-def _staged(request: Request, found: Opened, folder: Path, view: View) -> Opened:
-    """Lay what is to be published of a run or a sweep into a folder whose name tables and figures may bear.
+def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
+    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear.
 
     Raises:
         DivergenceError: the sweep's jobs are not what its sweep.json says.
-        RunError: a run is not finished, or a study is none of its finished ones.
+        RunError: a run is not finished, or a study is not one of its finished ones.
     """
     if found.jobs is None:
         run = _publishable(read_recorded(found.folder))
-        _stage(found.folder, run, folder / run.record.name, _studies(request, found.folder, run.ledger.digest, view))
-        return replace(found, folder=folder / run.record.name)
-    if request.studies:
-        raise RunError("a sweep is published with every finished study of its runs; name none")
+        target = folder / run.record.name
+        _stage(found.folder, run, target, _studies(studies, found.folder, run.ledger.digest, view))
+        return replace(found, folder=target)
+    if studies:
+        expected = "no study: a sweep is published with every finished study of its runs"
+        raise RunError(", ".join(map(str, studies)), expected=expected)
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
     staged = replace(found, folder=folder / SWEEP)
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = _publishable(read_recorded(source))
-        _stage(source, run, target, _studies(request, source, run.ledger.digest, view))
+        _stage(source, run, target, _studies(studies, source, run.ledger.digest, view))
     _, jobs = directory.read()
     SweepDirectory(staged.folder).write((), [_published_job(staged.folder, job) for job in jobs])
     return staged
@@ -156,25 +144,19 @@ def _publishable(run: RecordedRun) -> RecordedRun:
     return replace(run, record=replace(record, name=record.name or "run", config=config, pages=PAGES))
 
 
-def _day(request: Request, found: Opened) -> str:
-    """Give the day of publication: by default the last one in the runs' timings, so that it is their own.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    return request.published or max(_last_day(run) for run in found.runs)
-
-
 def _last_day(run: Path) -> str:
     timings = RunDirectory(run).read_timings()
-    if not timings:
+    day = timings[-1].at[: len("YYYY-MM-DD")] if timings else ""
+    if not day:
         place = f"{run}/timings.jsonl"
-        raise ConfigError("none", place=place, expected="lines with a time", remedy="set the day by --date YYYY-MM-DD")
-    return timings[-1].at[: len("YYYY-MM-DD")]
+        raise ConfigError(
+            "none", place=place, expected="lines with a time", remedy="give the day with --date YYYY-MM-DD"
+        )
+    return day
 
 
 def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) -> None:
-    """Lay what is to be published of a run into another folder."""
+    """Copy what is published of a run into another directory."""
     shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
         if (source / name).exists() and name != "run.json":
@@ -192,7 +174,7 @@ def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[Study
             shutil.copy(study.path / name, folder / name)
 
 
-def _studies(request: Request, run: Path, digest: str, view: View) -> list[StudyDirectory]:
+def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
     """Choose the studies of a run: those that were named, or all that are finished.
 
     Raises:
@@ -200,17 +182,17 @@ def _studies(request: Request, run: Path, digest: str, view: View) -> list[Study
     """
     every = studies_of(run)
     whole = [study for study in every if _is_finished(study, digest)]
-    if not request.studies:
+    if not chosen:
         for study in every:
             if study not in whole:
-                view.say(f"study {study.path.name} is not a finished one of the run as it is, and is left out")
+                view.say(f"study {study.path.name} is left out: it is not finished, or not about the run as it is")
         return whole
     by_place = {study.path.resolve(): study for study in whole}
-    for path in request.studies:
+    for path in chosen:
         if path.resolve() not in by_place:
             finished = ", ".join(str(study.path) for study in whole) or "none"
-            raise RunError(f"{path} is not the folder of a finished study of {run}; finished: {finished}")
-    return [by_place[place] for place in sorted({path.resolve() for path in request.studies})]
+            raise RunError(str(path), expected=f"the directory of a finished study of {run}: {finished}")
+    return [by_place[place] for place in sorted({path.resolve() for path in chosen})]
 
 
 def _is_finished(study: StudyDirectory, digest: str) -> bool:
@@ -269,14 +251,7 @@ def _lock(versions: Mapping[str, str]) -> str | None:
     if not path.exists():
         return None
     text = path.read_text(encoding="utf-8")
-    locked = dict(_pins(text.splitlines()))
-    compared = [name for name in PACKAGES if name != "tacevo" and versions.get(name, "absent") != "absent"]
-    agree = all(locked.get(name) == versions[name].partition("+")[0] for name in compared)  # torch adds its build
-    return text if agree else None
-
-
-def _pins(lines: Sequence[str]) -> Iterable[tuple[str, str]]:
-    for line in lines:
-        name, pinned, version = line.partition("==")
-        if pinned:
-            yield name.lower().replace("_", "-"), version.strip()
+    pins = set(text.lower().replace("_", "-").split())
+    # torch adds its build to its version
+    had = {name: versions.get(name, "absent").partition("+")[0] for name in PACKAGES if name != "tacevo"}
+    return text if all(f"{name}=={version}" in pins for name, version in had.items() if version != "absent") else None

@@ -1,7 +1,7 @@
 """Whether the records of a published run or sweep follow from each other: searches, studies, tables, a sweep's jobs.
 
-Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made anew from the records (figures,
-which depend on fonts and libraries, and the pages that describe the bundle) is held against its checksum only.
+Nothing in a bundle is believed, and no code of a candidate runs. What cannot be made again from the records (figures,
+which depend on fonts and libraries, and the pages that describe the bundle) is compared with its checksum only.
 """
 
 import contextlib
@@ -11,26 +11,27 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
 from tacevo.config.recorded import RecordedRun, doubting, read_recorded
 from tacevo.environment import deviations, versions
-from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, StoreError
+from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
 from tacevo.reproduce.replay import Replayed, replay
 from tacevo.rules import PAGES
-from tacevo.runs.progress import View
+from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
-from tacevo.storage.store import EMPTY, OTHERWISE, Seen
+from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import name_study, studies_of
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
-#: Makes every table of a run or a sweep anew: its folder and that of its stores to contents by file name.
+#: Makes every table, from the directories of a run or a sweep and of its stores; returns contents by file name.
 MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
 
-#: What there is to say of a miss in a bundle, whose user has no other store and records nothing.
-_INCOMPLETE = "a bundle has every entry that its replay reads, so this one was edited, or this version asks otherwise"
+#: What to do about a miss in a bundle, whose user has no other store and records nothing.
+_INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +57,7 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Files of tables that were made anew; they were compared where all runs have the current number of pages.
+    #: Files of tables that were made again; they were compared where all runs have the current number of pages.
     tables: int
     #: Of those, the files that would differ today; none where they were compared.
     outdated: int
@@ -64,13 +65,13 @@ class Verified:
     figures: int
 
 
-def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
-    """Replay a bundle from its own store entries, and hold everything that follows from them against it.
+def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
+    """Replay a bundle from its own store entries, and compare everything that follows from them.
 
     Args:
         bundle: opened, hence complete and as its manifest says.
         make_tables: makes the tables.
-        view: who is told.
+        view: shows how far it is.
 
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
@@ -78,7 +79,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
     if bundle.root is None:
-        raise ValueError(f"{bundle.folder} is no bundle")
+        raise ValueError(f"{bundle.folder} is not a bundle")
     read: set[Path] = set()
 
     def check(run: Path) -> Rerun:
@@ -102,13 +103,13 @@ def verify(bundle: Opened, make_tables: MakeTables, view: View) -> Verified:
     return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
 
 
-def rerun(run: RecordedRun, view: View, *, seen: Seen | None = None) -> Rerun:
-    """Run a search and its studies again, and compare all of its own files with that.
+def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
+    """Run a search and its studies again, and compare all of its own files.
 
     Args:
         run: the run.
-        view: who is told.
-        seen: told of every store entry that is read.
+        view: shows how far it is.
+        seen: called with every store entry that is read.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
@@ -123,7 +124,7 @@ def rerun(run: RecordedRun, view: View, *, seen: Seen | None = None) -> Rerun:
 
 
 def check_sizes(run: RecordedRun) -> None:
-    """See that a run's configuration and studies speak of as many candidates and scores as there are.
+    """Check that a run has as many candidates and scores as its configuration and its studies say.
 
     Otherwise a few digits could ask for more memory than there is.
 
@@ -133,20 +134,18 @@ def check_sizes(run: RecordedRun) -> None:
     search, lines = run.config.search, len(run.ledger.lines)
     expected = 1 + (1 + search.initial + 1) + search.generations * (search.candidates + 1) + len(run.eras) - 1
     if lines != expected:
-        raise RunError(
-            f"{lines} lines", place=str(run.directory.ledger), expected=f"{expected}, by the configuration in run.json"
-        )
+        raise RunError(f"{lines}", place=str(run.directory.ledger), expected=f"{expected} lines, by run.json")
     for study in studies_of(run.directory.path):
         recorded = study.read()
         if recorded.digest is None:
             continue  # not finished, and not replayed either
         rows, trainings = len(study.read_scores().rows), recorded.seeds * len(recorded.networks)
         if rows != trainings:
-            raise RunError(f"{rows} scores", place=str(study.scores), expected=f"{trainings}, as in study.json")
+            raise RunError(f"{rows}", place=str(study.scores), expected=f"{trainings} scores, by its study.json")
 
 
 def check_records(run: RecordedRun, replayed: Replayed) -> None:
-    """Compare what stands beside a run's ledger and archives with its replay: costs, and a summary of this release.
+    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release.
 
     Raises:
         DivergenceError: they are not what follows from the records.
@@ -157,7 +156,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
     for name, spent in sorted(spending.items()):
         if (computed := replayed.spending.get(name)) != spent:
             place = f"{path}/timings.jsonl, {name}"
-            raise DivergenceError(str(spent), place=place, expected=f"{computed}, by its answers", remedy=remedy)
+            raise DivergenceError(f"{spent}", place=place, expected=f"what its answers cost, {computed}", remedy=remedy)
     if run.record.pages != PAGES:
         return
     elites = [elite.id for elite in read_elites(run.directory)]
@@ -170,7 +169,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
-    """See that every replayed study is called what it is; tables and figures of it bear that name.
+    """Check the name of every replayed study; tables and figures of it bear that name.
 
     Raises:
         DivergenceError: one is not.
@@ -181,14 +180,14 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
         name = name_study(study.read_scores().header)
         if {study.path.name, study.read().name} != {name}:
             raise DivergenceError(
-                f"{study.path.name} and {study.read().name}",
-                place=f"{study.path}, names of the directory and in study.json",
-                expected=f"{name} twice",
+                f"{study.path.name} and {study.read().name!r}",
+                place=f"{study.path} and the name in its study.json",
+                expected=f"{name}, which follows from its scores",
             )
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
-    """Hold tables against those that were made anew.
+    """Compare tables with those that were made again.
 
     Args:
         folder: of the published ones.
@@ -199,12 +198,12 @@ def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
     """
     there = {path.name for path in folder.glob("*")}
     for name in sorted(there ^ made.keys()):
-        what = "is there, and does not follow from the records" if name in there else "is missing"
-        raise DivergenceError(f"table {name} {what}")
+        got = "one that does not follow from the records" if name in there else "none"
+        raise DivergenceError(got, place=f"table {name}", expected="the tables of this release")
     for name, content in sorted(made.items()):
         found = table_difference((folder / name).read_bytes(), content, is_csv=name.endswith(".csv"))
         if found is not None:
-            raise DivergenceError(f"table {name}, {found}")
+            raise DivergenceError(found, place=f"table {name}")
 
 
 def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
@@ -248,7 +247,7 @@ def _first_line(was: str, now: str) -> str | None:
 
 
 def _check_files(run: Path, checked: Rerun) -> None:
-    """See that a run has no candidate or study beside those that were compared.
+    """Check that a run has no candidate or study beside those that were compared.
 
     Raises:
         BundleError: it has.
@@ -259,11 +258,11 @@ def _check_files(run: Path, checked: Rerun) -> None:
     }
     for what, (there, known) in found.items():
         for name in sorted(there - known):
-            raise BundleError(f"{run}: {name} is there, and belongs to nothing of {what}")
+            raise BundleError(name, place=str(run), expected=f"only files of {what}")
 
 
 def _check_entries(store: Path, read: Set[Path]) -> None:
-    """See that every store entry of a bundle was needed by a run of it.
+    """Check that every store entry of a bundle was needed by a run of it.
 
     Raises:
         BundleError: one was not.
@@ -271,19 +270,20 @@ def _check_entries(store: Path, read: Set[Path]) -> None:
     names = {path.name for path in read}
     for path in sorted(store.rglob("*.json")):
         if path.name not in names:
-            raise BundleError(f"{store}: {path.name} is there, and belongs to nothing of the replay")
+            raise BundleError(path.name, place=str(store), expected="only entries that the replay reads")
 
 
 @contextlib.contextmanager
 def _refusing(place: Path) -> Iterator[None]:
-    """Refuse a bundle whose records cannot be used at all, whatever is wrong with them."""
+    """Refuse a bundle whose records cannot be used at all."""
     try:
-        yield
-    except CacheMissError as error:
-        message = str(error).replace(OTHERWISE, _INCOMPLETE).replace(EMPTY, _INCOMPLETE)
-        raise BundleError(message) from error
-    except (RunError, StoreError, ConfigError) as error:
-        raise BundleError(str(error)) from error
-    # Checksums can be written anew around any content, and the readers of records take the form of these for granted.
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise BundleError(f"{place} holds a record that no run writes: {type(error).__name__}: {error}") from error
+        with refusing():
+            yield
+    except BundleError as error:
+        if isinstance(error.__cause__, CacheMissError):
+            error.remedy = _INCOMPLETE
+        raise
+    except (DivergenceError, OSError):
+        raise
+    except Exception as error:  # checksums can be written again around any content, which readers stumble over
+        raise BundleError(f"{type(error).__name__}: {error}", place=str(place), expected="records of a run") from error

@@ -1,95 +1,122 @@
-"""The commands that show what runs found: `tacevo tables | figures | report | paper | ablations`.
-
-What they do is imported when they run, so that help is quick.
-"""
+"""The commands that show what runs found: `tacevo tables | figures | report | paper | ablations`."""
 
 import argparse
 import contextlib
+import itertools
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rich.console import Console
+
+from analysis.report import sweep_collection
+from analysis.report.collection import Collection, collect, pictures_of, tables_of, with_one_study
+from analysis.report.document import ENGINES, Chapter, make_pdf, write_document
+from analysis.report.figure_list import Picture, undrawn
+from analysis.report.page import as_html, drawn
+from analysis.report.writing import remove_outdated, write_chapter, write_pictures, write_tables
+from analysis.runs.run import Run, load_run
+from analysis.studies.study import check_alike
+from analysis.table import Table
+from analysis.tables.published import beside_published, published_tables
+from analysis.tables.rendering import WRITERS, as_markdown
+from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
 from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
+from tacevo.runs.data_check import samples_of_run
+from tacevo.runs.profiles import recall_profiles
+from tacevo.runs.progress import Progress
+from tacevo.storage.files import write_durably
 from tacevo.text import listed
 
-if TYPE_CHECKING:
-    from analysis.report.collection import Collection
-    from analysis.report.document import Chapter
-    from analysis.report.figure_list import Picture
-    from analysis.report.sweep_collection import SweepCollection
-    from analysis.runs.run import Run
-    from analysis.table import Table
-
-
 _FORMATS = ("pdf", "svg", "png")
+
+_RUN = "the directory or bundle of a run"
 
 #: The remedy where one run is needed and a sweep was named.
 _ONE = "compare its arms by `tacevo ablations`, or name the directory of one of its jobs"
 
 
-def add_analysis(commands: "argparse._SubParsersAction[Parser]") -> None:
-    """Describe the commands on finished runs."""
-    tables = commands.add_parser(
-        "tables",
-        help="every table of a run, in LaTeX, Markdown and CSV",
-        description="Print every table of a finished run and its studies, and write them as .tex, .md and .csv.",
-    )
-    tables.add_argument("run", metavar="RUN", nargs="?", help="the directory or bundle of a run; optional with --paper")
-    tables.add_argument(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Gathered:
+    """A run with its studies, from a directory or a bundle."""
+
+    found: Collection
+    #: The directory of the stores that it is read with; None for the run's own.
+    store: str | None
+    is_bundle: bool
+
+
+def add_tables(parser: Parser) -> None:
+    """Describe `tacevo tables`."""
+    parser.description = "Print every table of a finished run and its studies, and write them as .tex, .md and .csv."
+    parser.add_argument("run", metavar="RUN", nargs="?", help="the directory or bundle of a run; optional with --paper")
+    parser.add_argument(
         "--paper", action="store_true", help="the paper's own tables beside corrected values, and beside RUN"
     )
-    tables.add_argument(
+    parser.add_argument(
         "-o",
         "--output",
         metavar="DIR",
         help="where to write them (default for a directory: RUN/tables; with --paper nothing is written)",
     )
-    tables.set_defaults(command=_tables)
+    _finish(parser, _tables)
 
-    figures = commands.add_parser(
-        "figures",
-        help="every figure of a run, for a paper",
-        description="Draw every figure of a finished run and its studies.",
-    )
-    figures.add_argument("run", metavar="RUN", help="the directory or bundle of a run")
-    figures.add_argument(
+
+def add_figures(parser: Parser) -> None:
+    """Describe `tacevo figures`."""
+    parser.description = "Draw every figure of a finished run and its studies."
+    parser.add_argument("run", metavar="RUN", help=_RUN)
+    parser.add_argument(
         "-o", "--output", metavar="DIR", help="where to write them (default for a directory: RUN/figures)"
     )
-    figures.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
-    figures.set_defaults(command=_figures)
+    parser.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
+    _finish(parser, _figures)
 
-    report = commands.add_parser(
-        "report",
-        help="one page with every table and figure of a run",
-        description="Write one HTML file that holds every table and figure of a finished run and its studies.",
+
+def add_report(parser: Parser) -> None:
+    """Describe `tacevo report`."""
+    parser.description = "Write one HTML file that holds every table and figure of a finished run and its studies."
+    parser.add_argument("run", metavar="RUN", help=_RUN)
+    parser.add_argument("-o", "--output", metavar="FILE", help="default for a directory: RUN/report.html")
+    _finish(parser, _report)
+
+
+def add_paper(parser: Parser) -> None:
+    """Describe `tacevo paper`."""
+    parser.description = (
+        "Write every table and figure of finished runs and their studies, a LaTeX document that holds them all, and "
+        "its PDF where LaTeX is installed."
     )
-    report.add_argument("run", metavar="RUN", help="the directory or bundle of a run")
-    report.add_argument("-o", "--output", metavar="FILE", help="default for a directory: RUN/report.html")
-    report.set_defaults(command=_report)
+    parser.add_argument("runs", metavar="RUN", nargs="+", help=_RUN)
+    parser.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
+    _finish(parser, _paper)
 
-    paper = commands.add_parser(
-        "paper",
-        help="the pages of a paper: every table and figure of several runs",
-        description="Write every table and figure of finished runs and their studies, a LaTeX document that holds "
-        "them all, and its PDF where LaTeX is installed.",
+
+def add_ablations(parser: Parser) -> None:
+    """Describe `tacevo ablations`."""
+    parser.description = (
+        "Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and .csv, with "
+        "figures as .pdf."
     )
-    paper.add_argument("runs", metavar="RUN", nargs="+", help="the directory or bundle of a run")
-    paper.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
-    paper.set_defaults(command=_paper)
+    parser.add_argument("sweep", metavar="DIR", help="the directory or bundle of a sweep")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT", help="where to write them (default for a directory: DIR/ablations)"
+    )
+    _finish(parser, _ablations)
 
-    for parser in (tables, figures, report, paper):
-        parser.add_argument("--store", metavar="DIR", help="directory of the run's stores, if it was moved")
-        parser.set_defaults(interrupted="every written file is complete; run the same command again for the rest")
+
+def _finish(parser: Parser, command: Callable[[argparse.Namespace], int]) -> None:
+    """Describe what all these commands have in common."""
+    parser.add_argument("--store", metavar="DIR", help="directory of the stores, if it was moved")
+    parser.set_defaults(
+        command=command, interrupted="every written file is complete; run the same command again for the rest"
+    )
 
 
 def _tables(options: argparse.Namespace) -> int:
-    from analysis.report.writing import remove_outdated, write_tables
-    from analysis.tables.rendering import WRITERS, as_markdown
-
     if options.paper:
         return _paper_tables(options)
     if options.run is None:
@@ -112,11 +139,6 @@ def _tables(options: argparse.Namespace) -> int:
 
 def _paper_tables(options: argparse.Namespace) -> int:
     """Print the paper's own tables, and one that compares a run with them; studies are not read."""
-    from analysis.report.writing import write_tables
-    from analysis.runs.run import load_run
-    from analysis.tables.rendering import as_markdown
-    from tacevo.bundles.open import opened
-
     if options.run is None:
         tables = _published([])
     else:
@@ -131,8 +153,6 @@ def _paper_tables(options: argparse.Namespace) -> int:
 
 
 def _figures(options: argparse.Namespace) -> int:
-    from analysis.report.writing import remove_outdated, write_pictures
-
     place = _place(options, "figures")
     with _collected(options.run, options.store) as gathered:
         found, folder = gathered.found, output_folder(place)
@@ -148,9 +168,6 @@ def _figures(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from analysis.report.page import as_html, drawn
-    from tacevo.storage.files import write_durably
-
     path = _place(options, "report.html")
     with _collected(options.run, options.store) as gathered:
         found = gathered.found
@@ -165,10 +182,6 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _paper(options: argparse.Namespace) -> int:
-    from analysis.report.document import ENGINES, make_pdf, write_document
-    from analysis.report.writing import write_chapter
-    from analysis.studies.study import check_alike
-
     with contextlib.ExitStack() as open_bundles:
         gathered = [_for_paper(open_bundles.enter_context(_collected(run, options.store))) for run in options.runs]
         found = [one.found for one in gathered]
@@ -196,10 +209,8 @@ def _check_names(names: Sequence[str]) -> None:
         )
 
 
-def _for_paper(gathered: "_Gathered") -> "_Gathered":
+def _for_paper(gathered: _Gathered) -> _Gathered:
     """Keep one study of a run, and print which are passed over."""
-    from analysis.report.collection import with_one_study
-
     chosen = with_one_study(gathered.found)
     names = {compared.name for compared in gathered.found.studies} - {compared.name for compared in chosen.studies}
     _say(
@@ -209,10 +220,8 @@ def _for_paper(gathered: "_Gathered") -> "_Gathered":
     return replace(gathered, found=chosen)
 
 
-def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
+def _chapter(gathered: _Gathered, folder: Path) -> Chapter:
     """Write the tables and figures of a run into a folder."""
-    from analysis.report.writing import write_chapter
-
     name = gathered.found.run.name
     tables, missing = _own_tables(gathered)
     pictures, undrawn = _pictures(gathered)
@@ -222,22 +231,9 @@ def _chapter(gathered: "_Gathered", folder: Path) -> "Chapter":
     return chapter
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Gathered:
-    """A run with its studies, from a directory or a bundle."""
-
-    found: "Collection"
-    #: The directory of the stores that it is read with; None for the run's own.
-    store: str | None
-    is_bundle: bool
-
-
 @contextlib.contextmanager
-def _collected(run: str, store: str | None) -> "Iterator[_Gathered]":
+def _collected(run: str, store: str | None) -> Iterator[_Gathered]:
     """Read a run and its studies from a directory or a bundle, and print what is missing."""
-    from analysis.report.collection import collect
-    from tacevo.bundles.open import opened
-
     named = existing_store(store)
     with opened(Path(run)) as place:
         is_bundle = place.root is not None
@@ -263,18 +259,13 @@ def _remarks(gathered: _Gathered) -> list[str]:
     return remarks
 
 
-def _published(runs: "Sequence[Run]") -> "tuple[Table, ...]":
+def _published(runs: Sequence[Run]) -> tuple[Table, ...]:
     """Return the paper's own tables, and with runs the table that compares them."""
-    from analysis.tables.published import beside_published, published_tables
-
     return (*published_tables(), beside_published(runs)) if runs else published_tables()
 
 
-def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
+def _own_tables(gathered: _Gathered) -> tuple[tuple[Table, ...], list[str]]:
     """Return the tables of a run, and why there are none of motifs: a probe is missing, or a network was edited."""
-    from analysis.report.collection import tables_of
-    from tacevo.runs.profiles import recall_profiles
-
     found = gathered.found
     try:
         return tables_of(found, recall_profiles(found.run.path, gathered.store)), []
@@ -282,14 +273,8 @@ def _own_tables(gathered: _Gathered) -> "tuple[tuple[Table, ...], list[str]]":
         return tables_of(found, None), [f"no tables of motifs: {error}"]
 
 
-def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
+def _pictures(gathered: _Gathered) -> tuple[list[Picture], list[str]]:
     """List the pictures of a run, sample images first; or the reason why they are missing."""
-    from rich.console import Console
-
-    from analysis.report.collection import pictures_of
-    from analysis.report.figure_list import Picture, undrawn
-    from tacevo.runs.data_check import samples_of_run
-
     run = gathered.found.run
     pictures, missing = list(pictures_of(gathered.found)), list(undrawn(run))
     try:
@@ -300,7 +285,7 @@ def _pictures(gathered: _Gathered) -> "tuple[list[Picture], list[str]]":
     return [Picture(name=f"samples_{run.task}", caption=caption, draw=lambda: figure), *pictures], missing
 
 
-def _status(collections: "Sequence[Collection]") -> int:
+def _status(collections: Sequence[Collection]) -> int:
     """Return the exit status: a study that was left out is a failed check."""
     return DIFFERENT if any(found.left_out for found in collections) else DONE
 
@@ -321,46 +306,20 @@ def _ignore(name: str) -> None:
 @contextlib.contextmanager
 def _shown(words: str, total: int) -> Iterator[Callable[[str], None]]:
     """Show how many pictures are drawn, on a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
-        task = bars.add_task(words, total=total)
-        yield lambda name: bars.advance(task)
-
-
-def add_ablations(commands: "argparse._SubParsersAction[Parser]") -> None:
-    """Describe the command on sweeps."""
-    ablations = commands.add_parser(
-        "ablations",
-        help="the arms of a sweep, compared: tables and figures",
-        description="Compare the arms of a sweep by its finished jobs: print tables, and write them as .tex, .md and "
-        ".csv, with figures as .pdf.",
-    )
-    ablations.add_argument("sweep", metavar="DIR", help="the directory or bundle of a sweep")
-    ablations.add_argument(
-        "-o", "--output", metavar="OUT", help="where to write them (default for a directory: DIR/ablations)"
-    )
-    ablations.add_argument("--store", metavar="DIR", help="directory of the runs' stores, if it was moved")
-    ablations.set_defaults(
-        command=_ablations, interrupted="every written file is complete; run the same command again for the rest"
-    )
+    number = itertools.count(1)
+    with Progress() as view:
+        yield lambda name: view.advance(words, next(number), total)
 
 
 def _ablations(options: argparse.Namespace) -> int:
-    from analysis.report.sweep_collection import pictures_of, tables_of
-    from analysis.report.writing import write_pictures, write_tables
-    from analysis.tables.rendering import as_markdown
-
     store = existing_store(options.store)
     place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
     found = _collected_sweep(Path(options.sweep), None if store is None else Path(store))
     folder = output_folder(place)
-    tables = tables_of(found)
+    tables = sweep_collection.tables_of(found)
     print("\n".join(map(as_markdown, tables)))
     write_tables(tables, folder)
-    pictures = {picture.name: picture for picture in pictures_of(found)}
+    pictures = {picture.name: picture for picture in sweep_collection.pictures_of(found)}
     write_pictures(pictures.values(), folder, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
     for missing in found.sweep.missing:
         print(f"missing: {missing.job.name}: {missing.reason}", file=sys.stderr)
@@ -368,12 +327,9 @@ def _ablations(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _collected_sweep(path: Path, store: Path | None) -> "SweepCollection":
+def _collected_sweep(path: Path, store: Path | None) -> sweep_collection.SweepCollection:
     """Read a sweep from a directory or a bundle, a bundle with its own stores unless others are named."""
-    from analysis.report.sweep_collection import collect_sweep
-    from tacevo.bundles.open import opened
-
     if not path.is_file():
-        return collect_sweep(path, store)
+        return sweep_collection.collect_sweep(path, store)
     with opened(path) as published:
-        return collect_sweep(published.folder, store or published.store)
+        return sweep_collection.collect_sweep(published.folder, store or published.store)

@@ -1,7 +1,4 @@
-"""What all commands of `tacevo` have in common: the parser, the exit status, the word for an override.
-
-Nothing here imports a library, so that help is quick.
-"""
+"""What all commands have in common: the parser, the exit status, directories of stores and results."""
 
 import argparse
 import os
@@ -17,56 +14,55 @@ OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a 
 
 
 def existing_store(name: str | None) -> str | None:
-    """Take what `--store` names; a mistyped folder would be made, and filled anew.
+    """Return what `--store` names; a mistyped directory would be made and filled again.
 
     Raises:
-        ConfigError: it is no folder.
+        ConfigError: it is not a directory.
     """
     if name is not None and not Path(name).is_dir():
-        raise ConfigError(f"--store needs the folder that holds a run's stores; {name} is no folder")
+        raise ConfigError(name, place="--store", expected="the directory of a run's stores")
     return name
 
 
 def place_of_results(output: str | None, source: str, name: str, what: str) -> Path:
-    """Say where results go: where the user wants them, else into the folder that they are of.
+    """Return where results go: where the user wants them, else into the directory of the run or sweep.
 
     Args:
         output: where the user wants them.
-        source: the folder or the bundle that they are of.
-        name: what they are called in a folder.
+        source: the directory or the bundle.
+        name: what they are called in a directory.
         what: what they are, for the message, e.g. `the figures of a published run`.
 
     Raises:
-        ConfigError: they are of a bundle, into which nothing is written, and the user named no place.
+        ConfigError: nothing is written into a bundle, and the user named no place.
     """
     if output:
         return Path(output)
     if Path(source).is_file():
-        raise ConfigError(f"{source} is a file; say by -o where {what} go")
+        raise ConfigError(f"the file {source}", expected="a directory", remedy=f"name by -o where {what} go")
     return Path(source) / name
 
 
 def output_folder(name: str | Path) -> Path:
-    """Make the folder of results before any work is done for them.
+    """Make the directory of results before any work is done for them.
 
     Raises:
         ConfigError: it cannot be made, or nothing can be written into it.
     """
-    folder = Path(name)
+    folder, expected = Path(name), "a directory that results can be written to"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"results need a folder; {folder} can be none: {error.strerror}") from error
+        raise ConfigError(str(error.strerror), place=str(folder), expected=expected) from error
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError(f"results need a folder that can be written to; {folder} cannot; name another one by -o")
+        raise ConfigError("a write-protected one", place=str(folder), expected=expected, remedy="name another by -o")
     return folder
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose `search` command lists the choices of every config group, read only when somebody asks.
+    """A parser whose files of overrides (`@FILE`) may have empty lines and comments.
 
-    A file of overrides (`@FILE`) may have empty lines and comments. The parser of the command that was given is the
-    parsed `parser`, so that a mistake shows this command's usage.
+    The parser of the given command is the parsed `parser`, so that a mistake shows this command's usage.
     """
 
     def __init__(self, **settings: Any) -> None:
@@ -77,14 +73,3 @@ class Parser(argparse.ArgumentParser):
         """Read one line of a file of overrides."""
         text = arg_line.strip()
         return [] if text.startswith("#") or not text else [text]
-
-    def format_help(self) -> str:
-        """Write the help."""
-        text = super().format_help()
-        if not self.prog.endswith(" search"):
-            return text
-        from tacevo.config.folder import groups
-
-        width = max(map(len, groups()))
-        lines = [f"  {name.ljust(width)}  {', '.join(choices)}" for name, choices in groups().items()]
-        return "\n".join([f"{text}\nconfig groups and their choices:", *lines, ""])

@@ -1,8 +1,13 @@
-"""The commands `tacevo data ...`; what they do is imported when they run, so that help is quick."""
+"""The commands `tacevo data ...`."""
 
 import argparse
+import json
+
+from rich.console import Console
 
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.runs.data_check import check, show, simulate
+from tacevo.runs.data_report import describe, report
 
 _EPILOG = """\
 examples:
@@ -13,23 +18,19 @@ examples:
 """
 
 
-def add_data(commands: "argparse._SubParsersAction[Parser]") -> None:
+def add_data(parser: Parser) -> None:
     """Describe `tacevo data` and its commands."""
-    data = commands.add_parser(
-        "data",
-        help="look at a data set, or write a simulated one as files",
-        description="Look at a data set before a search, or write a simulated one as files.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    data.set_defaults(interrupted="nothing half-made is left")
-    choices = data.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    parser.description = "Look at a data set before a search, or write a simulated one as files."
+    parser.epilog = _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.set_defaults(interrupted="nothing half-made is left")
+    choices = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     check = choices.add_parser(
         "check",
         help="load a data set as a search would, count it, and draw a contact sheet",
         description="Load a data set as a search would, count it, and draw a contact sheet. "
-        "The exit status is 1 where equal images straddle the splits.",
+        "The exit status is 1 if two splits share an image.",
         fromfile_prefix_chars="@",
     )
     check.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
@@ -61,31 +62,16 @@ def add_data(commands: "argparse._SubParsersAction[Parser]") -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    import json
-
-    from rich.console import Console
-
-    from tacevo.runs.data_check import check
-    from tacevo.runs.data_report import describe, report
-
     found = check(options.overrides, options.output, Console(stderr=True))
     print(json.dumps(describe(found), indent=2) if options.json else report(found))
     return DIFFERENT if found.survey.leaks else DONE
 
 
 def _show(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.runs.data_check import show
-
     print(f"look: {show(options.overrides, options.output, options.width, Console(stderr=True))}")
     return DONE
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.runs.data_check import simulate
-
     print(simulate(options.overrides, Console(stderr=True)))
     return DONE

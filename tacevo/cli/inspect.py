@@ -1,16 +1,16 @@
-"""`tacevo check`: the gate on raw answers, as they come from a model."""
+"""The commands `tacevo check` (the gate on raw answers), `tacevo show` and `tacevo doctor`."""
 
-import contextlib
+import argparse
 import json
 import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.choices import Numerics
+from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose, from_plain
 from tacevo.config.folder import conf_root
 from tacevo.config.schema import RunConfig, StoreConfig
@@ -18,18 +18,37 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, written
+from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, to_json, written
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import ENTRIES, build_gate
-from tacevo.sandbox.client import Notice, Sandbox
+from tacevo.runs.wiring import Workbench
+from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, report
 from tacevo.search.files import read_elites, read_ledger
 from tacevo.search.lines import CandidateLine
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
-from tacevo.training.numerics import environment
+from tacevo.typed import parse
+
+
+def add_check(parser: Parser) -> None:
+    """Describe `tacevo check`."""
+    parser.description = (
+        "Put raw answers through the gate: text files, or JSON recordings with a `response`. The exit status is 0 "
+        "also where answers are rejected; --json says which."
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE")
+    parser.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
+    parser.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    parser.set_defaults(command=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
+        print(line, flush=True)
+    return DONE
 
 
 def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_json: bool) -> Iterator[str]:
@@ -46,22 +65,23 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
         One line a file.
 
     Raises:
-        ConfigError: there is no such task, or a file cannot be read.
+        ConfigError: there is no such task, or a file is not an answer.
+        OSError: a file cannot be read.
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
-    with contextlib.ExitStack() as stack:
-        store = StoreConfig(root=stack.enter_context(tempfile.TemporaryDirectory()))  # a check leaves nothing behind
-        config = replace(config, store=store)
-        sandbox = Sandbox(entries=ENTRIES, environment=environment(config.numerics.kind), arrays={})
-        gate = build_gate(config, judged.contract, stack.enter_context(sandbox).run, Mode.record, CURRENT)
-        for file, completion in answers:
-            verdict = _verdict(file, gate.admit(completion))
-            yield json.dumps(verdict) if as_json else _words(verdict)
+    facts = facts_without_data(config)
+    with tempfile.TemporaryDirectory() as store:  # a check leaves nothing behind
+        config = replace(config, store=StoreConfig(root=store))
+        with Workbench(config, judged, facts, Mode.record) as bench:
+            gate = bench.gate(CURRENT)
+            for file, completion in answers:
+                verdict = _verdict(file, gate.admit(completion))
+                yield json.dumps(verdict) if as_json else _words(verdict)
 
 
 def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Task]:
-    """Give a task and its configuration as if its data set were there, for work that needs none.
+    """Return a task and its configuration as if its data set were there, for work that needs none.
 
     Raises:
         ConfigError: there is no such task, or it cannot have that image size.
@@ -74,52 +94,57 @@ def _read(path: Path) -> Completion:
     """Read a file as the answer of a model."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} cannot be read as an answer: {error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(error), place=str(path), expected="an answer: text in UTF-8") from error
     stop_reason = "end_turn"
     if path.suffix == ".json":
         text, stop_reason = _recorded(path, text)
     return Completion(text=text, model="", stop_reason=stop_reason, input_tokens=0, output_tokens=0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Recording:
+    """What is read of a JSON recording: a `response`, or else a `source`."""
+
+    response: str | None = None
+    source: str | None = None
+    stop_reason: str = "end_turn"
+
+
 def _recorded(path: Path, text: str) -> tuple[str, str]:
-    """Take answer and stop reason out of a JSON recording."""
-    try:
-        recording = json.loads(text)
-    except ValueError as error:
-        raise ConfigError(f"{path} is not JSON: {error}") from error
-    answer = recording.get("response", recording.get("source")) if isinstance(recording, dict) else None
-    if not isinstance(answer, str):
-        raise ConfigError(f"{path} needs a text `response` or `source`, as recordings have it")
-    return answer, str(recording.get("stop_reason", "end_turn"))
+    """Return the answer and the stop reason of a JSON recording."""
+    recording = parse(_Recording, text, place=str(path), error=ConfigError)
+    answer = recording.source if recording.response is None else recording.response
+    if answer is None:
+        raise ConfigError("neither", place=str(path), expected="a text `response` or `source`")
+    return answer, recording.stop_reason
 
 
 def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
-    """Give a file's verdict as the fields of its line."""
+    """Return a file's verdict as the fields of its line."""
     if isinstance(admission, Admitted):
-        parameters = admission.profile.parameters
-        return {
-            "file": file,
-            "verdict": "admitted",
-            "stage": None,
-            "reason": None,
-            "detail": None,
-            "parameters": parameters,
-        }
-    return {
-        "file": file,
-        "verdict": "rejected",
-        "stage": admission.stage.value,
-        "reason": admission.reason.value,
-        "detail": admission.detail,
-        "parameters": None,
-    }
+        absent: Json = {"stage": None, "reason": None, "detail": None}
+        return {"file": file, "verdict": "admitted", **absent, "parameters": admission.profile.parameters}
+    return {"file": file, "verdict": "rejected", **to_json(admission), "parameters": None}
 
 
 def _words(verdict: dict[str, Json]) -> str:
     if verdict["verdict"] == "admitted":
         return f"{verdict['file']}: admitted, {verdict['parameters']:,} parameters"
     return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
+
+
+def add_show(parser: Parser) -> None:
+    """Describe `tacevo show`."""
+    parser.add_argument("run", metavar="RUN", help="the directory of a run")
+    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
+    parser.set_defaults(command=_show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    path = Path(options.run)
+    print(show_run(path) if options.candidate is None else show_candidate(path, options.candidate), end="")
+    return DONE
 
 
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
@@ -130,7 +155,7 @@ def show_run(path: Path) -> str:
     """Write the summary of a run, finished or not.
 
     Raises:
-        RunError: this is no run directory, or it is damaged.
+        RunError: this is not a run directory, or it is damaged.
     """
     directory = RunDirectory(path)
     run, ledger = directory.read_run(), read_ledger(directory)
@@ -145,7 +170,7 @@ def show_candidate(path: Path, name: str) -> str:
     """Write down one candidate: what was asked, what became of it, its losses and its source or answer.
 
     Raises:
-        RunError: this is no run directory, or it has no such candidate.
+        RunError: this is not a run directory, or it has no such candidate.
     """
     directory = RunDirectory(path)
     run = directory.read_run()
@@ -165,7 +190,7 @@ def show_candidate(path: Path, name: str) -> str:
 
 
 def _instruction(task: Task, line: CandidateLine) -> str:
-    """Return the words that the candidate was asked for with."""
+    """Return the instruction that the candidate was asked for with."""
     if line.operator is Operator.baseline:
         return "none; this is the task's baseline"
     if line.prompt is None:
@@ -194,8 +219,19 @@ def _losses(train: Sequence[float], validation: Sequence[float]) -> str:
     return table(["epoch", "training loss", "validation loss"], rows)
 
 
+def add_doctor(parser: Parser) -> None:
+    """Describe `tacevo doctor`."""
+    parser.set_defaults(command=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    findings, sound = examine()
+    print(findings)
+    return DONE if sound else DIFFERENT
+
+
 def examine() -> tuple[str, bool]:
-    """Look at machine, packages, sandbox and folders.
+    """Check machine, packages, sandbox and directories.
 
     The confinement is what held the candidate that was tried, or what the machine has, where none could be.
 
@@ -206,7 +242,7 @@ def examine() -> tuple[str, bool]:
     checks: dict[str, Callable[[], str]] = {
         "configs": _configs,
         "sandbox": partial(_sandbox, held.append),
-        "current folder": _folder,
+        "current directory": _folder,
     }
     results = {name: _tried(check) for name, check in checks.items()}
     confinement = in_force(held[0]) if held else report()
@@ -235,14 +271,14 @@ def _configs() -> str:
 def _sandbox(notice: Notice) -> str:
     """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
     config, task = task_without_data("force", 32)
-    with tempfile.TemporaryDirectory() as store:
-        config = replace(config, store=StoreConfig(root=store))  # nothing recorded may answer instead
-        with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={}, notice=notice) as sandbox:
-            verdict = build_gate(config, task.contract, sandbox.run, Mode.record, CURRENT).inspect(task.baseline)
+    facts = facts_without_data(config)
+    with tempfile.TemporaryDirectory() as store:  # no recorded probe may answer instead
+        config = replace(config, store=StoreConfig(root=store))
+        with Workbench(config, task, facts, Mode.record, notice=notice) as bench:
+            verdict = bench.gate(CURRENT).inspect(task.baseline)
     if isinstance(verdict, Rejection):
-        raise SandboxError(
-            f"the baseline of task force is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}"
-        )
+        got = f"{verdict.stage}, {verdict.reason}: {verdict.detail}"
+        raise SandboxError(got, expected="the baseline of task force to be admitted")
     return f"the baseline of task force is admitted, with {verdict.profile.parameters:,} parameters"
 
 

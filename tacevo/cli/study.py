@@ -1,24 +1,28 @@
-"""The command `tacevo study`; what it does is imported when it runs, so that help is quick."""
+"""The command `tacevo study`."""
 
 import argparse
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
+from tacevo.config.compose import compose_study
+from tacevo.runs.progress import Progress
+from tacevo.studies.study import study
+from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
-    "run": "the folder of a finished run; it must be given",
+    "run": "the directory of a finished run; required",
     "elites": "how many elites, best validation loss first, beside the baseline (4)",
     "seeds": "training seeds of each network (20)",
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
-    "seconds": "what one training may take (86400)",
-    "memory_mib": "the same, of memory (4096)",
+    "seconds": "the longest time of one training (86400)",
+    "memory_mib": "the most memory of one training (4096)",
     "alpha": "level of the tests, after Holm (0.05)",
-    "margins.regression.value": "of the test MSE: the largest difference that counts as none (0.1)",
+    "margins.regression.value": "the largest difference of the test MSE that counts as none (0.1)",
     "margins.regression.kind": "relative (to the baseline's median), or absolute; the first unless set",
-    "margins.classification.value": "the same, of the test accuracy (0.01)",
+    "margins.classification.value": "the same for the test accuracy (0.01)",
     "margins.classification.kind": "absolute (in the metric itself), or relative; the first unless set",
     "executor.workers": "trainings at once (2)",
-    "store.root": "the folder of the stores (that of the run)",
+    "store.root": "the directory of the stores (that of the run)",
 }
 
 _EPILOG = """\
@@ -27,43 +31,34 @@ examples:
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
   tacevo study run=runs/NAME margins.regression.value=0.05
 
-The same command continues a study that was stopped. Given in several processes, on one or more machines that share the
-run and the store, they divide the work."""
+The same command continues a study that was stopped. Several processes, on one or more machines that share the run and
+the store, divide the work."""
 
 
-def add_study(commands: "argparse._SubParsersAction[Parser]") -> None:
+def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
     width = max(map(len, SETTINGS))
     settings = "\n".join(f"  {name.ljust(width)}  {meaning}" for name, meaning in SETTINGS.items())
-    study = commands.add_parser(
-        "study",
-        help="train a run's best networks and the baseline fully, with many seeds, and test them",
-        description="Train the baseline and the best elites of a finished run fully, each with the same training "
-        "seeds, and measure them on the test images. The exit status is 1 where a training came to no end.",
-        epilog=f"settings, with their defaults:\n{settings}\n\n{_EPILOG}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        fromfile_prefix_chars="@",
+    parser.description = (
+        "Train the baseline and the best elites of a finished run fully, each with the same training seeds, and "
+        "measure\nthem on the test images. The exit status is 1 if a training did not finish."
     )
-    study.add_argument("overrides", nargs="*", metavar="SETTING", help="KEY=VALUE, or @FILE with one of them a line")
-    study.set_defaults(command=_study, interrupted="the trainings that ended are kept, and the same command continues")
+    parser.epilog = f"settings, with their defaults:\n{settings}\n\n{_EPILOG}"
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.fromfile_prefix_chars = "@"
+    parser.add_argument("overrides", nargs="*", metavar="SETTING", help="KEY=VALUE, or @FILE with one of them a line")
+    parser.set_defaults(command=_study, interrupted="the trainings that ended are kept, and the same command continues")
 
 
 def _study(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from tacevo.config.compose import compose_study
-    from tacevo.runs.progress import make_study_view
-    from tacevo.studies.study import study
-    from tacevo.text import counted
-
     config = compose_study(options.overrides)
-    with make_study_view(Console(stderr=True)) as view:
+    with Progress() as view:
         studied = study(config, view)
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
     print(f"study: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
     for row in studied.failed:
         print(f"failed: {row}")
     if studied.failed:
-        print("no statistics without these: give them more with seconds= or memory_mib=, or study fewer elites=")
+        print("no statistics without these: raise seconds= or memory_mib=, or lower elites=")
     print(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE

@@ -1,9 +1,13 @@
-"""The commands of sweeps, `tacevo search -m` and `tacevo sweep status`; imports wait until one runs."""
+"""The commands of sweeps, `tacevo search -m` and `tacevo sweep status`."""
 
 import argparse
 from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
+from tacevo.runs.progress import Progress
+from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.sweeps.plan import sweep
+from tacevo.sweeps.status import Standing, describe, status_of
 
 _EPILOG = """\
 examples:
@@ -16,15 +20,11 @@ The command that began a sweep continues it: finished jobs are not repeated, sto
 repeated. With more arms or seeds it adds jobs."""
 
 
-def add_sweep(commands: "argparse._SubParsersAction[Parser]") -> None:
+def add_sweep(parser: Parser) -> None:
     """Describe `tacevo sweep`."""
-    parser = commands.add_parser(
-        "sweep",
-        help="show the state of a sweep's jobs (`tacevo search -m` runs them)",
-        description="Sweeps are begun and continued by `tacevo search -m`.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser.description = "Sweeps are begun and continued by `tacevo search -m`."
+    parser.epilog = _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     status = actions.add_parser("status", help="list every job: finished, running, failed and why, stopped, not begun")
     status.add_argument("sweep", metavar="DIR", help="the directory of a sweep")
@@ -49,13 +49,7 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
 
 def run_sweep(options: argparse.Namespace) -> int:
     """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
-    from rich.console import Console
-
-    from tacevo.runs.progress import make_sweep_view
-    from tacevo.sweeps.plan import sweep
-    from tacevo.sweeps.status import Standing, describe
-
-    with make_sweep_view(Console(stderr=True)) as view:
+    with Progress() as view:
         swept = sweep(options.overrides, options.into, view)
     print(describe(swept.statuses))
     print(f"\nsweep: {swept.directory}")
@@ -63,9 +57,6 @@ def run_sweep(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from tacevo.storage.sweep_directory import SweepDirectory
-    from tacevo.sweeps.status import describe, status_of
-
     directory = SweepDirectory(Path(options.sweep))
     shared, jobs = directory.read()
     print(f"sweep over {' '.join(shared) or 'the defaults'}: {describe([status_of(directory, job) for job in jobs])}")

@@ -69,8 +69,8 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
 
 def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
     for entry in store.entries():
-        request = convert(Request, entry["request"], place=f"completions {entry['key']}, request", error=StoreError)
-        yield request, _completion(entry["answer"])
+        request = convert(Request, entry.request, place=f"completions {entry.key}, request", error=StoreError)
+        yield request, _completion(entry.answer)
 
 
 def _completion(answer: Json) -> Completion:

@@ -1,7 +1,6 @@
 """Replay: a recorded search run again from its stores alone, and compared with every line and file of it."""
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from tacevo.config.recorded import RecordedRun, doubting
@@ -9,12 +8,12 @@ from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import deviations, versions
 from tacevo.errors import DivergenceError
 from tacevo.records import Mode, Rejection
-from tacevo.rules import CORES, Rules, check_known
+from tacevo.rules import CORES, check_known
 from tacevo.runs.eras import run_eras, run_header
-from tacevo.runs.progress import View, Watcher
-from tacevo.runs.wiring import build_plan, open_tools
+from tacevo.runs.progress import Progress, Watcher
+from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.search.algorithm import Plan, SearchState
-from tacevo.search.development import Outcome, Tools
+from tacevo.search.development import Outcome
 from tacevo.search.files import NETWORKS, PROMPTS, NetworkFile, archive_files, read_archive_files
 from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
@@ -39,7 +38,7 @@ class Replayed:
         return total(self.spending.values())
 
 
-def replay(run: RecordedRun, view: View, *, seen: Seen | None = None) -> Replayed:
+def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Replayed:
     """Run a recorded search again from its stores alone, and compare every line and file of it.
 
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
@@ -62,20 +61,18 @@ def replay(run: RecordedRun, view: View, *, seen: Seen | None = None) -> Replaye
         return _replay(run, view, seen)
 
 
-def _replay(run: RecordedRun, view: View, seen: Seen | None) -> Replayed:
+def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
     """Run the search again, and compare."""
     config, task, facts = run.config, run.record.task, run.record.data
     for era in run.eras:
         check_known("core", era.rules.core, CORES, run.directory.path)
     plan = build_plan(config, task, Mode.replay, seen=seen)
 
-    def tools(rules: Rules) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, facts, None, Mode.replay, rules=rules, seen=seen)
-
     ledger = Ledger(run.ledger)
     ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))
     verifier = _Verifier(run.directory, plan, view)
-    state = run_eras(plan, run.eras, tools, ledger, verifier)
+    with Workbench(config, task, facts, Mode.replay, seen=seen) as bench:
+        state = run_eras(plan, run.eras, bench.tools, ledger, verifier)
     if ledger.committed != ledger.recorded:
         raise DivergenceError(
             f"{ledger.recorded} lines", place=str(run.directory.ledger), expected=f"{ledger.committed} lines"
@@ -106,7 +103,7 @@ def _compare_archives(run: RecordedRun, plan: Plan, state: SearchState) -> None:
 class _Verifier(Watcher):
     """Compares every candidate's file with the replay."""
 
-    def __init__(self, directory: RunDirectory, plan: Plan, view: View) -> None:
+    def __init__(self, directory: RunDirectory, plan: Plan, view: Progress) -> None:
         super().__init__(plan, view)
         self._directory = directory
         #: What each candidate's answers cost.

@@ -6,18 +6,19 @@ confined process, so it is that process's claim, then as now; losses of validati
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
 from tacevo.config.recorded import RecordedRun
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.randomness import stream
-from tacevo.records import Json, Reason, Rejection, Training
-from tacevo.rules import TRAININGS, check_known
+from tacevo.randomness import derived_seed, stream
+from tacevo.records import Json, Mode, Reason, Rejection, Training
+from tacevo.rules import CURRENT, TRAININGS, check_known
 from tacevo.runs.datasets import load_same
-from tacevo.runs.progress import View
-from tacevo.runs.wiring import open_trainer
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import require
 from tacevo.search.lines import CandidateLine, by_rules, with_training
 from tacevo.storage.run_directory import RunRecord
@@ -60,7 +61,7 @@ class _Chosen:
     lines: tuple[CandidateLine, ...]
 
 
-def retrain(runs: Sequence[RecordedRun], count: int | None, view: View) -> Retrained:
+def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> Retrained:
     """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
 
     An evaluation that several runs share counts once.
@@ -110,7 +111,7 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Candidat
     return list(found.values())
 
 
-def _retrain(chosen: _Chosen, view: View, name: str) -> tuple[str, ...]:
+def _retrain(chosen: _Chosen, view: Progress, name: str) -> tuple[str, ...]:
     """Train candidates of one run again and compare; say why equal bits were not promised.
 
     Args:
@@ -126,8 +127,10 @@ def _retrain(chosen: _Chosen, view: View, name: str) -> tuple[str, ...]:
         view.say(f"equal bits are not promised: {doubt}")
     sources = [run.directory.read_source(line.id, str(line.source)) for line in chosen.lines]
     data = load_same(config, run.record.data, view)
-    with open_trainer(config, run.record.task, data) as (train, executor):
-        results = zip(chosen.lines, executor.map(train, sources), strict=True)
+    seed = derived_seed(config.seed, "training")
+    with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
+        retrained = bench.executor.map(partial(bench.evaluator(CURRENT).retrain, seed=seed), sources)
+        results = zip(chosen.lines, retrained, strict=True)
         for number, (line, result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
             view.say(f"{name}{line.id}: as recorded ({number} of {len(chosen.lines)})")

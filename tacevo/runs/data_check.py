@@ -1,14 +1,12 @@
 """`tacevo data`: looking at a data set before a search, and writing a simulated one as files."""
 
-import contextlib
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bars
 
 from tacevo.config.compose import compose
 from tacevo.config.recorded import read_run
@@ -21,11 +19,10 @@ from tacevo.data.simulator.export import export, overrides_for
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
 from tacevo.data.survey import survey
-from tacevo.data.workers import Progress
 from tacevo.errors import ConfigError
 from tacevo.runs.data_report import Inspection
 from tacevo.runs.datasets import load_data, load_same, source_of
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 
 #: Stands for the choice that some experiments leave to the user: a data set is looked at without a model.
@@ -90,7 +87,7 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
     """
     config, _, facts = read_run(RunDirectory(path), store)
     catalogue = source_of(config).catalogue()
-    with PlainView(console) as view:
+    with Progress(console) as view:
         dataset = load_same(config, facts, view, catalogue=catalogue)
     return sample_figure(dataset, units=units_of(catalogue), width="double")
 
@@ -113,16 +110,16 @@ def simulate(settings: Sequence[str], console: Console) -> str:
     source = source_of(config)
     if not isinstance(source, Simulated):
         raise ConfigError(str(config.data.source), place="data", expected="simulated, which alone is written as files")
-    with _shown(console) as progress:
-        count = export(source, out, workers=config.executor.workers, progress=progress)
+    with Progress(console) as view:
+        count = export(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
     command = shlex.join(overrides_for(source, out))
     return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
 
 
 def _load(config: RunConfig, catalogue: Catalogue, console: Console) -> Dataset:
     """Load a data set from its catalogue, and check that it suits its task, as a search does."""
-    with _shown(console) as progress:
-        dataset = load_data(config, progress, PlainView(console).say, catalogue=catalogue)
+    with Progress(console) as view:
+        dataset = load_data(config, view, catalogue=catalogue)
     load_task(config, dataset.facts)
     return dataset
 
@@ -145,21 +142,3 @@ def _taken_out(settings: Sequence[str]) -> tuple[Path, list[str]]:
         raise ConfigError(str(outs), place="out", expected="one new directory, as in out=DIR")
     others = [setting for setting in settings if not setting.startswith("out=")]
     return Path(outs[0]), [f"data.images={own[2:]}" if own.startswith("n=") else own for own in others]
-
-
-@contextlib.contextmanager
-def _shown(console: Console) -> Iterator[Progress]:
-    """Show how many images are made: a bar with rate and time left on a terminal, one line elsewhere."""
-    if not console.is_terminal:
-        yield PlainView(console).data
-        return
-    columns = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), TimeRemainingColumn())
-    with Bars(TextColumn("images"), BarColumn(), *columns, console=console) as bars:
-        task = bars.add_task("images", total=None, rate="", visible=False)
-
-        def show_progress(done: int, total: int) -> None:
-            bars.update(task, completed=done, total=total, visible=True)
-            speed = bars.tasks[task].speed
-            bars.update(task, rate="" if speed is None else f"{speed:.0f}/s")
-
-        yield show_progress

@@ -1,7 +1,7 @@
 """The data set that a configuration names."""
 
 import os
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from tacevo.choices import DataSource, SensorTask
@@ -15,13 +15,12 @@ from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import Table
 from tacevo.data.sources.tacverse import TacVerse
-from tacevo.data.workers import Progress
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import DataFacts
-from tacevo.runs.progress import Listener
+from tacevo.runs.progress import Progress
 
 
-def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue: Catalogue | None = None) -> Dataset:
+def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
     """Load the data set that a run had.
 
     Args:
@@ -33,7 +32,7 @@ def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue:
     Raises:
         DataError: it is missing, or is not the one that the run had.
     """
-    data = load_data(config, view.data, view.say, catalogue=catalogue)
+    data = load_data(config, view, catalogue=catalogue)
     if data.facts.fingerprint != facts.fingerprint:
         raise DataError(
             f"one with the fingerprint {data.facts.fingerprint[:12]}: images, labels or split differ",
@@ -44,19 +43,12 @@ def load_same(config: RunConfig, facts: DataFacts, view: Listener, *, catalogue:
     return data
 
 
-def load_data(
-    config: RunConfig,
-    progress: Progress | None,
-    say: Callable[[str], None] | None = None,
-    *,
-    catalogue: Catalogue | None = None,
-) -> Dataset:
+def load_data(config: RunConfig, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
     """Load or make the data set that a configuration names.
 
     Args:
         config: the configuration.
-        progress: told while images are made.
-        say: told in one line where the images of another process are waited for.
+        view: shows how many images are made, and that those of another process are waited for.
         catalogue: the catalogue of this very source, where it is there already.
 
     Raises:
@@ -74,8 +66,8 @@ def load_data(
         accept=lambda catalogue: check_fit(
             config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
         ),
-        progress=progress,
-        say=say,
+        progress=partial(view.advance, "images"),
+        say=view.say,
         catalogue=catalogue,
     )
 

@@ -1,7 +1,6 @@
 """A search as its ledger has it: the first line, then one era after the other, each under its rules."""
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 
 from tacevo.config.identity import identity
@@ -32,7 +31,7 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rule
 def run_eras(
     plan: Plan,
     eras: Sequence[RulesLine],
-    open_tools: Callable[[Rules], AbstractContextManager[Tools]],
+    tools: Callable[[Rules], Tools],
     ledger: Ledger,
     observer: Observer,
 ) -> SearchState:
@@ -41,7 +40,7 @@ def run_eras(
     Args:
         plan: of the whole search.
         eras: from generation 0 on; one, unless the run was continued under other rules.
-        open_tools: opens the effects under the rules of an era.
+        tools: returns the effects under the rules of an era.
         ledger: for every line.
         observer: who watches.
 
@@ -53,9 +52,8 @@ def run_eras(
     for era, end in zip(eras, ends, strict=True):
         if state is not None:
             ledger.commit(era)
-        with open_tools(era.rules) as tools:
-            part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
-            state = run_search(part, tools, ledger, observer, since=state)
+        part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
+        state = run_search(part, tools(era.rules), ledger, observer, since=state)
     if state is None:
         raise ValueError("expected one era at least; got none")
     return state

@@ -11,13 +11,12 @@ from pathlib import Path
 from tacevo.config.schema import RunConfig, deliveries
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
-from tacevo.errors import StoreError
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import Settings, crossover_text, plan_initial
-from tacevo.storage.listing import check_completion, scan
+from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import table
 
@@ -121,10 +120,10 @@ def _likely_input(request: Request) -> int:
 def _answers(root: Path, model: str) -> Iterator[Completion]:
     """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
     for found in scan(root, ("completions",)):
-        if found.entry is None:
-            raise StoreError(found.problem)
-        if found.entry["request"]["model"] == model:
-            yield check_completion(found.path, found.entry)
+        if found.problem is not None:
+            raise found.problem
+        if found.model == model and found.completion is not None:
+            yield found.completion
 
 
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:

@@ -6,7 +6,7 @@ from tacevo.config.recorded import read_recorded
 from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
-from tacevo.runs.wiring import open_gate
+from tacevo.runs.wiring import Workbench
 from tacevo.search.lines import by_rules
 
 
@@ -30,8 +30,8 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
         if line.source is not None and line.fitness is not None
     }
     found = {}
-    with open_gate(run.config, run.record.task.contract, Mode.replay) as (gate_under, _):
-        gates = {rules: gate_under(rules) for rules, _ in trained.values()}
+    with Workbench(run.config, run.record.task, run.record.data, Mode.replay) as bench:
+        gates = {rules: bench.gate(rules) for rules, _ in trained.values()}
         for name, (rules, digest) in trained.items():
             verdict = gates[rules].measure(run.directory.read_source(name, digest))
             if not isinstance(verdict, Admitted):

@@ -1,6 +1,6 @@
-"""What of a run's settings is published: not what belongs to one machine, and decides no result; pure.
+"""Remove the settings of one machine (paths, server addresses, trackers) from a configuration that is published; pure.
 
-Paths keep their last part, so that a reader sees which file it was; addresses, trackers and folders of results go.
+Paths keep their last part, so that a reader sees which file it was.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -9,21 +9,21 @@ from pathlib import PurePath
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 
-#: What stands for a folder without a name of its own, such as `.`.
+#: Stands for a directory without a name of its own, such as `.`.
 _NAMELESS = "data"
 
-#: Groups of overrides that say where a run lies, or who watches it.
+#: Groups of overrides that say where a run lies, or what tracks it.
 _ELSEWHERE = ("run.", "store.", "tracking.")
 
 
 def last_part(path: str) -> str:
-    """Give the last part of a path."""
+    """Return the last part of a path."""
     name = PurePath(path).name
     return _NAMELESS if name in {"", ".."} else name
 
 
 def relative(path: str) -> str:
-    """Give an absolute path's last part; another path as it is, for it says nothing of the machine."""
+    """Return an absolute path's last part; another path as it is, for it says nothing of the machine."""
     return last_part(path) if PurePath(path).is_absolute() else path
 
 
@@ -41,10 +41,10 @@ _PATHS: Mapping[str, Callable[[str], str]] = {
 
 
 def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
-    """Give a run's configuration, as in run.json, without what belongs to one machine.
+    """Return a run's configuration, as in run.json, without what belongs to one machine.
 
     Raises:
-        KeyError: it is no configuration.
+        KeyError: it is not a configuration.
     """
     published = {group: dict(value) if isinstance(value, Mapping) else value for group, value in config.items()}
     for key, shorten in _PATHS.items():
@@ -59,17 +59,18 @@ def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
 
 
 def published_overrides(overrides: Sequence[str]) -> tuple[str, ...]:
-    """Give a sweep's overrides without what belongs to one machine; they compose what `published_config` gives.
+    """Return a sweep's overrides without what belongs to one machine; they compose what `published_config` returns.
 
     Raises:
-        ConfigError: an override sets a whole group, in which a path would not be seen.
+        ConfigError: an override sets a whole group, in which a path cannot be found.
     """
     for override in overrides:
         key, _, value = override.partition("=")
         if value.lstrip().startswith("{"):
             raise ConfigError(
-                f"the sweep has the override {override}, in which no path is told from other settings; begin it anew "
-                f"with one override a setting, as in {key}.KEY=VALUE"
+                f"{override}, which sets a whole group, so a path inside it cannot be removed",
+                expected="a sweep with one override per setting",
+                remedy=f"start the sweep again with {key}.NAME=VALUE",
             )
     kept = (_published(override) for override in overrides)
     return tuple(override for override in kept if override is not None)

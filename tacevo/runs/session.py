@@ -2,8 +2,7 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,21 +11,22 @@ from tacevo.config.compose import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.costs import Spending, spending_on, total
+from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
-from tacevo.rules import CURRENT, PAGES, Rules
+from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.eras import run_eras, run_header
-from tacevo.runs.progress import View, Watcher
+from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import build_plan, open_tools
-from tacevo.sandbox.client import Notice
+from tacevo.runs.wiring import Workbench, build_plan
+from tacevo.sandbox.client import Run
 from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.algorithm import Plan, SearchState
-from tacevo.search.development import Outcome, Tools
+from tacevo.search.development import Outcome
 from tacevo.search.files import archive_files, read_ledger, write_archives
 from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
 from tacevo.storage.canonical import content_hash
@@ -52,7 +52,7 @@ class Result:
     best: str
 
 
-def search(config: RunConfig, view: View) -> Result:
+def search(config: RunConfig, view: Progress) -> Result:
     """Run a search, or resume the one that was begun under the same configuration.
 
     Raises:
@@ -60,13 +60,8 @@ def search(config: RunConfig, view: View) -> Result:
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     require_means(config)
-    data = load_data(config, view.data, view.say)
-    task = load_task(config, data.facts)
-
-    def tools(rules: Rules, notice: Notice) -> AbstractContextManager[Tools]:
-        return open_tools(config, task, data.facts, data, Mode.record, rules=rules, notice=notice)
-
-    return record(config, task, data.facts, tools, view)
+    data = load_data(config, view)
+    return record(config, load_task(config, data.facts), data, view)
 
 
 def require_means(config: RunConfig) -> None:
@@ -84,30 +79,29 @@ def require_means(config: RunConfig) -> None:
 def record(
     config: RunConfig,
     task: Task,
-    facts: DataFacts,
-    tools: Callable[[Rules, Notice], AbstractContextManager[Tools]],
-    view: View,
+    data: Dataset,
+    view: Progress,
     *,
     begun: Sealed[Line] | None = None,
     eras: Sequence[RulesLine] = (RulesLine(generation=0, rules=CURRENT),),
+    run: Run | None = None,
 ) -> Result:
-    """Run a search with given effects into its run directory, or resume the one that was begun there.
+    """Run a search into its run directory, or resume the one that was begun there.
 
     Args:
         config: the configuration.
         task: the task.
-        facts: of the data set.
-        tools: opens the effects under given rules when the directory is ready; its callback takes what confines each
-            candidate.
+        data: the data set.
         view: shows the progress.
         begun: the ledger of another run that this one continues; the search is compared with its lines as with those
             of a stopped run.
         eras: the rules to search under, from which generation on.
+        run: what runs candidates in place of a sandbox.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
-    plan = build_plan(config, task, Mode.record)
+    plan, facts = build_plan(config, task, Mode.record), data.facts
     header = run_header(config, task, facts, plan, eras[0].rules)
     decisive = [written(header), config.search.generations, *map(written, eras[1:])]
     directory = RunDirectory(_run_path(config, decisive))
@@ -119,7 +113,8 @@ def record(
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view):
             observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
-            state = run_eras(plan, eras, lambda rules: tools(rules, walls.note), ledger, observer)
+            with Workbench(config, task, facts, Mode.record, data=data, notice=walls.note, run=run) as bench:
+                state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
@@ -222,7 +217,7 @@ def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, dige
 
 
 @contextlib.contextmanager
-def _mirrored(config: RunConfig, directory: RunDirectory, view: View) -> Iterator[None]:
+def _mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
     """Let a mirror follow the ledger, where one is wanted; it cannot stop the search."""
     if config.tracking.kind is Tracking.none:
         yield
@@ -267,7 +262,7 @@ class Walls:
 class _Recorder(Watcher):
     """Shows the search to a view and keeps its files; the ledger itself is kept by the search."""
 
-    def __init__(self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: View) -> None:
+    def __init__(self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: Progress) -> None:
         super().__init__(plan, view)
         self._directory = directory
         self._ledger = ledger

@@ -115,12 +115,12 @@ def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: L
             answered += 1
             yield places[position], completion
     except CacheMissError as error:
-        error.place = _place_of(proposals[places[answered]])
+        _name_slot(error, proposals[places[answered]])
         raise
 
 
-def _place_of(proposal: Proposal) -> str:
-    return f"generation {proposal.generation}, slot {proposal.slot}"
+def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
+    error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
 def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
@@ -144,7 +144,7 @@ def _develop_one(
         gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
         result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
     except CacheMissError as error:
-        error.place = _place_of(proposal)
+        _name_slot(error, proposal)
         raise
     return Outcome(
         proposal=proposal,

@@ -1,4 +1,4 @@
-"""One mirror at a time in a folder, on one machine."""
+"""Files that survive a crash, and locks between processes; a killed process lets go of its locks."""
 
 import contextlib
 import errno
@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 from tacevo.errors import RunError, StoreError
 
-#: How often a lock that somebody holds is tried again, and after how many seconds each.
+#: How often a lock that another process holds is tried again, and after how many seconds each.
 _PATIENCE, _PAUSE = 20, 0.05
 
 #: A file in the making: hidden beside what it will be, and locked by its writer.
@@ -26,30 +26,26 @@ _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
 @contextlib.contextmanager
 def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
-    """See that no other process is at work in a folder, and keep others away.
+    """Keep other processes out of a directory.
 
-    Nothing is written: the folder itself is locked. A file system without locks, or one across a network that locks no
-    folders, keeps nobody away.
+    Nothing is written: the directory itself is locked. A file system without locks, or one across a network that cannot
+    lock directories, keeps no process out.
 
     Args:
-        folder: the folder.
+        folder: the directory.
         wait: for the other process, as long as it takes.
 
     Raises:
-        RunError: another process is at work there, and is not to be waited for.
-        OSError: there is no such folder.
+        RunError: another process is at work there, and `wait` is False.
+        OSError: there is no such directory.
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise RunError(
-                f"{folder} is being mirrored by its search, or by another `tacevo track`; give the command again when "
-                "that is done"
-            ) from error
-        except OSError:  # no locks here
-            pass
+        with contextlib.suppress(OSError):  # no locks here
+            if not _flock(handle, wait=wait):
+                got = "one that its search or another `tacevo track` is mirroring"
+                remedy = "give the command again when that is done"
+                raise RunError(got, place=str(folder), expected="an idle run", remedy=remedy)
         yield
     finally:
         os.close(handle)
@@ -57,48 +53,52 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def locked(folder: Path, setting: str) -> Iterator[None]:
-    """Hold a folder for this process alone; a killed process lets go of it by itself.
+    """Lock a directory for this process alone.
 
     Args:
-        folder: made where it is absent.
+        folder: made if it is absent.
         setting: what names it, e.g. `run.dir`.
 
     Raises:
-        RunError: another process is at work in it, or the folder cannot be made.
+        RunError: another process is at work in it, or it cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
     except OSError as error:
-        raise RunError(f"{setting}={folder} cannot be used: {error}") from error
+        expected = "a directory that can be written to"
+        raise RunError(str(error.strerror), place=f"{setting}={folder}", expected=expected) from error
     try:
-        _take(handle)
-    except BlockingIOError as error:
-        raise RunError(f"another process is running in {folder}; wait for it, or choose another {setting}") from error
-    else:
+        for _ in range(_PATIENCE):  # `RunDirectory.is_busy` locks it for a moment to see whether it is locked
+            if _flock(handle, wait=False):
+                break
+            time.sleep(_PAUSE)
+        else:
+            got, remedy = "another process in it", f"wait for it, or choose another {setting}"
+            raise RunError(got, place=f"{setting}={folder}", expected="an idle directory", remedy=remedy)
         yield
     finally:
         os.close(handle)
 
 
-def _take(handle: int) -> None:
-    """Lock a file, waiting a little: who only looks whether it is locked (`RunDirectory.is_busy`) holds it so long.
+def _flock(handle: int, *, wait: bool) -> bool:
+    """Lock an open file or directory until it is closed; return False where another process holds it.
 
     Raises:
-        BlockingIOError: somebody holds it all the while.
+        OSError: the file system has no locks.
     """
-    for _ in range(_PATIENCE):
-        with contextlib.suppress(BlockingIOError):
-            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        time.sleep(_PAUSE)
-    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def write_durably(path: Path, content: str | bytes) -> None:
     """Write a whole file (text as UTF-8) in one step: a reader sees the old content or the new, even after a crash.
 
     Raises:
-        StoreError: the disk is full or the folder cannot be written; the old content stays.
+        StoreError: the disk is full or the directory cannot be written; the old content stays.
     """
     try:
         made = list(itertools.takewhile(lambda folder: not folder.exists(), path.parents))
@@ -113,29 +113,29 @@ def write_durably(path: Path, content: str | bytes) -> None:
             _sync_folder(folder)  # the names, too, must survive a crash
     except OSError as error:
         raise StoreError(
-            f"{path} cannot be written: {error.strerror}; what stood there is unchanged. Make room or choose a folder "
-            "that can be written to, and run the same command again"
+            f"cannot be written: {error.strerror}; what stood there is unchanged",
+            place=str(path),
+            remedy="make room, or choose a directory that can be written to, and give the same command again",
         ) from error
 
 
 def sweep(folder: Path) -> None:
-    """Remove the files in the making, anywhere in a folder, whose writers are dead; those of the living stay.
+    """Remove the unfinished files of dead writers, anywhere in a directory; those of living ones stay.
 
-    What cannot be removed stays too: it is another user's, who will sweep it up, or the disk is read-only, or the file
-    system has no `flock`.
+    What cannot be removed stays, too: it is another user's, the disk is read-only, or the file system has no `flock`.
     """
     for part in folder.rglob(".*.part"):
         if _PART.fullmatch(part.name):
             with contextlib.suppress(OSError), part.open("rb+") as file:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                part.unlink()
+                if _flock(file.fileno(), wait=False):
+                    part.unlink()
 
 
 @contextlib.contextmanager
 def _part_of(path: Path) -> Iterator[BinaryIO]:
     """Open a new file beside `path`, locked as long as it is open where that can be; removed unless it was renamed."""
     while True:
-        part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")  # nobody else's, on whatever machine
+        part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")  # no other process's, on any machine
         with part.open("xb") as file:
             try:
                 _lock(file)
@@ -150,7 +150,7 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
 def _lock(file: BinaryIO) -> None:
     """Lock a new file; where the file system cannot, it needs no lock, since `sweep` fails there too."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        _flock(file.fileno(), wait=True)
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise

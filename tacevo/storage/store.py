@@ -1,27 +1,29 @@
 """A store of answers under the content hash of their questions.
 
 What it promises: an entry, once `write` returns, survives a crash; a reader never sees half of one; two
-processes may share a store; nothing expires; what a killed writer left is swept up. What it does not: no lock spans
+processes may share a store; nothing expires; what a killed writer left is removed. What it does not: no lock spans
 a computation, so two processes that miss at the same moment both compute, and the answer that lands last (for a pure
-function: an equal one) stays. On a file system without `flock` nothing is swept up, because nobody can tell there
-whose writer lives.
+function: an equal one) stays. On a file system without `flock` nothing is removed, because it is not known there
+which writer lives.
 """
 
 import contextlib
 import itertools
-import json
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from tacevo.errors import CacheMissError, StoreError
-from tacevo.records import Json, Mode
+from tacevo.records import STRICT, Json, Mode
 from tacevo.storage.canonical import Field, content_hash, differences, readable, shown
 from tacevo.storage.files import sweep, write_durably
+from tacevo.typed import parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
 
-#: Is told the path of an entry that was read.
+#: Called with the path of an entry that was read.
 Seen = Callable[[Path], object]
 
 #: The kinds of answers that a search keeps.
@@ -30,23 +32,68 @@ SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
 #: All kinds of answers: those of a search, and the full trainings of studies.
 KINDS = (*SEARCHED, "studies")
 
-#: What a user may do about a miss: where there is no recording at all, and where there are others.
-EMPTY = "that store is empty or not there: name it by store.root (in a replay, --store)"
-
-OTHERWISE = "replay with the configuration of the recording, or record anew with llm.mode=record"
+#: What a user can do about a damaged entry.
+_RESTORE = "restore the file from a copy, or delete it so that it is computed again"
 
 #: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
 _COMPARED = 20_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A question of one kind, and its answer."""
+
+    __pydantic_config__ = STRICT
+
+    kind: str
+    request: Json
+    answer: Json
+
+    @property
+    def key(self) -> str:
+        """Name the question."""
+        return _key(self.kind, self.request)
+
+    @property
+    def place(self) -> str:
+        """Where it stands below the root of the stores, e.g. `probes/0a/0a1b....json`."""
+        key = self.key
+        return f"{self.kind}/{key[:2]}/{key}.json"
+
+    def sealed(self) -> dict[str, Json]:
+        """Return all that its file holds.
+
+        Raises:
+            ValueError: a number is NaN or infinite.
+        """
+        entry = {
+            "schema": SCHEMA, "kind": self.kind, "key": self.key, "request": self.request, "answer": self.answer
+        }  # fmt: skip
+        return {**entry, "checksum": content_hash(entry)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sealed:
+    """What the file of an entry holds."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal[1]
+    kind: str
+    key: str
+    request: Json
+    answer: Json
+    checksum: str
 
 
 class Store:
     """One kind of answers (`completions`, `evaluations`, ...) as readable JSON files, by key.
 
     Args:
-        root: the folder that holds all kinds.
+        root: the directory that holds all kinds.
         kind: the name of this kind; part of every key.
         mode: see `Mode`.
-        seen: told of every entry that `read` finds, from whichever thread reads.
+        seen: called with every entry that `read` finds, from the thread that reads.
     """
 
     def __init__(self, root: Path, kind: str, mode: Mode = Mode.record, *, seen: Seen | None = None) -> None:
@@ -64,7 +111,7 @@ class Store:
 
         Args:
             request: everything that determines the answer, as JSON.
-            compute: gives the answer as JSON; an exception it raises passes through and nothing is stored.
+            compute: returns the answer as JSON; an exception it raises passes through and nothing is stored.
 
         Raises:
             CacheMissError: the mode is `replay` and the answer was never recorded.
@@ -87,7 +134,7 @@ class Store:
             return None
         answer = self.read(request)
         if answer is None and self._mode is Mode.replay:
-            raise CacheMissError(self._explain_miss(request))
+            raise self._miss(request)
         return answer
 
     def read(self, request: Json) -> Json | None:
@@ -102,31 +149,30 @@ class Store:
             data = path.read_bytes()
         except FileNotFoundError:
             return None
-        answer = check_entry(path, data, self._kind, key)["answer"]
+        answer = check_entry(path, data, self._kind, key).answer
         if self._seen is not None:
             self._seen(path)
         return answer
 
     def holds(self, key: str) -> bool:
-        """Say whether there is an entry of a key, sound or not."""
+        """Return whether there is an entry of a key, sound or not."""
         return self._path(key).exists()
 
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
-        place, entry = sealed_entry(self._kind, request, answer)
-        text = readable(entry)
-        write_durably(self._folder.parent / place, text)
+        entry = Entry(kind=self._kind, request=request, answer=answer)
+        write_durably(self._folder.parent / entry.place, readable(entry.sealed()))
 
-    def entries(self) -> Iterator[Json]:
-        """Give every entry, checked, in the order of their keys.
+    def entries(self) -> Iterator[Entry]:
+        """Yield every entry, checked, in the order of their keys.
 
         Raises:
             StoreError: an entry is damaged or of another schema.
         """
         for path in sorted(self._folder.glob("*/*.json")):
-            yield check_entry(path, path.read_bytes(), self._kind, path.stem)
+            yield read_entry(path)
 
-    def nearest(self, request: Json, most: int | None = None) -> tuple[Json, list[Field]] | None:
+    def nearest(self, request: Json, most: int | None = None) -> tuple[Entry, list[Field]] | None:
         """Find the recording that differs from a request in the fewest fields, but in at least one.
 
         Args:
@@ -136,40 +182,31 @@ class Store:
         Returns:
             The entry and the fields, or None where there is no other sound entry.
         """
-        compared = ((entry, differences(entry["request"], request)) for entry in self._sound(most))
+        compared = ((entry, differences(entry.request, request)) for entry in self._sound(most))
         return min((pair for pair in compared if pair[1]), key=lambda pair: len(pair[1]), default=None)
 
-    def _sound(self, most: int | None) -> Iterator[Json]:
-        """Give entries to compare with; a damaged one is not what a miss is about."""
+    def _sound(self, most: int | None) -> Iterator[Entry]:
+        """Yield entries to compare with; a damaged one is not what a miss is about."""
         for path in itertools.islice(sorted(self._folder.glob("*/*.json")), most):
             with contextlib.suppress(StoreError, OSError):
-                yield check_entry(path, path.read_bytes(), self._kind, path.stem)
+                yield read_entry(path)
 
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}.json"
 
-    def _explain_miss(self, request: Json) -> str:
-        """Say which recording comes nearest and in which field it differs first."""
-        missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]} in {self._folder}"
+    def _miss(self, request: Json) -> CacheMissError:
+        """Name the nearest recording, and the first field in which it differs."""
+        missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]}"
         found = self.nearest(request, _COMPARED)
         if found is None:
-            return f"{missed}; {EMPTY}"
+            remedy = "that store is empty or absent: name it by store.root (in a replay, --store)"
+            return CacheMissError(missed, place=str(self._folder), remedy=remedy)
         nearest, fields = found
-        return (
-            f"{missed}; the nearest recording is {nearest['key'][:12]}, whose field {shown(fields[0])!r} differs; "
-            f"{OTHERWISE}"
+        return CacheMissError(
+            f"{missed}; the nearest recording is {nearest.key[:12]}, whose field {shown(fields[0])!r} differs",
+            place=str(self._folder),
+            remedy="replay with the configuration of the recording, or record again with llm.mode=record",
         )
-
-
-def sealed_entry(kind: str, request: Json, answer: Json) -> tuple[str, dict[str, Json]]:
-    """Give where an entry stands below the root of the stores, e.g. `probes/0a/0a1b....json`, and all that it holds.
-
-    Raises:
-        ValueError: a number is NaN or infinite.
-    """
-    key = _key(kind, request)
-    entry = {"schema": SCHEMA, "kind": kind, "key": key, "request": request, "answer": answer}
-    return f"{kind}/{key[:2]}/{key}.json", {**entry, "checksum": content_hash(entry)}
 
 
 def sweep_stores(root: Path) -> None:
@@ -182,8 +219,17 @@ def _key(kind: str, request: Json) -> str:
     return content_hash({"schema": SCHEMA, "kind": kind, "request": request})
 
 
-def check_entry(path: Path, data: bytes, kind: str, key: str) -> dict[str, Json]:
-    """Parse an entry and hold it against its checksum, its place and its question.
+def read_entry(path: Path) -> Entry:
+    """Read the entry in a file of a store.
+
+    Raises:
+        StoreError: as `check_entry`.
+    """
+    return check_entry(path, path.read_bytes(), path.parts[-3], path.stem)
+
+
+def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
+    """Read an entry, and compare it with its checksum, its place and its question.
 
     Args:
         path: where it stands, for messages.
@@ -194,20 +240,15 @@ def check_entry(path: Path, data: bytes, kind: str, key: str) -> dict[str, Json]
     Raises:
         StoreError: it is damaged, of another schema, or answers another question than its key stands for.
     """
-    remedy = "restore the file from a copy, or delete it so that it is computed again"
+    read = parse(_Sealed, data, place=str(path), error=StoreError, remedy=_RESTORE)
+    entry = Entry(kind=read.kind, request=read.request, answer=read.answer)
     try:
-        entry: dict[str, Json] = json.loads(data)
-        checksum = entry.pop("checksum")
-        sound = content_hash(entry) == checksum and entry.get("key") == key
-    except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
-        raise StoreError(f"{path} is not a store entry ({type(error).__name__}: {error}); {remedy}") from error
-    if entry.get("schema") != SCHEMA:
-        raise StoreError(f"{path} has schema {entry.get('schema')!r}; this version reads {SCHEMA}; {remedy}")
-    if not sound:
-        raise StoreError(f"{path} does not match its checksum; {remedy}")
-    missing = sorted({"kind", "request", "answer"} - entry.keys())
-    if missing:
-        raise StoreError(f"{path} has no {' and no '.join(missing)}; {remedy}")
-    if entry["kind"] != kind or _key(kind, entry["request"]) != key:
-        raise StoreError(f"{path} holds another question than its name stands for; {remedy}")
+        sealed = entry.sealed()
+    except ValueError as error:
+        raise StoreError(str(error), place=str(path), expected="JSON", remedy=_RESTORE) from error
+    if (kind, key) != (read.kind, read.key) or (read.key, read.checksum) != (sealed["key"], sealed["checksum"]):
+        expected = "an entry that fits its name and its checksum"
+        raise StoreError(
+            "another: it was edited, renamed or damaged", place=str(path), expected=expected, remedy=_RESTORE
+        )
     return entry

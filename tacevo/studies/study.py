@@ -21,8 +21,8 @@ from tacevo.randomness import derived_seed
 from tacevo.records import Kind, Limits, Mode, Rejection
 from tacevo.rules import STUDY
 from tacevo.runs.datasets import load_same, source_of
-from tacevo.runs.progress import Listener, StudyView
-from tacevo.runs.wiring import open_studies, recipe_of
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.confinement import require
 from tacevo.storage.store import Seen, sweep_stores
 from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
@@ -77,7 +77,7 @@ class _Plan:
     jobs: tuple[_Job, ...]
 
 
-def study(config: StudyConfig, view: StudyView) -> Studied:
+def study(config: StudyConfig, view: Progress) -> Studied:
     """Study a finished run, or resume a study that was begun under the same configuration.
 
     Raises:
@@ -104,10 +104,11 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     units = units_of(catalogue) if data.scale else ()
     circumstances = {"scale": data.scale, "units": units, "versions": versions(), "machine": machine()}
     directory.begin(plan.header, circumstances)
-    with open_studies(run, task, facts, data, Mode.record, rules=STUDY) as (evaluator, executor):
+    with Workbench(run, task, facts, Mode.record, data=data) as bench:
+        evaluator = bench.studies(STUDY)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, config, len(recorded), view)
-        verdicts = _train(plan.jobs, recorded, evaluator, executor, view)
+        verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
         digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
@@ -116,7 +117,7 @@ def study(config: StudyConfig, view: StudyView) -> Studied:
     )
 
 
-def replay_studies(run: RecordedRun, view: Listener, *, seen: Seen | None = None) -> dict[str, str]:
+def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
     """Compute the scores of a run's finished studies again from the store alone, and compare every line.
 
     Args:
@@ -163,8 +164,8 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
             place=place,
             expected="the study that follows from the run",
         )
-    task, facts, rules = run.record.task, run.record.data, recorded.rules
-    with open_studies(plan.config, task, facts, None, Mode.replay, rules=rules, seen=seen) as (evaluator, _):
+    with Workbench(plan.config, run.record.task, run.record.data, Mode.replay, seen=seen) as bench:
+        evaluator = bench.studies(recorded.rules)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = directory.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
@@ -216,7 +217,7 @@ def _plan(
     return _Plan(run=run, config=config, header=header, jobs=tuple(jobs))
 
 
-def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: StudyView) -> None:
+def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     view.say(f"study: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks = plan.header.networks
@@ -232,7 +233,7 @@ def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, reco
 
 
 def _train(
-    jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: StudyView
+    jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: Progress
 ) -> list[FullTraining | Rejection]:
     """Train all that is not recorded, in parallel; return the verdicts in the order of the jobs.
 
@@ -251,7 +252,9 @@ def _train(
             view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
         if jobs[place].row not in recorded:
             done += 1
-            view.trained(done, len(jobs))
+            view.advance("trainings", done, len(jobs))
+            if 10 * done // len(jobs) > 10 * (done - 1) // len(jobs):
+                view.say(f"{done} of {len(jobs)} trainings are done")
     return [verdicts[place] for place in range(len(jobs))]
 
 

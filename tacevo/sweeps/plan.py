@@ -20,7 +20,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
 from tacevo.redaction import check_address
-from tacevo.runs.progress import SweepView
+from tacevo.runs.progress import Progress
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import require_means
@@ -57,7 +57,7 @@ class Swept:
     statuses: tuple[Status, ...]
 
 
-def sweep(overrides: Sequence[str], into: str | None, view: SweepView, run: Launch = launch) -> Swept:
+def sweep(overrides: Sequence[str], into: str | None, view: Progress, run: Launch = launch) -> Swept:
     """Run the jobs of a sweep that are not finished.
 
     Args:
@@ -102,7 +102,7 @@ def _run(
     planned: Sequence[Planned],
     *,
     launcher: Launcher,
-    view: SweepView,
+    view: Progress,
     run: Launch,
 ) -> None:
     """Run the jobs that are neither finished nor running."""
@@ -114,7 +114,7 @@ def _run(
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
     finished = sum(status.standing is Standing.finished for status in statuses)
-    view.jobs(finished, len(statuses))
+    view.advance("jobs", finished, len(statuses))
 
     def show(job: Job) -> None:
         nonlocal finished
@@ -122,7 +122,7 @@ def _run(
         finished += status.standing is Standing.finished
         found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
         view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
-        view.jobs(finished, len(statuses))
+        view.advance("jobs", finished, len(statuses))
 
     run(directory, left, chosen, show)
 

@@ -7,10 +7,10 @@ from rich.console import Console
 
 from benchmarks.synthetic import record_synthetic
 from tacevo.cli.app import main
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 
 
 def test_synthetic_run_can_be_replayed(tmp_path: Path) -> None:
     """Its run.json and its ledger state the same data set."""
-    record_synthetic(tmp_path, 0, PlainView(Console(file=io.StringIO())))
+    record_synthetic(tmp_path, 0, Progress(Console(file=io.StringIO())))
     assert main(["replay", str(tmp_path / "run")]) == 0

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from refusals import refused
 from sweeps import SHARED, begin
 
 from tacevo.bundles.open import located, opened, private_folder
@@ -60,9 +61,7 @@ def test_job_whose_ledger_lost_its_end_is_not_finished(swept: tuple[SweepDirecto
     directory, job = swept
     ledger = directory.run(job).ledger
     ledger.write_bytes(b"".join(ledger.read_bytes().splitlines(keepends=True)[:-1]))
-    with pytest.raises(
-        RunError, match=r"not finished: none-seed0 \(failed: the disk is full\); the `tacevo search -m`"
-    ):
+    with refused(RunError, got="none-seed0 (failed: the disk is full)", remedy="`tacevo search -m` command"):
         located(directory.path)
 
 

@@ -162,10 +162,10 @@ def test_terms_are_the_users(published: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--license", "as you like"], "--license needs an SPDX identifier such as CC-BY-4.0; got 'as you like'"),
-        (["--date", "yesterday"], "--date needs a day as YYYY-MM-DD; got 'yesterday'"),
-        (["--date", "20260102"], "--date needs a day as YYYY-MM-DD; got '20260102'"),
-        (["--author", " "], "--author needs a name"),
+        (["--license", "as you like"], "--license: expected an SPDX identifier such as CC-BY-4.0; got 'as you like'"),
+        (["--date", "yesterday"], "--date: expected a day as YYYY-MM-DD; got 'yesterday'"),
+        (["--date", "20260102"], "--date: expected a day as YYYY-MM-DD; got '20260102'"),
+        (["--author", " "], "--author: expected a name"),
     ],
 )
 def test_terms_that_cannot_be_used_are_refused(
@@ -203,7 +203,7 @@ def test_study_of_another_place_is_refused(published: Path, tmp_path: Path, caps
     """What is published belongs to the run."""
     target = str(tmp_path / "x.zip")
     assert main(["publish", str(published / "run"), str(tmp_path), "-o", target]) == 2
-    assert f"{tmp_path} is not the folder of a finished study of" in capsys.readouterr().err
+    assert f"expected the directory of a finished study of {published}" in capsys.readouterr().err
 
 
 def test_unfinished_study_is_left_out_and_named(
@@ -215,7 +215,7 @@ def test_unfinished_study_is_left_out_and_named(
     told = json.loads((study / "study.json").read_text())
     (study / "study.json").write_text(json.dumps({**told, "digest": None}))
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
-    assert f"study {study.name} is not a finished one of the run as it is" in capsys.readouterr().err
+    assert f"study {study.name} is left out: it is not finished" in capsys.readouterr().err
     assert not [name for name in members_of(tmp_path / "x.zip") if "studies" in name]
 
 

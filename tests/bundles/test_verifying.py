@@ -8,6 +8,7 @@ written anew (the bundle's digest is another one then), and records that were al
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from bundles import Members, entries_of, honest, members_of, resealed, with_entries, with_line, zipped
+from bundles import Members, Refused, entries_of, honest, members_of, resealed, with_entries, with_line
 from rich.console import Console
 
 from tacevo.bundles.format import MANIFEST, STORE
@@ -26,7 +27,7 @@ from tacevo.bundles.verify import table_difference, verify
 from tacevo.cli.app import main
 from tacevo.errors import BundleError
 from tacevo.records import Json
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 
 
 @pytest.fixture
@@ -44,26 +45,15 @@ def _nothing_stays_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
-Refused = Callable[[Path, str], None]
-
-
 @pytest.fixture
-def refused(capsys: pytest.CaptureFixture[str]) -> Refused:
-    """Replay a bundle that must be refused, with exit status 1 and these words in one line."""
-
-    def check(bundle: Path, words: str) -> None:
-        assert main(["replay", str(bundle)]) == 1
-        said = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("refused: ", "different: "))]
-        assert len(said) == 1
-        assert words in said[0]
-        assert "tacevo-" not in said[0]
-
-    return check
+def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Replay bundles in a directory of the test's own."""
+    return Refused(tmp_path, capsys)
 
 
 def verify_at(bundle: Path) -> None:
     """Verify a bundle's searches and studies, without its tables."""
-    with opened(bundle) as found, PlainView(Console(file=io.StringIO())) as view:
+    with opened(bundle) as found, Progress(Console(file=io.StringIO())) as view:
         verify(found, lambda run, store: {}, view)
 
 
@@ -102,189 +92,163 @@ def test_retraining_works_on_a_bundle(
     assert "retrained: 1 of" in capsys.readouterr().out
 
 
-def test_every_member_is_held_against_its_checksum(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_every_member_is_held_against_its_checksum(whole: Members, refused: Refused) -> None:
     """One letter more in a ledger, source, table, figure, page or the packed store, with the old manifest."""
     names = ["run/ledger.jsonl", "run/candidates/g00s00.py", "run/run.json", "README.md", STORE]
     names += [next(name for name in whole if name.startswith(folder)) for folder in ("tables/", "figures/")]
     for name in names:
         edited = {**whole, name: whole[name] + b"\n"}
-        refused(zipped(edited, tmp_path / "x.zip"), f"x.zip: '{name}' is not what {MANIFEST} says")
+        refused(edited, f"got '{name}' was edited or damaged", seal=False)
 
 
-def test_edited_checksum_is_named(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_edited_checksum_is_named(whole: Members, refused: Refused) -> None:
     """The manifest is held against the members as well."""
     lines = whole[MANIFEST].decode().splitlines()
     name = lines[0].split("  ")[1]
     edited = "\n".join([f"{'0' * 64}  {name}", *lines[1:]]) + "\n"
-    refused(zipped({**whole, MANIFEST: edited.encode()}, tmp_path / "x.zip"), f"'{name}' is not what {MANIFEST} says")
-    refused(zipped({**whole, MANIFEST: b"nonsense"}, tmp_path / "x.zip"), f"{MANIFEST}, line 1 is no digest")
+    refused({**whole, MANIFEST: edited.encode()}, f"'{name}' was edited or damaged", seal=False)
+    refused({**whole, MANIFEST: b"nonsense"}, f"{MANIFEST}, line 1: expected", seal=False)
 
 
-def test_member_more_or_less_is_named(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_member_more_or_less_is_named(whole: Members, refused: Refused) -> None:
     """In the zip file or in the manifest."""
     less = {name: data for name, data in whole.items() if name != "run/summary.md"}
-    refused(zipped(less, tmp_path / "x.zip"), "x.zip lacks run/summary.md")
-    refused(zipped(honest(less), tmp_path / "x.zip"), "x.zip lacks run/summary.md")
+    refused(less, "x.zip: expected a published run; got none of run/summary.md", seal=False)
+    refused(honest(less), "x.zip: expected a published run; got none of run/summary.md", seal=False)
     table = next(name for name in whole if name.startswith("tables/"))
     gone = {name: data for name, data in whole.items() if name != table}
-    refused(zipped(gone, tmp_path / "x.zip"), f"'{table}' stands in {MANIFEST} but is not there")
+    refused(gone, f"'{table}' is missing", seal=False)
     more = {**whole, "tables/mine.csv": b"1"}
-    refused(zipped(more, tmp_path / "x.zip"), f"'tables/mine.csv' is there but does not stand in {MANIFEST}")
-    refused(zipped({**whole, "setup.py": b"1"}, tmp_path / "x.zip"), "'setup.py' is no file of a published run")
+    refused(more, "'tables/mine.csv' is not listed", seal=False)
+    refused({**whole, "setup.py": b"1"}, "only files of a published run", seal=False)
 
 
 # From here on the attacker writes every checksum anew.
 
 
-def test_edited_ledger_line_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_edited_ledger_line_is_found(whole: Members, refused: Refused) -> None:
     """Alone, it breaks the chain; with the chain made anew, generation, slot, field and both values are named."""
     better = {**whole, "run/ledger.jsonl": whole["run/ledger.jsonl"].replace(b'"fitness":0.', b'"fitness":0.0', 1)}
     assert better != whole
-    refused(resealed(better, tmp_path / "x.zip"), "x.zip/run/run/ledger.jsonl, line 2: expected the line of its hash")
+    refused(better, "x.zip/run/run/ledger.jsonl, line 2: expected the line of its hash")
 
     def improve(line: dict[str, Json]) -> None:
         line["fitness"] = 0.000001
 
     edited = with_line(whole, 1, improve)
-    words = "generation 0, slot 0, fitness: expected 1e-06 as recorded; got 0."
-    refused(resealed(edited, tmp_path / "x.zip"), words)
+    refused(edited, "generation 0, slot 0, fitness: expected 1e-06 as recorded; got 0.")
 
 
-def test_edited_evaluation_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_edited_evaluation_is_found(whole: Members, refused: Refused) -> None:
     """A better loss in the store does not give the recorded ledger."""
 
     def improve(answer: Json) -> None:
         answer["training"]["validation_losses"][-1] /= 2
 
     entries = changed(entries_of(whole), "evaluations", improve)
-    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), " as recorded; got ")
+    refused(with_entries(whole, entries), " as recorded; got ")
 
 
-def test_edited_answer_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
     """Another text from the model has no recorded reading."""
 
     def edit(answer: Json) -> None:
         answer["text"] += "\n# edited"
 
     entries = changed(entries_of(whole), "completions", edit)
-    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), "no recorded answer for")
+    refused(with_entries(whole, entries), "no recorded answer for")
 
 
-def test_edited_cost_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """Timings hold what answers cost, and the answers in the store hold it too."""
-    first, *rest = whole["run/timings.jsonl"].decode().splitlines()
-    edited = json.dumps({**json.loads(first), "output_tokens": 12345})
-    timings = "\n".join([edited, *rest]) + "\n"
-    bundle = resealed({**whole, "run/timings.jsonl": timings.encode()}, tmp_path / "x.zip")
-    refused(bundle, "x.zip/run/run/timings.jsonl, g00s00: expected ")
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("run/timings.jsonl", rb'"output_tokens":\s*\d+', b'"output_tokens":12345', "timings.jsonl, g00s00: expected "),
+        ("run/archive.json", rb'"coverage": [\d.]+', b'"coverage": 1.5', "archive.json, coverage: expected "),
+        ("run/prompts.json", rb'"coverage": [\d.]+', b'"coverage": 1.5', "prompts.json, coverage: expected "),
+        ("run/candidates/g00s01.py", rb"\Z", b"# mine\n", "candidates/g00s01.py: expected what was judged"),
+        ("run/candidates/g99s99.py", rb"\Z", b"class Mine: pass\n", "expected only files of the ledger; got g99s99.py"),
+        ("run/summary.md", rb"Best fitness 0", b"Best fitness -0", "summary.md: line "),
+        ("tables/generations_force.tex", rb"\\toprule", rb"\\midrule", "table generations_force.tex: line "),
+        ("tables/wishes.csv", rb"\Z", b"a,b\r\n", "table wishes.csv: expected the tables"),
+    ],
+)
+def test_edited_or_added_file_is_found(edit: tuple[str, bytes, bytes, str], whole: Members, refused: Refused) -> None:
+    """The member is named, with the place in it."""
+    name, old, new, words = edit
+    edited = {**whole, name: re.sub(old, new, whole.get(name, b""), count=1)}
+    assert edited != whole
+    refused(edited, words)
 
 
-@pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
-def test_edited_archive_is_found(name: str, whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """With the field and both values."""
-    archive = {**json.loads(whole[f"run/{name}"]), "coverage": 1.5}
-    bundle = resealed({**whole, f"run/{name}": json.dumps(archive).encode()}, tmp_path / "x.zip")
-    refused(
-        bundle,
-        f"x.zip/run/run/{name}, coverage: expected ",
-    )
-
-
-def test_edited_source_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """A candidate's file is what was judged, or it is named."""
-    name = "run/candidates/g00s01.py"
-    bundle = resealed({**whole, name: whole[name] + b"# mine\n"}, tmp_path / "x.zip")
-    refused(bundle, "candidates/g00s01.py: expected what was judged")
-
-
-def test_foreign_candidate_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """A source that the search never had."""
-    bundle = resealed({**whole, "run/candidates/g99s99.py": b"class Mine: pass\n"}, tmp_path / "x.zip")
-    refused(bundle, "g99s99.py is there, and belongs to nothing of the ledger")
-
-
-def test_edited_summary_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """With its line."""
-    text = whole["run/summary.md"].replace(b"Best fitness 0", b"Best fitness -0")
-    assert text != whole["run/summary.md"]
-    refused(resealed({**whole, "run/summary.md": text}, tmp_path / "x.zip"), "summary.md: line ")
-
-
-def test_edited_table_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """A cell of a CSV file with row and column, a line of the others."""
+def test_edited_table_is_found(whole: Members, refused: Refused) -> None:
+    """A cell of a CSV file with row and column."""
     name = "tables/generations_force.csv"
     header, row, *rest = whole[name].decode().split("\r\n")
     cells = row.split(",")
     edited = "\r\n".join([header, ",".join([cells[0], "777", *cells[2:]]), *rest])
     words = (
-        f"table generations_force.csv, row 1, column '{header.split(',')[1]}': recorded '777', replayed '{cells[1]}'"
+        f"table generations_force.csv: row 1, column '{header.split(',')[1]}': recorded '777', replayed '{cells[1]}'"
     )
-    refused(resealed({**whole, name: edited.encode()}, tmp_path / "x.zip"), words)
-    name = "tables/generations_force.tex"
-    refused(
-        resealed({**whole, name: whole[name].replace(b"\\toprule", b"\\midrule")}, tmp_path / "x.zip"),
-        "table generations_force.tex, line ",
-    )
+    refused({**whole, name: edited.encode()}, words)
 
 
-def test_table_more_or_less_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
-    """All that follow from the records are there, and no other."""
-    more = {**whole, "tables/wishes.csv": b"a,b\r\n"}
-    refused(resealed(more, tmp_path / "x.zip"), "table wishes.csv is there, and does not follow from the records")
+def test_missing_table_is_found(whole: Members, refused: Refused) -> None:
+    """All that follow from the records are there."""
     less = {name: data for name, data in whole.items() if name != "tables/gate_force.md"}
-    refused(resealed(less, tmp_path / "x.zip"), "table gate_force.md is missing")
+    refused(less, "table gate_force.md: expected the tables of this release; got none")
 
 
-def test_edited_study_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_edited_study_is_found(whole: Members, refused: Refused) -> None:
     """A better training in the store does not give the recorded scores."""
 
     def improve(answer: Json) -> None:
         answer["full"]["metrics"]["mse"] = 0.0
 
     entries = changed(entries_of(whole), "studies", improve)
-    refused(resealed(with_entries(whole, entries), tmp_path / "x.zip"), ", metrics.mse: expected ")
+    refused(with_entries(whole, entries), ", metrics.mse: expected ")
 
 
-def test_entry_more_or_less_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_entry_more_or_less_is_found(whole: Members, refused: Refused) -> None:
     """What no replay reads has no place in a bundle, and what it needs is there."""
     entries = entries_of(whole)
     foreign: dict[str, Json] = {"kind": "probes", "request": "of another run", "answer": {}}
-    refused(resealed(with_entries(whole, [*entries, foreign]), tmp_path / "x.zip"), "belongs to nothing of the replay")
-    refused(resealed(with_entries(whole, entries[1:]), tmp_path / "x.zip"), "no recorded answer for")
+    refused(with_entries(whole, [*entries, foreign]), "only entries that the replay reads")
+    refused(with_entries(whole, entries[1:]), "no recorded answer for")
 
 
 @pytest.mark.parametrize("kind", ["answers", "completions", "evaluations", "probes"])
-def test_missing_entry_is_told_with_its_place(kind: str, whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_missing_entry_is_told_with_its_place(kind: str, whole: Members, refused: Refused) -> None:
     """Generation and slot, and nothing of recording anew, which no reader of a bundle can."""
     entries = entries_of(whole)
     gone = next(place for place, entry in enumerate(entries) if entry["kind"] == kind)
-    bundle = resealed(with_entries(whole, entries[:gone] + entries[gone + 1 :]), tmp_path / "x.zip")
-    with pytest.raises(BundleError, match=r"generation \d, slot \d: no recorded answer for") as told:
+    bundle = refused(
+        with_entries(whole, entries[:gone] + entries[gone + 1 :]), f"no recorded answer for {kind} request"
+    )
+    with pytest.raises(BundleError, match=r"generation \d, slot \d, .*: no recorded answer for") as told:
         verify_at(bundle)
     assert "llm.mode=record" not in str(told.value)
-    assert "a bundle has every entry that its replay reads" in str(told.value)
-    refused(bundle, f"no recorded answer for {kind} request")
+    assert "fetch the bundle again: an entry that its replay reads was removed" in str(told.value)
 
 
-def test_study_under_another_name_is_found(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_study_under_another_name_is_found(whole: Members, refused: Refused) -> None:
     """Folder and study.json alike, with its tables: more seeds in a name than in the study, say."""
     old = next(name for name in whole if name.endswith("study.json")).split("/")[2]
     new = old.replace("seeds4", "seeds40")
     study = json.loads(whole[f"run/studies/{old}/study.json"])
     renamed = {name.replace(old, new): data for name, data in whole.items()}
     renamed[f"run/studies/{new}/study.json"] = json.dumps({**study, "name": new}).encode()
-    refused(resealed(renamed, tmp_path / "x.zip"), f": expected {old} twice; got ")
+    refused(renamed, f": expected {old}")
     told = {**whole, f"run/studies/{old}/study.json": json.dumps({**study, "name": new}).encode()}
-    refused(resealed(told, tmp_path / "x.zip"), f": expected {old} twice; got ")
+    refused(told, f": expected {old}")
 
 
-def test_study_of_another_version_is_told_beside_its_failure(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_study_of_another_version_is_told_beside_its_failure(whole: Members, refused: Refused) -> None:
     """As the search of another version is."""
     name = next(name for name in whole if name.endswith("study.json"))
     study = json.loads(whole[name])
     study["versions"]["tacevo"] = "0.0.1"
     edited = {**whole, name: json.dumps({**study, "terms": {**study["terms"], "alpha": 0.5}}).encode()}
-    refused(resealed(edited, tmp_path / "x.zip"), "another version may be the reason: tacevo is ")
+    refused(edited, "another version may be the reason: tacevo is ")
 
 
 def test_no_raw_text_reaches_the_terminal(whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -300,30 +264,23 @@ def test_no_raw_text_reaches_the_terminal(whole: Members, tmp_path: Path, capsys
     assert "\x1b" not in said
 
 
-def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refused, tmp_path: Path) -> None:
+def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refused) -> None:
     """A few digits in run.json or study.json must not ask for all memory there is."""
     run = json.loads(whole["run/run.json"])
     for key in ("generations", "candidates", "initial"):
         config = {**run["config"], "search": {**run["config"]["search"], key: 10**12}}
         edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-        refused(resealed(edited, tmp_path / "x.zip"), ", by the configuration in run.json; got ")
+        refused(edited, "run.json; got ")
     name = next(name for name in whole if name.endswith("study.json"))
     study = {**json.loads(whole[name]), "seeds": 10**12}
-    refused(
-        resealed({**whole, name: json.dumps(study).encode()}, tmp_path / "x.zip"),
-        "expected 2000000000000, as in study.json",
-    )
+    refused({**whole, name: json.dumps(study).encode()}, "expected 2000000000000")
 
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", "", "a/b", "x" * 300, 5, None, "a\nb"])
-def test_name_of_a_run_that_is_no_folders_is_refused(
-    name: Json, whole: Members, refused: Refused, tmp_path: Path
-) -> None:
+def test_name_of_a_run_that_is_no_folders_is_refused(name: Json, whole: Members, refused: Refused) -> None:
     """It becomes that of a folder."""
     run = {**json.loads(whole["run/run.json"]), "name": name}
-    bundle = resealed({**whole, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
-    words = "the name of a run must be that of a folder" if isinstance(name, str) else "run.json, name: expected text"
-    refused(bundle, words)
+    refused({**whole, "run/run.json": json.dumps(run).encode()}, "run.json, name: expected ")
 
 
 @pytest.mark.parametrize(

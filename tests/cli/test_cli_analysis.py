@@ -76,7 +76,7 @@ def test_tables_that_cannot_be_written_are_not_printed(
     assert main(["tables", *(word.replace("RUN", str(run)) for word in arguments), "-o", "file"]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert "File exists" in told.err
+    assert "file: expected a directory that results can be written to; got File exists" in told.err
     assert Path("file").read_text() == "mine"
 
 
@@ -85,7 +85,7 @@ def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pyt
     """A mistyped one would be filled with probes and images; nothing is made."""
     before = contents(Path())
     assert main([command, str(run), "--store", "nowhere"]) == 2
-    assert "nowhere" in capsys.readouterr().err
+    assert "--store: expected the directory of a run's stores; got nowhere" in capsys.readouterr().err
     assert contents(Path()) == before
 
 
@@ -304,7 +304,7 @@ def test_published_run_takes_no_results(
 ) -> None:
     """It is one file: the user says where they go."""
     assert main([command, str(bundle)]) == 2
-    assert "-o" in capsys.readouterr().err
+    assert "name by -o where" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 from tacevo.text import printable
 
 
@@ -27,5 +27,5 @@ def test_what_a_terminal_would_obey_is_escaped(text: str, shown: str) -> None:
 def test_view_shows_no_raw_text() -> None:
     """A version in a stranger's run.json, say."""
     file = io.StringIO()
-    PlainView(Console(file=file)).say("another version: torch is 2; the run had \x1b[2J")
+    Progress(Console(file=file)).say("another version: torch is 2; the run had \x1b[2J")
     assert file.getvalue() == "another version: torch is 2; the run had \\x1b[2J\n"

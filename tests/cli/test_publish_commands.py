@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.cli.publish import table_files
+from tacevo.cli.pages import table_files
 from tacevo.errors import IncomparableError, RunError
 
 

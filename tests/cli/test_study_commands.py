@@ -15,7 +15,7 @@ from tacevo.config.compose import compose_study
 from tacevo.config.schema import ExecutorConfig, keys
 from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError
-from tacevo.runs.progress import LiveStudyView, PlainView, make_study_view
+from tacevo.runs.progress import Progress
 
 #: Chosen by nobody while there is one kind of executor.
 UNTOLD = {"executor", "executor.kind", "store", "margins", "margins.regression", "margins.classification"}
@@ -94,26 +94,14 @@ def test_settings_reach_the_configuration() -> None:
     assert config.executor.workers == 7
 
 
-def test_log_has_a_line_at_each_tenth() -> None:
-    """A hundred trainings make ten lines, three make three."""
-    for total, lines in ((100, 10), (3, 3)):
-        text = io.StringIO()
-        with make_study_view(Console(file=text)) as view:
-            assert isinstance(view, PlainView)
-            for done in range(1, total + 1):
-                view.trained(done, total)
-        assert len(text.getvalue().splitlines()) == lines
-        assert text.getvalue().endswith(f"{total} of {total} trainings are done\n")
-
-
-def test_terminal_has_a_bar() -> None:
-    """With how many are done, beside what is said; the images have one of their own."""
+@pytest.mark.parametrize("terminal", [True, False])
+def test_bars_are_for_terminals(terminal: bool) -> None:
+    """A bar a name, with how many are done and a note, below what is said; a log gets the lines only."""
     text = io.StringIO()
-    with make_study_view(Console(file=text, force_terminal=True, width=120)) as view:
-        assert isinstance(view, LiveStudyView)
-        view.data(5, 10)
+    with Progress(Console(file=text, force_terminal=terminal, width=120)) as view:
+        view.advance("images", 5, 10)
         view.say("a [line]")
-        view.trained(3, 8)
+        view.advance("trainings", 3, 8, "best 0.1")
     assert "a [line]" in text.getvalue()
-    assert re.search(r"trainings.*3/8", text.getvalue())
-    assert re.search(r"images.*5/10", text.getvalue())
+    for bar in (r"images.*5/10", r"trainings.*3/8.*best 0.1"):
+        assert bool(re.search(bar, text.getvalue())) == terminal

@@ -11,6 +11,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 
 #: One file of overrides for each recording; where it lies is said on the command line.
 SETTINGS = Path(__file__).parents[1] / "recordings"
@@ -28,7 +29,7 @@ def composed(name: str, *overrides: str) -> RunConfig:
 
 def load(name: str, folder: str, cache: Path) -> Dataset:
     """Load a recording as a search does."""
-    return load_data(composed(name, f"data.root={RECORDINGS / folder}", f"store.root={cache}"), progress=None)
+    return load_data(composed(name, f"data.root={RECORDINGS / folder}", f"store.root={cache}"), Progress())
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in SETTINGS.iterdir()))

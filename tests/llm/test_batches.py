@@ -105,7 +105,7 @@ def test_what_no_submission_can_mend_stops_the_run(fault: str, words: str, serve
     with refused(ConfigError, got=words):
         recorded(server.url, tmp_path, asked)
     assert sizes(server) == [3]
-    assert [entry["answer"]["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
+    assert [entry.answer["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
 
 
 @pytest.mark.parametrize(("fault", "stop_reason"), [("too_long", "invalid_request"), ("filtered", "refusal")])

@@ -37,7 +37,7 @@ def ask(url: str, root: Path, count: int, provider: str = "anthropic") -> Counte
 
 def stored(root: Path) -> list[str]:
     """List the questions whose answers are in the store, each entry checked."""
-    return [entry["request"]["messages"][-1]["content"] for entry in Store(root, "completions").entries()]
+    return [entry.request["messages"][-1]["content"] for entry in Store(root, "completions").entries()]
 
 
 def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count: int) -> None:

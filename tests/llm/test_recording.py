@@ -132,7 +132,7 @@ def test_damaged_recording_is_never_asked_for_anew(tmp_path: Path) -> None:
     store.write(to_json(REQUESTS[0]), to_json(answer("recorded")))
     next(tmp_path.rglob("*.json")).write_text("{", encoding="utf-8")
     inner = FakeLLM()
-    with pytest.raises(StoreError, match="is not a store entry"):
+    with pytest.raises(StoreError, match="expected JSON"):
         texts(RecordingLLM(inner, store), REQUESTS)
     assert inner.asked == []
 

@@ -106,7 +106,7 @@ def test_probe_that_is_missing_is_not_kept_under_old_rules(published: Path, tmp_
     shutil.rmtree(tmp_path / "cache" / "probes")
     command: list[str | Path] = ["tables", tmp_path / "run", "--store", tmp_path / "cache", "-o", tmp_path / "tables"]
     tacevo(*command, before=LATER)
-    kept = [entry["request"]["version"] for entry in Store(tmp_path / "cache", "probes").entries()]
+    kept = [entry.request["version"] for entry in Store(tmp_path / "cache", "probes").entries()]
     assert set(kept) == {CURRENT.probe + 1}
 
 

@@ -12,7 +12,7 @@ from ledger_lines import header, rejected, run_record, trained
 from refusals import refused
 from rich.console import Console
 
-from tacevo.bundles.open import Opened, insist_on_walls, opened
+from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.choices import Device, Numerics
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
@@ -20,7 +20,7 @@ from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluations, retrain, sampled
-from tacevo.runs.progress import PlainView
+from tacevo.runs.progress import Progress
 from tacevo.search.files import read_ledger
 from tacevo.search.lines import CandidateLine
 from tacevo.storage.ledger import Sealed, sealed_text
@@ -42,7 +42,7 @@ def rewritten(folder: Path, change: Callable[[CandidateLine], CandidateLine]) ->
 
 def again(count: int | None = None) -> Retrained:
     """Train again in the working directory."""
-    with PlainView(Console(quiet=True)) as view:
+    with Progress(Console(quiet=True)) as view:
         return retrain([read_recorded(Path("run"))], count, view)
 
 
@@ -207,8 +207,8 @@ def test_bundle_does_not_take_the_walls_down(
     run["config"][group][name] = value
     bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
     with opened(bundle) as found, pytest.raises(BundleError, match=words):
-        insist_on_walls(found)
+        check_walls(found)
     for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
         assert main(command) == 1
         assert words in capsys.readouterr().err
-    insist_on_walls(Opened(folder=found.folder, store=found.store))
+    check_walls(Opened(folder=found.folder, store=found.store))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
@@ -111,7 +112,7 @@ def test_delivery_that_the_provider_refuses_has_no_cost(overrides: Estimating) -
 def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating) -> None:
     """A mean over answers that cannot be read is not guessed, and the file is named."""
     Store(Path(compose(overrides()).store.root), "completions").write(asked, {"text": "no completion"})
-    with pytest.raises(StoreError, match="expected a value; got nothing; delete the file"):
+    with refused(StoreError, expected="a value", got="nothing", remedy="delete it"):
         estimate(compose(overrides()))
 
 

@@ -15,8 +15,9 @@ from tacevo.errors import ConfigError, DataError
 from tacevo.records import Completion, Mode, Request, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 from tacevo.runs.providers import provider_settings, require_temperature
-from tacevo.runs.wiring import open_tools
+from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.storage.store import Store
 
@@ -24,7 +25,7 @@ from tacevo.storage.store import Store
 def load(tmp_path: Path, *overrides: str) -> Dataset:
     """Load what lies in the folder `recording` with small images."""
     settings = [f"data.root={tmp_path / 'recording'}", f"store.root={tmp_path / 'cache'}", "data.image_size=16"]
-    return load_data(compose([*settings, *overrides]), progress=None)
+    return load_data(compose([*settings, *overrides]), Progress())
 
 
 def rows_of(name: str, values: int, *, count: int = 20) -> str:
@@ -126,8 +127,8 @@ def test_run_is_told_what_holds_its_candidates(overrides: list[str], level: Conf
     facts = facts_without_data(config)
     task = load_task(config, facts)
     told: list[tuple[str, ...]] = []
-    with open_tools(config, task, facts, None, Mode.record, rules=CURRENT, notice=told.append) as tools:
-        tools.inspect(task.baseline)
+    with Workbench(config, task, facts, Mode.record, notice=told.append) as bench:
+        bench.gate(CURRENT).inspect(task.baseline)
     assert [in_force(measures)["level"] for measures in told] == [level]
 
 

@@ -1,7 +1,6 @@
 """Promise: a setting that a model refuses, and that was therefore not sent, is told wherever a run speaks of it."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 
 import fakes
@@ -86,7 +85,7 @@ def test_ledger_under_the_first_core_gains_no_field() -> None:
     for core in (1, 2):
         eras = [RulesLine(generation=0, rules=replace(FIRST, core=core))]
         recorder = fakes.Recorder()
-        run_eras(plan, eras, lambda _: nullcontext(fakes.tools(Refusing())), Ledger(), recorder)
+        run_eras(plan, eras, lambda _: fakes.tools(Refusing()), Ledger(), recorder)
         assert any(line.dropped for line in answered_in(recorder.lines)) is (core == 2)
 
 

@@ -21,6 +21,7 @@ from tacevo.config.compose import compose
 from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
 from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, check_entry
@@ -101,7 +102,7 @@ def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
 def test_networks_are_paired_by_seed(studied: Path) -> None:
     """Each seed of the study is one training seed, the same for both networks."""
     entries = list(Store(studied / "cache", "studies").entries())
-    seeds = {(entry["request"]["source"], entry["request"]["seed"]) for entry in entries}
+    seeds = {(entry.request["source"], entry.request["seed"]) for entry in entries}
     assert len(entries) == 4
     assert len({seed for _, seed in seeds}) == len({source for source, _ in seeds}) == 2
 
@@ -298,8 +299,8 @@ def test_network_that_comes_to_no_end_is_told_and_the_rest_is_finished(
 
 def test_export_takes_the_study_along(folder: Path) -> None:
     """What is imported elsewhere replays run and study."""
-    assert main(["cache", "export", "run", "-o", "run.tar"]) == 0
-    assert main(["cache", "import", "run.tar", "--store", "other"]) == 0
+    assert main(["cache", "export", "run", "-o", "run.jsonl.xz"]) == 0
+    assert main(["cache", "import", "run.jsonl.xz", "--store", "other"]) == 0
     assert main(["replay", "run", "--store", "other"]) == 0
     assert len(list(folder.glob("other/studies/*/*.json"))) == 4
     for path in folder.glob("other/studies/*/*.json"):
@@ -377,7 +378,7 @@ def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytes
     images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
     np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
     numpy = [*TINY[:-1], "data=numpy", "data.image_size=16", "archive.niches=5"]
-    rows = load_data(compose([*numpy, "data.root=a.npz"]), None).test
+    rows = load_data(compose([*numpy, "data.root=a.npz"]), Progress()).test
     images[rows], labels[rows] = 255 - images[rows], labels[rows] + 1
     np.savez("b.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
     decisions = []

@@ -6,14 +6,36 @@ import json
 import lzma
 import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from tacevo.bundles.format import MANIFEST, STORE, sealed
+from tacevo.cli.app import main
 from tacevo.records import Json
 from tacevo.storage.canonical import canonical
 from tacevo.storage.ledger import GENESIS, seal
 
 Members = dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Replays members that must be refused, with checksums that fit unless `seal` is False."""
+
+    folder: Path
+    capsys: pytest.CaptureFixture[str]
+
+    def __call__(self, members: Members, words: str, *, seal: bool = True) -> Path:
+        """See exit status 1 and these words in one line; return the bundle."""
+        bundle = (resealed if seal else zipped)(members, self.folder / "x.zip")
+        assert main(["replay", str(bundle)]) == 1
+        told = self.capsys.readouterr().err.splitlines()
+        (said,) = [line for line in told if line.startswith(("refused: ", "different: "))]
+        assert words in said
+        assert "tacevo-" not in said
+        return bundle
 
 
 def members_of(bundle: Path) -> Members:

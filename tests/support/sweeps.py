@@ -8,6 +8,7 @@ from ledger_lines import ended, header, run_record
 
 from tacevo.config.compose import compose, to_plain
 from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.launch import Launcher
@@ -54,21 +55,19 @@ class Launched:
             show(job)
 
 
-@dataclass
-class Heard:
+class Heard(Progress):
     """A view that keeps what it is told."""
 
-    lines: list[str] = field(default_factory=list)
-    counts: list[tuple[int, int]] = field(default_factory=list)
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+        self.counts: list[tuple[int, int]] = []
 
     def say(self, text: str) -> None:
         """Keep a line."""
         self.lines.append(text)
 
-    def data(self, done: int, total: int) -> None:
-        """No sweep makes data itself."""
-
-    def jobs(self, done: int, total: int) -> None:
+    def advance(self, what: str, done: int, total: int, note: str = "") -> None:
         """Keep how many jobs are finished."""
         self.counts.append((done, total))
 

@@ -132,7 +132,7 @@ def test_run_that_is_being_mirrored_is_not_waited_for(tmp_path: Path, uri: str) 
     with alone(tmp_path / "runs" / "a"):
         tracked = track(tmp_path / "runs", uri, quietly)
     assert tracked.done == {uri: 1}
-    assert "runs/a is being mirrored by its search" in tracked.failed[0]
+    assert "runs/a: expected an idle run" in tracked.failed[0]
 
 
 def test_search_at_work_is_shown_as_running(tmp_path: Path, uri: str) -> None:

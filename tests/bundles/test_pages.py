@@ -1,6 +1,7 @@
 """Promise: a published run says plainly what answered, where its images come from, and under which terms it stands."""
 
 import pytest
+from refusals import refused
 
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.errors import ConfigError
@@ -74,5 +75,5 @@ def test_terms_stand_in_licence_and_citation() -> None:
 @pytest.mark.parametrize("licence_id", ["", "MIT or so", "../x", "<b>", "MIT\n"])
 def test_licence_must_be_an_identifier(licence_id: str) -> None:
     """It becomes part of an address."""
-    with pytest.raises(ConfigError, match="--license needs an SPDX identifier"):
+    with refused(ConfigError, place="--license", expected="an SPDX identifier"):
         Terms(licence=licence_id, authors=(), published="2026-11-21")

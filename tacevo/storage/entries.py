@@ -1,0 +1,165 @@
+"""Many store entries as one compressed file: a header, then one JSON line for each, sorted, in one LZMA stream.
+
+Entries of one kind repeat each other's text, so that packed together they take a small part of what they take one by
+one. A line holds kind, request and answer; key, place and checksum follow from these.
+"""
+
+import lzma
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Le
+
+from tacevo.errors import StoreError
+from tacevo.records import STRICT
+from tacevo.storage.canonical import canonical
+from tacevo.storage.store import KINDS, Entry
+from tacevo.typed import parse
+
+#: Layout of the file.
+SCHEMA = 1
+
+#: Equal text lies near where lines are sorted; a larger window takes memory and saves little.
+_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6}]
+
+#: What unpacking may take, bytes; the window above takes 8 MiB of it.
+_MEMORY = 64 * 1024**2
+
+#: The longest line, bytes: a probe's answer has at most 2 MiB, and no other entry comes near that.
+LONGEST_LINE = 8 * 1024**2
+
+#: The most entries: a run of 10,000 candidates has some 40,000.
+MOST_ENTRIES = 250_000
+
+#: What a file takes on the disk at least, bytes.
+_BLOCK = 4096
+
+#: What all that is unpacked may take on the disk: about four times a run of 10,000 candidates.
+MOST_BYTES = 2 * 1024**3
+
+#: What a file may unpack to, as a multiple of its own size. A run of 1,000 candidates comes to 12, one of 86 to 14;
+#: deflate could make a thousand of it, LZMA many thousands.
+MOST_RATIO = 200
+
+#: A small file may unpack to this much whatever its ratio, which tells little of a few repeated lines.
+FREE_BYTES = 16 * 1024**2
+
+#: Bytes that are unpacked at a time.
+CHUNK = 1024**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Header:
+    """The first line."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal[1]
+    entries: Annotated[int, Ge(0), Le(MOST_ENTRIES)]
+
+
+class Budget:
+    """Counts unpacked bytes, and stops at a limit.
+
+    Args:
+        source: the file that is unpacked.
+        size: of that file, in bytes.
+    """
+
+    def __init__(self, source: Path, size: int) -> None:
+        self._source = source
+        self._left = min(MOST_BYTES, max(FREE_BYTES, MOST_RATIO * size))
+
+    def spend(self, count: int, name: str) -> None:
+        """Count bytes that a member of the file was unpacked to.
+
+        Raises:
+            StoreError: with these, the limit is passed.
+        """
+        self._left -= count
+        if self._left < 0:
+            raise StoreError(
+                f"more, in {name}",
+                place=str(self._source),
+                expected=f"a file that unpacks to at most {MOST_RATIO} times its size and {MOST_BYTES} bytes",
+                remedy="do not trust it",
+            )
+
+
+def pack(entries: Iterable[Entry]) -> bytes:
+    """Write store entries as one file; the order in which they come does not matter."""
+    lines = sorted(
+        (entry.kind, canonical({"kind": entry.kind, "request": entry.request, "answer": entry.answer}))
+        for entry in entries
+    )
+    header = canonical({"schema": SCHEMA, "entries": len(lines)})
+    text = "\n".join([header, *(line for _, line in lines)]) + "\n"
+    return lzma.compress(text.encode(), format=lzma.FORMAT_XZ, check=lzma.CHECK_CRC64, filters=_FILTERS)
+
+
+def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
+    """Read the entries of a file that anybody may have written, one at a time.
+
+    Args:
+        source: what `pack` wrote.
+        budget: what may be unpacked.
+
+    Raises:
+        StoreError: the file is damaged, or a line is not an entry; the message names it.
+    """
+    lines = _lines(source, budget)
+    first, expected = f"{source}, line 1", "as many entries as the first line says"
+    count = parse(_Header, next(lines, b""), place=first, error=StoreError).entries
+    number, keys = 0, set[str]()
+    for number, line in enumerate(lines, start=1):
+        budget.spend(_BLOCK, source.name)
+        place = f"{source}, line {number + 1}"
+        entry = parse(Entry, line, place=place, error=StoreError)
+        if entry.kind not in KINDS:
+            raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(KINDS)}")
+        try:
+            key = entry.sealed()["key"]
+        except ValueError as error:
+            raise StoreError(str(error), place=place, expected="JSON") from error
+        if key in keys or number > count:
+            raise StoreError("one more, or one that came before", place=place, expected=expected)
+        keys.add(key)
+        yield entry
+    if number != count:
+        raise StoreError(f"{number} of {count}", place=str(source), expected=expected)
+
+
+def _lines(source: Path, budget: Budget) -> Iterator[bytes]:
+    """Yield the lines as they are unpacked, within the budget."""
+    rest = bytearray()
+    for chunk in _chunks(source):
+        budget.spend(len(chunk), source.name)
+        *whole, tail = chunk.split(b"\n")
+        for part in whole:
+            yield bytes(rest + part)
+            rest.clear()
+        rest += tail
+        if len(rest) > LONGEST_LINE:
+            raise StoreError("a longer one", place=str(source), expected=f"lines of at most {LONGEST_LINE} bytes")
+    if rest:
+        raise StoreError("half a line", place=str(source), expected="a line feed at the end", remedy="fetch it again")
+
+
+def _chunks(source: Path) -> Iterator[bytes]:
+    """Unpack a file a piece at a time, whatever size it claims."""
+    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_MEMORY)
+    data = source.read_bytes()
+    try:
+        while not unpacker.eof:
+            chunk = unpacker.decompress(data, CHUNK)
+            if not chunk and unpacker.needs_input:
+                raise EOFError("it ends too early")
+            data = b""
+            yield chunk
+    except (lzma.LZMAError, EOFError) as error:
+        expected = "store entries as `tacevo cache export` and `tacevo publish` write them"
+        raise StoreError(str(error), place=str(source), expected=expected, remedy="fetch it again") from error
+    if unpacker.unused_data:
+        raise StoreError("more bytes", place=str(source), expected="nothing after its end", remedy="fetch it again")

@@ -1,0 +1,229 @@
+"""Promise: a zip file of ours tells nothing of its machine, and one of anybody's writes nothing where it should not."""
+
+import io
+import re
+import struct
+import zipfile
+from pathlib import Path
+
+import pytest
+from bundles import zipped
+from refusals import refused
+
+from tacevo.bundles.zipfiles import LONGEST_NAME, MOST_MEMBERS, MOST_OF_A_MEMBER, packed, unpack
+from tacevo.errors import BundleError, StoreError
+from tacevo.storage.entries import FREE_BYTES, MOST_RATIO, Budget
+
+ANY = re.compile(".*", re.DOTALL)
+
+MEMBERS = {"a.txt": b"a" * 100, "folder/b.txt": b"b" * 100}
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Return where a file is written; beside it lies the only directory that may be written to."""
+    return tmp_path / "x.zip"
+
+
+def unpacked(source: Path, *, budget: int = 0, places: re.Pattern[str] = ANY) -> dict[str, str]:
+    """Unpack into `inside`; nothing may be written elsewhere."""
+    try:
+        return unpack(source, source.parent / "inside", places, Budget(source, budget or source.stat().st_size))
+    finally:
+        assert {path.name for path in source.parent.iterdir()} <= {source.name, "inside"}
+
+
+def test_members_come_back(file: Path) -> None:
+    """Contents, names and digests."""
+    file.write_bytes(packed(MEMBERS))
+    assert {name: (file.parent / "inside" / name).read_bytes() for name in unpacked(file)} == MEMBERS
+
+
+def test_members_of_many_pieces_come_back(file: Path) -> None:
+    """Data that unpack to more than a piece, stored or deflated, whatever the ends of the pieces."""
+    members = {"a.txt": bytes(5_000_000), "b.xz": bytes(range(256)) * 9_000}
+    file.write_bytes(packed(members))
+    assert {name: (file.parent / "inside" / name).read_bytes() for name in unpacked(file)} == members
+
+
+def test_order_of_members_enters_nothing() -> None:
+    """Equal members give equal bytes."""
+    assert packed(MEMBERS) == packed(dict(reversed(MEMBERS.items())))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../evil",
+        "a/../../evil",
+        "/tmp/evil",
+        "C:/evil",
+        "C:\\evil",
+        "a\\..\\..\\evil",
+        "a//b",
+        "./a",
+        "",
+        "a/",
+        ".hidden",
+        "a\nb",
+        "b.txt\0evil",
+        "a b",
+        "x" * (LONGEST_NAME + 1),
+    ],
+)
+def test_name_that_leads_elsewhere_is_refused(name: str, file: Path) -> None:
+    """Parents, roots, drives, backslashes, empty parts, hidden files, ends of names and blanks."""
+    stand_in = "y" * len(name)
+    file.write_bytes(packed({stand_in: b"evil"}).replace(stand_in.encode() or b"\n", name.encode() or b"\n"))
+    with refused(BundleError, expected="names of files inside a published run", got=repr(name)[1:-1][:50]):
+        unpacked(file)
+
+
+def test_member_of_no_known_place_is_refused(file: Path) -> None:
+    """Only the places that the caller names are written."""
+    file.write_bytes(packed(MEMBERS))
+    with refused(BundleError, expected="only files of a published run", got="'folder/b.txt'"):
+        unpacked(file, places=re.compile("a.txt"))
+
+
+@pytest.mark.parametrize("mode", [0o120777, 0o040755, 0o010644, 0o020644, 0o060644, 0o140644, 0o104755, 0])
+def test_special_member_is_refused(mode: int, file: Path) -> None:
+    """Links, directories, pipes, devices, sockets, set-user-id."""
+
+    def change(info: zipfile.ZipInfo) -> None:
+        info.external_attr = mode << 16
+
+    with refused(BundleError, expected="as `tacevo publish` writes it"):
+        unpacked(zipped(MEMBERS, file, change))
+
+
+@pytest.mark.parametrize("names", [("a.txt", "a.txt"), ("a.txt", "A.txt")])
+def test_second_member_of_a_name_is_refused(names: tuple[str, str], file: Path) -> None:
+    """What is verified is what is read; on some systems names that differ in case are one file."""
+    file.write_bytes(packed({names[0]: b"1", "Z.txt": b"2"}).replace(b"Z.txt", names[1].encode()))
+    with refused(BundleError, expected="each once"):
+        unpacked(file)
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_other_compression_is_refused(method: int, file: Path) -> None:
+    """Only what we write is read."""
+
+    def change(info: zipfile.ZipInfo) -> None:
+        info.compress_type = method
+
+    with refused(BundleError, expected="stored or deflated"):
+        unpacked(zipped(MEMBERS, file, change))
+
+
+def test_extra_field_is_refused(file: Path) -> None:
+    """It could name another file, owner or size."""
+
+    def change(info: zipfile.ZipInfo) -> None:
+        info.extra = struct.pack("<HH4s", 0x7075, 4, b"evil")
+
+    with refused(BundleError, expected="plain members"):
+        unpacked(zipped(MEMBERS, file, change))
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"no zip file at all, but some text that is long enough to be one"])
+def test_foreign_file_is_refused(content: bytes, file: Path) -> None:
+    """The message says what was expected, and what to do."""
+    file.write_bytes(content)
+    with refused(BundleError, place="x.zip", expected="a published run", remedy="fetch the file again"):
+        unpacked(file)
+
+
+def test_every_cut_and_every_flipped_byte_is_refused(file: Path) -> None:
+    """A download that broke off or was damaged, at every place: no byte has no meaning."""
+    data = packed(MEMBERS)
+    damaged = [data[:length] for length in range(len(data))]
+    damaged += [data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :] for place in range(len(data))]
+    for number, content in enumerate(damaged):
+        file.write_bytes(content)
+        with pytest.raises(BundleError):
+            unpack(file, file.parent / str(number), ANY, Budget(file, len(data)))
+
+
+@pytest.mark.parametrize("around", [(b"#!/bin/sh\n", b""), (b"", b"PK\x05\x06" + bytes(18))])
+def test_bytes_around_a_file_are_refused(around: tuple[bytes, bytes], file: Path) -> None:
+    """A script before it, or another directory after it."""
+    file.write_bytes(around[0] + packed(MEMBERS) + around[1])
+    with refused(BundleError, expected="as `tacevo publish` writes it"):
+        unpacked(file)
+
+
+@pytest.mark.parametrize("hidden", [b"hidden", b"PK\x06\x06" + bytes(52) + b"PK\x06\x07" + bytes(16)])
+@pytest.mark.parametrize("before", [b"PK\x01\x02", b"PK\x05\x06"])
+def test_bytes_between_members_and_directory_are_refused(hidden: bytes, before: bytes, file: Path) -> None:
+    """Nothing hides where no directory lists it, and no zip64 record shows some programs another directory."""
+    data = packed(MEMBERS)
+    at = data.index(before)
+    shifted = data[:-6] + struct.pack("<L", data.index(b"PK\x01\x02") + len(hidden)) + data[-2:]
+    file.write_bytes(shifted[:at] + hidden + shifted[at:])
+    with refused(BundleError, expected="as `tacevo publish` writes it"):
+        unpacked(file)
+
+
+def test_bomb_is_stopped_while_it_unpacks(file: Path) -> None:
+    """Members that are small one by one are counted together, and no more than the limit is written."""
+    file.write_bytes(packed({f"{number:02}": bytes(FREE_BYTES // 4) for number in range(40)}))
+    assert file.stat().st_size < FREE_BYTES // 50
+    with refused(StoreError, expected="unpacks to at most", got="more"):
+        unpacked(file)
+    limit = max(FREE_BYTES, MOST_RATIO * file.stat().st_size)
+    assert sum(path.stat().st_size for path in (file.parent / "inside").iterdir()) <= limit
+
+
+@pytest.mark.parametrize("claimed", [5, MOST_OF_A_MEMBER])
+def test_size_that_a_header_claims_is_not_believed(claimed: int, file: Path) -> None:
+    """A member that unpacks to more or less than it says is refused."""
+    true, false = (struct.pack("<L", number) for number in (FREE_BYTES, claimed))
+    file.write_bytes(packed({"a.txt": bytes(FREE_BYTES)}).replace(true, false))
+    with refused(BundleError, expected="of the size and checksum in its header"):
+        unpacked(file)
+    assert (file.parent / "inside" / "a.txt").stat().st_size <= FREE_BYTES
+
+
+def test_overlapping_members_are_refused(file: Path) -> None:
+    """One body under many names makes a bomb of any size."""
+    data = packed({"a": b"x"})
+    start = data.index(b"PK\x01\x02")
+    entry, end = data[start:-22], data[-22:]
+    twice = entry + entry[:-1] + b"b"
+    counts = struct.pack("<2HL", 2, 2, len(twice))
+    file.write_bytes(data[:start] + twice + end[:8] + counts + end[16:])
+    with refused(BundleError, expected="as `tacevo publish` writes it"):
+        unpacked(file)
+
+
+def test_too_many_members_are_refused(file: Path) -> None:
+    """A file has no more than one run of ten thousand candidates needs."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for number in range(MOST_MEMBERS + 1):
+            archive.writestr(zipfile.ZipInfo(f"{number}"), b"")
+    file.write_bytes(buffer.getvalue())
+    with refused(BundleError, expected=f"at most {MOST_MEMBERS} members"):
+        unpacked(file)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [(6, b"\1\0"), (6, b"\x08\0"), (8, b"\0\0"), (14, bytes(4)), (18, b"\xff" * 4), (22, b"\xff" * 4)],
+    ids=["encrypted", "sizes later", "method", "checksum", "packed size", "size"],
+)
+def test_header_before_a_member_must_be_right(place: int, value: bytes, file: Path) -> None:
+    """Some programs believe it, some the directory; both must show the same file, and it is open."""
+    content = bytearray(packed(MEMBERS))
+    content[place : place + len(value)] = value
+    file.write_bytes(content)
+    with pytest.raises(BundleError):
+        unpacked(file)
+
+
+def test_member_has_a_limit_of_its_own(file: Path) -> None:
+    """However much the whole may take, nobody parses more than this at once."""
+    file.write_bytes(packed({"a.txt": b"0" * (MOST_OF_A_MEMBER + 1)}))
+    with refused(BundleError, expected=f"at most {MOST_OF_A_MEMBER} bytes"):
+        unpacked(file, budget=MOST_OF_A_MEMBER)
