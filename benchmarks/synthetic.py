@@ -86,7 +86,7 @@ def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Fr
     spread = rng.uniform(0.05, 0.3)
     for epoch in range(epochs):
         values = (0.5 + rng.normal(size=(_VALIDATED, outputs)) * spread / (1 + epoch)).astype(np.float32)
-        yield Frame({"train_loss": float(spread / (1 + epoch))}, values.tobytes())
+        yield Frame({"epoch": epoch, "train_loss": float(spread / (1 + epoch))}, values.tobytes())
     yield Frame({"weights_sha256": hashlib.sha256(rng.bytes(32)).hexdigest()}, b"")
 
 

@@ -61,7 +61,7 @@ def test_caption_explains_shaded_niches_where_there_are_some(centroids: list[lis
     run = hand_runs.run([hand_runs.trained(0, 0), hand_runs.trained(1, 0)], [hand_runs.closed(0), hand_runs.closed(1)])
     niches = Niches(networks=np.array([[0.5, 0.5]]), prompts=np.array(centroids))
     (caption,) = (one.caption for one in run_pictures(run, niches) if one.name == "prompt_map_force")
-    assert ("Shaded ones" in caption) is shaded
+    assert ("shaded ones" in caption) is shaded
 
 
 @pytest.mark.slow

@@ -178,10 +178,10 @@ def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None
 
 
 def test_other_spelling_of_the_jobs_is_found(whole: Members, refused: Refused) -> None:
-    """What reads alike is not what was published; a field that nobody reads may say anything."""
+    """What reads alike is not what was published, and an unknown field could say anything."""
     told = json.loads(whole[JOBS])
     refused({**whole, JOBS: json.dumps(told).encode()}, "expected the text that `tacevo publish` writes")
-    refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "expected the text that `tacevo publish` writes")
+    refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "author: expected only keys of this version")
 
 
 def test_published_list_has_no_overrides(whole: Members) -> None:

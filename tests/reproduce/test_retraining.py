@@ -192,8 +192,8 @@ def test_only_what_was_promised_is_not_doubted() -> None:
     [
         ("sandbox.require=none", "sandbox.require=none"),
         ("training.device=cuda", "training.device=cuda"),
-        ("sandbox.require=Confinement.none", "sandbox.require is 'Confinement.none', which no recorded"),
-        ("training.device=Device.cuda", "training.device=cuda"),
+        ("sandbox.require=Confinement.none", "sandbox.require: expected 'none'"),
+        ("training.device=Device.cuda", "training.device: expected 'cpu'"),
     ],
 )
 def test_bundle_does_not_take_the_walls_down(

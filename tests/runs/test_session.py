@@ -137,4 +137,4 @@ def test_changed_image_cache_is_refused(folder: Path, capsys: pytest.CaptureFixt
     data[-1] ^= 1
     images.write_bytes(data)
     assert main(["search", *TINY]) == 2
-    assert "was changed or damaged; delete that folder" in capsys.readouterr().err
+    assert "was changed or damaged; delete that directory" in capsys.readouterr().err
