@@ -1,7 +1,7 @@
 """The frozen values that the layers hand to each other; this module knows none of them.
 
-Every record is immutable and compares by value. Those that enter a store or the ledger go through
-`to_json` and come back through their `from_json`.
+Every record is immutable and compares by value. Those that enter a file go through `to_json` or `written`, and come
+back through `tacevo.typed`. The sandbox's child, which has no pydantic, reads by `from_json`.
 """
 
 from __future__ import annotations
@@ -340,13 +340,6 @@ class DataFacts:
     outputs: int
     #: Names of the regressed values or of the classes, in the order of the outputs.
     names: tuple[str, ...]
-
-    @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
-        """Read what `to_json` wrote."""
-        training, validation, test = value["counts"]
-        named = {"kind": Kind(value["kind"]), "names": tuple(value["names"])}
-        return cls(**{**value, **named, "counts": (training, validation, test)})
 
 
 def to_json(record: Any) -> Json:
