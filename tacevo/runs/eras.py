@@ -1,4 +1,4 @@
-"""A search as its ledger has it: the first line, then one era after the other, each under its rules."""
+"""A search as its files have it: the first line of the ledger, one era after the other, and both archives."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,8 +8,9 @@ from tacevo.config.schema import RunConfig
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.rules import Rules
 from tacevo.search.algorithm import Observer, Plan, SearchState, run_search
-from tacevo.search.archive import Places
+from tacevo.search.archive import Places, coverage, qd_score, quality
 from tacevo.search.development import Tools
+from tacevo.search.files import EliteEntry, NetworkFile, PromptFile, TrialEntry
 from tacevo.search.lines import RulesLine, RunLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
@@ -57,3 +58,38 @@ def run_eras(
     if state is None:
         raise ValueError("expected one era at least; got none")
     return state
+
+
+def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFile]:
+    """Return every niche, or place, of both archives that is occupied, and by whom."""
+    networks, prompts = state.networks, state.prompts
+    elites = tuple(
+        EliteEntry(
+            niche=niche,
+            centroid=None if isinstance(plan.networks, Places) else tuple(plan.networks.centroids[niche].tolist()),
+            id=elite.name,
+            fitness=-elite.objective,
+            descriptors=networks.history[elite.name].point,
+        )
+        for niche, elite in sorted(networks.archive.elites.items())
+    )
+    trials = tuple(
+        TrialEntry(
+            niche=niche,
+            centroid=tuple(plan.prompts.centroids[niche].tolist()),
+            id=prompts.archive.elites[niche].name,
+            instruction=plan.task.instructions[trial.prompt].id,
+            **to_json(trial),
+        )
+        for niche, trial in sorted(prompts.trials.items())
+    )
+    return (
+        NetworkFile(
+            niches=plan.networks.niches,
+            coverage=coverage(networks.archive, plan.networks.niches),
+            qd_score=round(qd_score(networks.archive, quality), 12),
+            bounds=networks.bounds,
+            elites=elites,
+        ),
+        PromptFile(niches=plan.prompts.niches, coverage=coverage(prompts.archive, plan.prompts.niches), trials=trials),
+    )

@@ -18,7 +18,7 @@ from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
-from tacevo.runs.eras import run_eras, run_header
+from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
@@ -27,7 +27,7 @@ from tacevo.sandbox.client import Run
 from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome
-from tacevo.search.files import archive_files, read_ledger, write_archives
+from tacevo.search.files import read_ledger, write_archives
 from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably

@@ -33,8 +33,8 @@ from tacevo.search.archive import (
     quality,
 )
 from tacevo.search.descriptors import Descriptor, describe, scaled
-from tacevo.search.development import Outcome, Tools, develop
-from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, begun, with_training
+from tacevo.search.development import Outcome, Tools, begun, develop
+from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, with_training
 from tacevo.search.prompts import PromptArchive, Trial, curiosity
 from tacevo.search.proposals import Parent, Proposal, Settings, plan_generation, plan_initial
 from tacevo.search.temperature import next_temperature

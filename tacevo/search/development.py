@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 
 from tacevo.errors import CacheMissError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Rejection, Request, Training
+from tacevo.records import Completion, Rejection, Request, Training, to_json
 from tacevo.search.effects import LLM
+from tacevo.search.lines import CandidateLine, RepairedAnswer
 from tacevo.search.proposals import Proposal, repair_request
+from tacevo.storage.canonical import content_hash
 
 #: Trains a source; a candidate that fails is a value.
 Evaluate = Callable[[str], Training | Rejection]
@@ -181,3 +183,38 @@ class _Once:
             except BaseException as error:  # the waiting thread must raise it, too
                 answer.set_exception(error)
         return answer.result()
+
+
+def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
+    """Begin a candidate's line with what was asked and what the model said.
+
+    Args:
+        outcome: of the candidate.
+        names_dropped: whether the line names the sampling settings that were not sent.
+    """
+    proposal, completion = outcome.proposal, outcome.completion
+    return CandidateLine(
+        generation=proposal.generation,
+        slot=proposal.slot,
+        id=proposal.id,
+        operator=proposal.operator,
+        parents=proposal.parents,
+        prompt=proposal.prompt,
+        request=None if proposal.request is None else content_hash(to_json(proposal.request)),
+        temperature=None if proposal.request is None else proposal.request.temperature,
+        answer=None if completion is None else content_hash(completion.content()),
+        dropped=_dropped(completion, names_dropped),
+        repairs=tuple(
+            RepairedAnswer(
+                answer=content_hash(attempt.completion.content()),
+                stage=attempt.rejection.stage,
+                reason=attempt.rejection.reason,
+                dropped=_dropped(attempt.completion, names_dropped),
+            )
+            for attempt in outcome.attempts
+        ),
+    )
+
+
+def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:
+    return completion.dropped if completion is not None and names_dropped else ()

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Json, to_json, written
-from tacevo.search.algorithm import Plan, SearchState
-from tacevo.search.archive import Bounds, Places, coverage, qd_score, quality
+from tacevo.records import STRICT, Json, written
+from tacevo.search.archive import Bounds
 from tacevo.search.lines import GenerationLine, Line, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
@@ -112,41 +111,6 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
             remedy="the command that began it continues it",
         )
     return record, ledger
-
-
-def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFile]:
-    """Return every niche, or place, of both archives that is occupied, and by whom."""
-    networks, prompts = state.networks, state.prompts
-    elites = tuple(
-        EliteEntry(
-            niche=niche,
-            centroid=None if isinstance(plan.networks, Places) else tuple(plan.networks.centroids[niche].tolist()),
-            id=elite.name,
-            fitness=-elite.objective,
-            descriptors=networks.history[elite.name].point,
-        )
-        for niche, elite in sorted(networks.archive.elites.items())
-    )
-    trials = tuple(
-        TrialEntry(
-            niche=niche,
-            centroid=tuple(plan.prompts.centroids[niche].tolist()),
-            id=prompts.archive.elites[niche].name,
-            instruction=plan.task.instructions[trial.prompt].id,
-            **to_json(trial),
-        )
-        for niche, trial in sorted(prompts.trials.items())
-    )
-    return (
-        NetworkFile(
-            niches=plan.networks.niches,
-            coverage=coverage(networks.archive, plan.networks.niches),
-            qd_score=round(qd_score(networks.archive, quality), 12),
-            bounds=networks.bounds,
-            elites=elites,
-        ),
-        PromptFile(niches=plan.prompts.niches, coverage=coverage(prompts.archive, plan.prompts.niches), trials=trials),
-    )
 
 
 def write_archives(directory: RunDirectory, files: tuple[NetworkFile, PromptFile]) -> None:

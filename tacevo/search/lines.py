@@ -10,11 +10,9 @@ from itertools import pairwise
 from typing import Literal
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Completion, DataFacts, Json, Operator, Reason, Stage, Training, to_json
+from tacevo.records import STRICT, DataFacts, Json, Operator, Reason, Stage, Training
 from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import AddStatus, Bounds
-from tacevo.search.development import Outcome
-from tacevo.storage.canonical import content_hash
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,41 +160,6 @@ _KINDS: Mapping[str, type[Line]] = {
 def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
     """Return the class of a line that is read as JSON; None where a search writes no such line."""
     return _KINDS.get(str(entry.get("kind")))
-
-
-def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
-    """Begin a candidate's line with what was asked and what the model said.
-
-    Args:
-        outcome: of the candidate.
-        names_dropped: whether the line names the sampling settings that were not sent.
-    """
-    proposal, completion = outcome.proposal, outcome.completion
-    return CandidateLine(
-        generation=proposal.generation,
-        slot=proposal.slot,
-        id=proposal.id,
-        operator=proposal.operator,
-        parents=proposal.parents,
-        prompt=proposal.prompt,
-        request=None if proposal.request is None else content_hash(to_json(proposal.request)),
-        temperature=None if proposal.request is None else proposal.request.temperature,
-        answer=None if completion is None else content_hash(completion.content()),
-        dropped=_dropped(completion, names_dropped),
-        repairs=tuple(
-            RepairedAnswer(
-                answer=content_hash(attempt.completion.content()),
-                stage=attempt.rejection.stage,
-                reason=attempt.rejection.reason,
-                dropped=_dropped(attempt.completion, names_dropped),
-            )
-            for attempt in outcome.attempts
-        ),
-    )
-
-
-def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:
-    return completion.dropped if completion is not None and names_dropped else ()
 
 
 def with_training(line: CandidateLine, training: Training) -> CandidateLine:

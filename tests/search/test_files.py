@@ -12,9 +12,9 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.records import Json
+from tacevo.runs.eras import archive_files
 from tacevo.search.algorithm import run_search
 from tacevo.search.files import (
-    archive_files,
     finished_digest,
     read_archives,
     read_elites,

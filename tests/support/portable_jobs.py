@@ -33,12 +33,12 @@ from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Limits, Loss, Recipe, Training, to_json
+from tacevo.runs.eras import archive_files
 from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import find_centroids
 from tacevo.search.descriptors import describe
-from tacevo.search.files import archive_files
 from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer
 from tacevo.training.evaluation import judge
