@@ -1,8 +1,15 @@
-"""Text that is shown to a person: counted nouns, lists, tables, and control characters made harmless."""
+"""Text: counted nouns, lists and tables for a person, control characters made harmless, Python source parsed."""
 
+import ast
+import threading
+import warnings
 from collections.abc import Collection, Iterable, Sequence
 
 from tacevo.records import MISREPORTING
+
+#: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
+#: issue 106905): two threads that parse at once can end in a SystemError.
+_PARSER = threading.Lock()
 
 
 def counted(number: int, noun: str) -> str:
@@ -64,3 +71,14 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collec
 
     lines = [[padded(place, cell) for place, cell in enumerate(line)] for line in (header, rule, *rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def parse_python(source: str) -> ast.Module:
+    """Parse source text, one thread at a time.
+
+    Raises:
+        SyntaxError, ValueError, RecursionError, MemoryError: as `ast.parse`.
+    """
+    with _PARSER, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # an invalid escape sequence in a docstring does not harm a network
+        return ast.parse(source)

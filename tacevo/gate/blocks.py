@@ -3,14 +3,11 @@
 import ast
 import re
 import textwrap
-import threading
-import warnings
 from dataclasses import dataclass
 from typing import Self
 
 from tacevo.records import Reason
-
-_FILTERS = threading.Lock()  # catch_warnings swaps a list that all threads share
+from tacevo.text import parse_python
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +35,7 @@ def is_special(name: str) -> bool:
 def parse(text: str) -> ast.Module | Problem:
     """Parse source text; it comes as `str`, so a coding cookie in it has no effect."""
     try:
-        with _FILTERS, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an invalid escape sequence in a docstring does not harm the network
-            return ast.parse(text)
+        return parse_python(text)
     except SyntaxError as error:
         line = error.lineno or 0
         shown = (error.text or "").strip()[:80]

@@ -22,6 +22,7 @@ from tacevo.llm.grammar.reading import (
     required,
 )
 from tacevo.llm.grammar.rendering import render
+from tacevo.text import parse_python
 
 _HELPERS = {"SpatialAttention", "ChannelAttention", "ConvBlock", "Head"}
 
@@ -75,7 +76,7 @@ def _verify(given: ast.Module, read: ast.Module) -> None:
 
 def _summary(source: str, name: str) -> str:
     """Read the first line of a class's docstring, without what would need escaping."""
-    classes = (node for node in ast.parse(source).body if isinstance(node, ast.ClassDef))
+    classes = (node for node in parse_python(source).body if isinstance(node, ast.ClassDef))
     docstrings = {node.name: ast.get_docstring(node) or "" for node in classes}
     return re.sub(r'["\\]', "", docstrings[name].partition("\n")[0]).strip()
 

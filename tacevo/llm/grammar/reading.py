@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TypeVar, cast
 
 from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head, Hidden, Norm, Output
+from tacevo.text import parse_python
 
 
 class UnreadableError(ValueError):
@@ -33,7 +34,7 @@ def plain_tree(source: str) -> ast.Module:
         UnreadableError: the text is not Python, or is nested too deeply to be walked.
     """
     try:
-        return cast(ast.Module, _Plain().visit(ast.parse(source)))
+        return cast(ast.Module, _Plain().visit(parse_python(source)))
     except (SyntaxError, ValueError) as error:  # ValueError: a null byte
         raise UnreadableError(f"the source is not valid Python: {error}") from error
     except RecursionError as error:
