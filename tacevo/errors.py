@@ -61,7 +61,7 @@ class RunError(TacevoError):
 
 
 class IncomparableError(RunError):
-    """The jobs of a sweep are no comparison; each may be sound."""
+    """The jobs of a sweep cannot be compared; each may be sound."""
 
 
 class BundleError(TacevoError):
@@ -73,7 +73,7 @@ class DivergenceError(TacevoError):
 
 
 class LLMError(TacevoError):
-    """A completion could not be had."""
+    """A request for a completion failed."""
 
 
 class BudgetError(LLMError):
