@@ -16,7 +16,7 @@ from tacevo.errors import RunError
 from tacevo.records import DataFacts, Operator, Task, to_json
 from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
-from tacevo.search.files import EliteEntry, TrialEntry, read_archives, read_finished
+from tacevo.search.files import EliteEntry, TrialEntry, check_references, read_archives, read_finished
 from tacevo.search.lines import CandidateLine, GenerationLine, RulesLine, RunLine, eras_of
 from tacevo.search.unsent import not_sent
 from tacevo.storage.canonical import content_hash
@@ -126,6 +126,7 @@ def load_run(path: Path) -> Run:
     """
     directory = RunDirectory(path)
     record, ledger = read_finished(directory)
+    check_references(path, record, ledger.lines)
     header = next(line for line in ledger.lines if isinstance(line, RunLine))
     config = convert(
         RunConfig, record.config, place=f"{path}/run.json, config", error=RunError, remedy="restore the file"

@@ -114,7 +114,9 @@ def refusing() -> Iterator[None]:
     except (BundleError, DivergenceError):
         raise
     except TacevoError as error:
-        raise BundleError(error.got, place=error.place, expected=error.expected, remedy=error.remedy) from error
+        raise BundleError(
+            error.got, place=error.place, expected=error.expected, remedy="fetch the file again"
+        ) from error
 
 
 def _check_layout(source: Path, names: Collection[str]) -> None:

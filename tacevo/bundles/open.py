@@ -127,8 +127,8 @@ def standing_for(folder: Path, place: Path) -> Iterator[None]:
     try:
         yield
     except TacevoError as error:
-        error.place = error.place.replace(str(folder), str(place))
-        error.got = error.got.replace(str(folder), str(place))
+        for field in ("place", "expected", "got", "remedy"):
+            setattr(error, field, getattr(error, field).replace(str(folder), str(place)))
         raise
 
 

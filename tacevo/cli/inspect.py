@@ -24,7 +24,7 @@ from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, report
-from tacevo.search.files import read_elites, read_ledger
+from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import CandidateLine
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
@@ -159,9 +159,14 @@ def show_run(path: Path) -> str:
     """
     directory = RunDirectory(path)
     run, ledger = directory.read_run(), read_ledger(directory)
+    check_references(path, run, ledger.lines)
     finished = run.digest == ledger.digest
     state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
     elites = [elite.id for elite in read_elites(directory)]
+    trained = {line.id for line in ledger.lines if isinstance(line, CandidateLine) and line.fitness is not None}
+    if unknown := sorted(set(elites) - trained):
+        expected = "trained candidates of the ledger"
+        raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
     return f"{summary}\n{state}\n"
 
@@ -173,8 +178,9 @@ def show_candidate(path: Path, name: str) -> str:
         RunError: this is not a run directory, or it has no such candidate.
     """
     directory = RunDirectory(path)
-    run = directory.read_run()
-    lines = {line.id: line for line in read_ledger(directory).lines if isinstance(line, CandidateLine)}
+    run, ledger = directory.read_run(), read_ledger(directory)
+    check_references(path, run, ledger.lines)
+    lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
     line = lines.get(name)
     if line is None:
         last = next(reversed(lines), "none yet")
@@ -233,7 +239,7 @@ def _doctor(options: argparse.Namespace) -> int:
 def examine() -> tuple[str, bool]:
     """Check machine, packages, sandbox and directories.
 
-    The confinement is what held the candidate that was tried, or what the machine has, where none could be.
+    The confinement is what confined the candidate that was tried, or what the machine offers if none could be tried.
 
     Returns:
         The findings as text, and whether a search can run.

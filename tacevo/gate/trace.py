@@ -41,7 +41,7 @@ class Trace:
     #: What the network returned.
     output: Any
     graph: Graph
-    #: The same pass with activations, shapes and settings, at most `tacevo.gate.steps.MOST_STEPS` of them.
+    #: The same pass with activations, shapes and settings, at most `tacevo.profile.MOST_STEPS` of them.
     steps: tuple[Step, ...]
     #: The steps that the output comes from.
     ends: tuple[int, ...]

@@ -168,18 +168,19 @@ class _Asking:
 
     async def _answer(self, position: int, request: Request) -> None:
         """Ask, and keep the answer before the reader sees it."""
-        answer = await self._ask(request)
+        try:
+            answer = await self._ask(request)
+            if not isinstance(answer, Fault):
+                answer = await asyncio.to_thread(self.keep, request, answer)
+        except Exception as error:  # the others in flight are still kept
+            self.over.set()
+            self.arrivals.put(error)
+            return
         if isinstance(answer, Fault):
             self.lacks_a_model = self.lacks_a_model or answer.kind is FaultKind.unknown
             if answer.hopeless:
                 self.over.set()
-            self.arrivals.put((position, answer))
-            return
-        try:
-            self.arrivals.put((position, await asyncio.to_thread(self.keep, request, answer)))
-        except Exception as error:  # the others in flight are still kept
-            self.over.set()
-            self.arrivals.put(error)
+        self.arrivals.put((position, answer))
 
     async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""

@@ -70,11 +70,11 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
 def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
     for entry in store.entries():
         request = convert(Request, entry.request, place=f"completions {entry.key}, request", error=StoreError)
-        yield request, _completion(entry.answer)
+        yield request, _completion(entry.answer, entry.key)
 
 
-def _completion(answer: Json) -> Completion:
-    return convert(Completion, answer, place="an answer in the store of completions", error=StoreError)
+def _completion(answer: Json, key: str) -> Completion:
+    return convert(Completion, answer, place=f"completions {key}, answer", error=StoreError, remedy="delete the entry")
 
 
 @dataclass(slots=True)
@@ -110,7 +110,7 @@ class RecordingLLM:
             if recorded is None:
                 missing.setdefault(request, []).append(position)
             else:
-                completion = _completion(recorded)
+                completion = _completion(recorded, self.store.key(to_json(request)))
                 self.count(request, completion)
                 yield position, completion
         if not missing:

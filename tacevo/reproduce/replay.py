@@ -47,7 +47,7 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
     Args:
         run: the run.
         view: shows the progress.
-        seen: told of every store entry that the replay reads, from any thread.
+        seen: called with every store entry that the replay reads, from any thread.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.

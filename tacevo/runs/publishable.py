@@ -49,12 +49,13 @@ def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
     published = {group: dict(value) if isinstance(value, Mapping) else value for group, value in config.items()}
     for key, shorten in _PATHS.items():
         group, _, name = key.partition(".")
-        path = published[group][name]
-        published[group][name] = None if path is None else shorten(path)
+        path = published[group].get(name)
+        if path is not None:
+            published[group][name] = shorten(path)
     published["llm"]["base_url"] = None
     published["tracking"] |= {"kind": "none", "uri": ""}
     published["store"]["root"] = "cache"
-    published["run"]["dir"] = None
+    published.setdefault("run", {})["dir"] = None
     return published
 
 

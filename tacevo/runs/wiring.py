@@ -32,7 +32,7 @@ ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
 def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None = None) -> Plan:
-    """Turn a configuration into the plan of a search; the centroids come from the store, which tells `seen`."""
+    """Turn a configuration into the plan of a search; the centroids come from the store."""
     archive = config.archive
     bounds = _fixed_bounds(archive)
     return Plan(

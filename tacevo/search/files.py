@@ -4,13 +4,15 @@ archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Json, written
+from tacevo.records import STRICT, Json, Operator, written
 from tacevo.search.archive import Bounds
-from tacevo.search.lines import GenerationLine, Line, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -20,7 +22,7 @@ T = TypeVar("T")
 
 NETWORKS, PROMPTS = "archive.json", "prompts.json"
 
-_REMEDY = "the command that began the run writes it again"
+_REMEDY = "give the command that began the run again: it writes the file"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,9 +110,32 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
             "one that is not finished, or whose digest was edited",
             place=str(directory.path),
             expected="a finished run",
-            remedy="the command that began it continues it",
+            remedy="give the command that began it again: it continues the run",
         )
     return record, ledger
+
+
+def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> None:
+    """Check that the candidates begin with the baseline, and name earlier ones and instructions of the task.
+
+    A replay finds every edit; this is for what reads a run without replaying it.
+
+    Raises:
+        RunError: one of them does not.
+    """
+    ids: set[str] = set()
+    for line in lines:
+        if not isinstance(line, CandidateLine):
+            continue
+        is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
+        if not (is_known and ids.issuperset(line.parents) and (ids or line.operator is Operator.baseline)):
+            raise RunError(
+                f"{line.id} with an unknown parent or instruction, or without a baseline before it",
+                place=str(place),
+                expected="candidates that name earlier ones and instructions of the task",
+                remedy="restore the ledger",
+            )
+        ids.add(line.id)
 
 
 def write_archives(directory: RunDirectory, files: tuple[NetworkFile, PromptFile]) -> None:

@@ -1,7 +1,7 @@
 """A run directory: what one run leaves behind, readable with `ls` and `cat`.
 
 run.json        the resolved configuration, the task's texts, data facts, versions, machine, digest, and what
-                held the candidates
+                confined the candidates
 ledger.jsonl    every decision, one line each (tacevo.storage.ledger)
 timings.jsonl   wall times and costs, which no ledger may hold
 archive.json    the network archive, niche by niche
@@ -61,7 +61,7 @@ class RunRecord:
     machine: dict[str, Json]
     #: None where the package was not run from a checkout, and in runs of the first release.
     code: Code | None = None
-    #: Each way in which candidates were held, in the order in which they came.
+    #: Each way in which candidates were confined, in the order in which they came.
     confinement: tuple[dict[str, str], ...]
     #: None until the run is finished.
     digest: str | None
@@ -176,7 +176,12 @@ class RunDirectory:
                 remedy="unpack a published run, and use its run/" if is_file else "",
             ) from error
         remedy = "restore it, or delete it: the `tacevo search` command that began the run writes it again"
-        return parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)
+        run = parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)
+        try:
+            canonical(to_json(run))  # machine and configuration are free JSON, in which NaN would pass
+        except ValueError as error:
+            raise RunError(str(error), place=str(path), expected="JSON", remedy=remedy) from error
+        return run
 
     def keep_candidate(self, name: str, source: str) -> None:
         """Keep the source of an admitted candidate."""

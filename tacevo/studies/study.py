@@ -123,7 +123,7 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
     Args:
         run: the run.
         view: shows which studies are passed over: unfinished ones, and those of the run before it was extended.
-        seen: told of every store entry that is read.
+        seen: called with every store entry that is read.
 
     Returns:
         The digest of each study, by its name.
@@ -237,7 +237,7 @@ def _train(
 ) -> list[FullTraining | Rejection]:
     """Train all that is not recorded, in parallel; return the verdicts in the order of the jobs.
 
-    The view is told of those alone that were not recorded before, by their rows.
+    The progress counts only trainings that were not recorded before.
     """
     order = list(range(len(jobs)))
     # Every process takes its own order, so that two on one study rarely train the same network with the same seed.

@@ -3,6 +3,9 @@
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Gt, Lt
 
 from tacevo.choices import MarginKind
 from tacevo.records import STRICT
@@ -16,13 +19,8 @@ class Margin:
     __pydantic_config__ = STRICT
 
     #: Above 0; 0.1 is 10 % of the baseline's median, or 0.1 of the metric.
-    value: float
+    value: Annotated[float, Gt(0)]
     kind: MarginKind
-
-    def __post_init__(self) -> None:
-        """Refuse a margin that nothing fits in."""
-        if not (math.isfinite(self.value) and self.value > 0):
-            raise ValueError(f"an equivalence margin must be above 0; got {self.value}")
 
     def around(self, median: float) -> float:
         """Return the margin in the unit of the metric, around a baseline's median."""
@@ -47,11 +45,6 @@ class Terms:
     __pydantic_config__ = STRICT
 
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
-    alpha: float
+    alpha: Annotated[float, Gt(0), Lt(1)]
     #: Of equivalence, in the study's primary metric.
     margin: Margin
-
-    def __post_init__(self) -> None:
-        """Refuse a level at which nothing, or everything, is significant."""
-        if not 0 < self.alpha < 1:
-            raise ValueError(f"alpha must be in (0, 1); got {self.alpha}")

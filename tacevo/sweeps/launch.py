@@ -76,7 +76,12 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
             remedy="leave it out to run the jobs on this machine",
         )
     own = [override.removeprefix(_OPTION).partition("=") for override in overrides if override.startswith(_OPTION)]
-    options = {name: yaml.safe_load(value) for name, _, value in own}
+    try:
+        options = {name: yaml.safe_load(value) for name, _, value in own}
+    except yaml.YAMLError as error:
+        raise ConfigError(
+            _in_short(error), place="hydra.launcher", expected="NAME=VALUE, with a value in YAML"
+        ) from error
     rest = (override for override in overrides if not override.startswith((_LAUNCHER, _OPTION)))
     return Launcher(cluster=launchers[0] if launchers else "", options=options), tuple(rest)
 
@@ -241,7 +246,7 @@ def _keep_ending(directory: SweepDirectory, job: Job, status: int) -> None:
 def _reason(status: int, log: Path) -> str:
     """Say why a search failed."""
     if status < 0:
-        return f"killed by {signal.Signals(-status).name}; memory may have run out"
+        return f"killed by signal {-status} ({signal.strsignal(-status)}); memory may have run out"
     lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith(_ERROR)] or lines
     return errors[-1].removeprefix(_ERROR) if errors else f"exit status {status}, without any output"

@@ -92,7 +92,7 @@ def _mirror(path: Path, given: str) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
     settings = read_facts(path).settings()
     read_ledger(RunDirectory(path))  # checks the chain
-    recorded = settings["tracking.uri"]
+    recorded = str(settings["tracking.uri"] or "")
     uri: str = given or ("" if "***" in recorded else recorded)  # earlier versions hid passwords so
     address = store_address(uri)
     try:
@@ -102,6 +102,10 @@ def _mirror(path: Path, given: str) -> str:
         mirror(path, uri=address, experiment=settings["tracking.experiment"], finished=None)
     except TacevoError:
         raise
+    except LookupError as error:  # lines that name what there is not
+        raise RunError(
+            f"{type(error).__name__}: {error}", place=str(path), expected="the records of a run", remedy="restore them"
+        ) from error
     except Exception as error:  # each driver has classes of its own
         reason = without_address(str(error)).partition("\n")[0]
         driver = "install the database driver that this address needs, then " if isinstance(error, ImportError) else ""

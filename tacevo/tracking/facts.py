@@ -9,6 +9,7 @@ from typing import Literal
 from tacevo.errors import RunError
 from tacevo.records import STRICT, DataFacts, Instruction, Json, Kind
 from tacevo.storage.canonical import leaves
+from tacevo.storage.run_directory import Code
 from tacevo.typed import parse
 
 #: The longest digest that MLflow keeps, in characters.
@@ -17,18 +18,11 @@ _DIGEST = 36
 #: What makes simulated images; without a commit, because the runs of several share one data set in MLflow.
 _SIMULATION = {"mlflow.source.name": "tacevo data simulate", "mlflow.source.type": "LOCAL"}
 
+#: Settings that MLflow's pages show, or that say where they are.
+_NEEDED = {"tracking.uri", "tracking.experiment", "data.source", "data.root"}
+
 #: The mirror reads a part of run.json.
 _PART = {**STRICT, "extra": "ignore"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Code:
-    """The commit of a checkout, and whether a file was changed since."""
-
-    __pydantic_config__ = STRICT
-
-    commit: str
-    dirty: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +66,10 @@ def read_facts(run_dir: Path) -> RunFacts:
         text = path.read_bytes()
     except FileNotFoundError as error:
         raise RunError("a directory without run.json", place=str(run_dir), expected="a run directory") from error
-    return parse(RunFacts, text, place=str(path), error=RunError, remedy="the file is damaged: restore it")
+    facts = parse(RunFacts, text, place=str(path), error=RunError, remedy="the file is damaged: restore it")
+    if missing := sorted(_NEEDED - facts.settings().keys()):
+        raise RunError("nothing", place=f"{path}, config.{missing[0]}", expected="a value", remedy="restore the file")
+    return facts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

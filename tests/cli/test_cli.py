@@ -310,3 +310,16 @@ def kilobytes_of_images(folder: Path) -> int:
     """Measure what is written of the images that are being made; the file is sparse until then."""
     files = (folder / "cache" / "data").glob(".*/images.npy")
     return sum(file.stat().st_blocks // 2 for file in files)
+
+
+def test_archive_that_names_a_stranger_is_one_line(
+    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`show` reads an unfinished run, too, so it compares ids only; the message names the file."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    path = tmp_path / "run" / "archive.json"
+    archive = json.loads(path.read_text())
+    archive["elites"][0]["id"] = "zzz"
+    path.write_text(json.dumps(archive))
+    assert main(["show", str(tmp_path / "run")]) == 2
+    assert f"{path}: expected trained candidates of the ledger; got zzz" in capsys.readouterr().err

@@ -3,9 +3,12 @@
 import math
 
 import pytest
+from refusals import refused
 
 from tacevo.choices import MarginKind
+from tacevo.errors import RunError
 from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.typed import convert
 
 
 @pytest.mark.parametrize(
@@ -28,15 +31,16 @@ def test_relative_margin_has_no_sign() -> None:
 @pytest.mark.parametrize("value", [0.0, -0.1, math.nan, math.inf])
 def test_margin_that_nothing_fits_in_is_refused(value: float) -> None:
     """Nor one that everything fits in."""
-    with pytest.raises(ValueError, match="an equivalence margin must be above 0"):
-        Margin(value=value, kind=MarginKind.absolute)
+    with refused(RunError, place="study.json, value", expected="number"):
+        convert(Margin, {"value": value, "kind": "absolute"}, place="study.json", error=RunError)
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -1.0, math.nan])
 def test_level_out_of_range_is_refused(alpha: float) -> None:
     """A level is in the open interval."""
-    with pytest.raises(ValueError, match=r"alpha must be in \(0, 1\)"):
-        Terms(alpha=alpha, margin=Margin(value=0.1, kind=MarginKind.relative))
+    terms = {"alpha": alpha, "margin": {"value": 0.1, "kind": "relative"}}
+    with refused(RunError, place="study.json, alpha", expected="number"):
+        convert(Terms, terms, place="study.json", error=RunError)
 
 
 @pytest.mark.parametrize(("alpha", "seeds"), [(0.5, 2), (0.1, 3), (0.0999, 4), (0.05, 4), (0.01, 5), (0.001, 7)])

@@ -462,6 +462,24 @@ def test_interruption_waits_for_what_is_in_flight(tmp_path: Path, caplog: pytest
     assert held(tmp_path) == ["a"]
 
 
+def test_unforeseen_failure_loses_no_answer_in_flight(tmp_path: Path) -> None:
+    """An exception that no provider should raise ends the asking, after the others in flight are stored."""
+    server, llm = slow(concurrency=2)
+    ask = server.ask
+
+    async def fails(asked: Request, dropped: tuple[str, ...]) -> Completion:
+        if asked.messages[-1].content == "a":
+            await asyncio.to_thread(until, lambda: server.begun == ["b"])
+            raise RuntimeError("unforeseen")
+        return await ask(asked, dropped)
+
+    server.ask = fails  # type: ignore[method-assign]
+    threading.Timer(0.3, server.go.release).start()
+    with pytest.raises(RuntimeError, match="unforeseen"):
+        list(RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a"), request("b")]))
+    assert held(tmp_path) == ["b"]
+
+
 def test_full_disk_stops_the_asking_and_nothing_else(tmp_path: Path) -> None:
     """An answer that cannot be stored is an error and ends the asking; others in flight are still stored."""
     server, llm = slow(concurrency=2)

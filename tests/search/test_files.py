@@ -7,14 +7,15 @@ from pathlib import Path
 
 import fakes
 import pytest
-from ledger_lines import run_record
+from ledger_lines import candidate, run_record
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.records import Json
+from tacevo.records import Json, Operator
 from tacevo.runs.eras import archive_files
 from tacevo.search.algorithm import run_search
 from tacevo.search.files import (
+    check_references,
     finished_digest,
     read_archives,
     read_elites,
@@ -22,7 +23,7 @@ from tacevo.search.files import (
     read_ledger,
     write_archives,
 )
-from tacevo.search.lines import GenerationLine, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, line_kind
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory
 
@@ -91,3 +92,17 @@ def test_edited_archive_is_refused(name: str, edit: Callable[[Json], object], di
     path.write_text(json.dumps(file))
     with refused(RunError, place=name, remedy="the command that began the run writes it again"):
         read_archives(directory, last(directory))
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [candidate("g00s00", operator=Operator.baseline), candidate("g01s00", parents=("zzz",))],
+        [candidate("g00s00", operator=Operator.baseline), candidate("g01s00", prompt=999)],
+        [candidate("g01s00")],
+    ],
+)
+def test_candidates_name_what_there_is(lines: list[CandidateLine]) -> None:
+    """A ledger that was sealed again with an unknown parent, an unknown instruction or no baseline is an error."""
+    with refused(RunError, place="run", expected="candidates that name earlier ones"):
+        check_references(Path("run"), run_record(), lines)

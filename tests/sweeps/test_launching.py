@@ -260,3 +260,9 @@ def test_submitit_runs_a_sweep_and_stops_it(tmp_path: Path) -> None:
     out, errors = again.communicate()
     assert again.returncode == 0, errors
     assert "2 jobs: 2 finished" in out
+
+
+def test_option_of_the_launcher_that_is_not_yaml_is_refused() -> None:
+    """The message names the launcher's options, and no parser."""
+    with refused(ConfigError, place="hydra.launcher", expected="NAME=VALUE"):
+        split_launcher(["hydra.launcher.n_jobs=[1", "seed=0"])

@@ -184,3 +184,16 @@ def test_address_with_a_password_is_rejected(tmp_path: Path) -> None:
     """A command line can be read by every user of a machine."""
     with refused(ConfigError, place="--uri", remedy="MLFLOW_TRACKING_PASSWORD"):
         track(tmp_path, "postgresql://user:s3cret@host/db", quietly)
+
+
+def test_run_without_a_setting_that_mlflow_needs_is_named(tmp_path: Path, uri: str) -> None:
+    """It is reported by its key, and the other runs are written."""
+    for name in ("a", "b"):
+        build_run(tmp_path / name, LINES)
+    path = tmp_path / "a" / "run.json"
+    run = json.loads(path.read_text())
+    del run["config"]["tracking"]
+    path.write_text(json.dumps(run))
+    tracked = track(tmp_path, uri, quietly)
+    assert tracked.done == {uri: 1}
+    assert "config.tracking.experiment: expected a value" in tracked.failed[0]
