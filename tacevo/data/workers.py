@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -40,13 +41,34 @@ def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]
 
     def submit(*arguments: Any) -> Iterator[Any]:
         resource_tracker.ensure_running()  # else the pool would start it, which unblocks the signal again
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is ours alone
-        try:
-            return pool.map(*arguments)  # starts the workers
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        with _interrupted_later():
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is ours alone
+            try:
+                return pool.map(*arguments)  # starts the workers
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     try:
         yield submit
     finally:
         pool.shutdown(cancel_futures=True)  # an interrupted search does not wait for the other pictures
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of the block: a worker whose start is cut short ends with a traceback.
+
+    To block the signal in this thread is not enough: a thread of NumPy's may take it, and Python then interrupts
+    the main thread all the same.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python never interrupts another thread
+        return
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
