@@ -462,18 +462,20 @@ def test_interruption_waits_for_what_is_in_flight(tmp_path: Path, caplog: pytest
     assert held(tmp_path) == ["a"]
 
 
+class _Broken(_Slow):
+    """Such a server, which fails for the request `a` in a way that it should not, after it was asked for `b`."""
+
+    async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
+        if request.messages[-1].content == "a":
+            await asyncio.to_thread(until, lambda: self.begun == ["b"])
+            raise RuntimeError("unforeseen")
+        return await super().ask(request, dropped)
+
+
 def test_unforeseen_failure_loses_no_answer_in_flight(tmp_path: Path) -> None:
     """An exception that no provider should raise ends the asking, after the others in flight are stored."""
-    server, llm = slow(concurrency=2)
-    ask = server.ask
-
-    async def fails(asked: Request, dropped: tuple[str, ...]) -> Completion:
-        if asked.messages[-1].content == "a":
-            await asyncio.to_thread(until, lambda: server.begun == ["b"])
-            raise RuntimeError("unforeseen")
-        return await ask(asked, dropped)
-
-    server.ask = fails  # type: ignore[method-assign]
+    server = _Broken()
+    llm = HostedLLM(lambda: server, concurrency=2, name="llm=fake")
     threading.Timer(0.3, server.go.release).start()
     with pytest.raises(RuntimeError, match="unforeseen"):
         list(RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a"), request("b")]))
