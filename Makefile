@@ -26,7 +26,7 @@ $(READY): requirements.lock pyproject.toml
 demo: $(READY) ## run a small search, and print what it found and where to look
 	$(BIN)/tacevo search experiment=demo
 
-test: $(READY) ## run the tests, two at a time (six minutes)
+test: $(READY) ## run the tests, two at a time (nine minutes)
 	$(BIN)/pytest $(TWO)
 
 test-slow: $(READY) ## run the tests that attack each promise further (ten minutes)

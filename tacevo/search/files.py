@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 NETWORKS, PROMPTS = "archive.json", "prompts.json"
 
-_REMEDY = "give the command that began the run again: it writes the file"
+_REMEDY = "the command that began the run writes it again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +110,7 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
             "one that is not finished, or whose digest was edited",
             place=str(directory.path),
             expected="a finished run",
-            remedy="give the command that began it again: it continues the run",
+            remedy="the command that began it continues it",
         )
     return record, ledger
 
