@@ -52,10 +52,10 @@ def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dic
     key = content_hash([member.name, jobs[0].config])  # jobs are only added, so the first one stays
     with alone(member.directory.path):  # jobs that start at the same moment share the sweep's run
         run = find_or_create_run(client, experiment, tag=SWEEP_KEY_TAG, key=key, name=member.name)
-    sweep: str = run.info.run_id
-    if "overrides" not in run.data.params:
-        client.set_tag(sweep, SWEEP_TAG, member.name)
-        log(client, sweep, {"overrides": shorten(" ".join(overrides))}, ())
+        sweep: str = run.info.run_id
+        if "overrides" not in run.data.params:
+            client.set_tag(sweep, SWEEP_TAG, member.name)
+            log(client, sweep, {"overrides": shorten(" ".join(overrides))}, ())
     client.update_run(sweep, status="RUNNING")
     return {
         PARENT_TAG: sweep,
