@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
 from typing import Protocol
 
 from tacevo.errors import LLMError, StoreError
@@ -70,11 +71,15 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
 def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
     for entry in store.entries():
         request = convert(Request, entry.request, place=f"completions {entry.key}, request", error=StoreError)
-        yield request, _completion(entry.answer, entry.key)
+        yield request, _completion(entry.answer, partial(store.key, entry.request))
 
 
-def _completion(answer: Json, key: str) -> Completion:
-    return convert(Completion, answer, place=f"completions {key}, answer", error=StoreError, remedy="delete the entry")
+def _completion(answer: Json, key: Callable[[], str]) -> Completion:
+    try:
+        return convert(Completion, answer, place="answer", error=StoreError, remedy="delete the entry")
+    except StoreError as error:
+        error.place = f"completions {key()}, {error.place}"  # to hash each request again would cost a replay time
+        raise
 
 
 @dataclass(slots=True)
@@ -106,11 +111,12 @@ class RecordingLLM:
         """
         missing: dict[Request, list[int]] = {}
         for position, request in enumerate(requests):
-            recorded = self.store.find(to_json(request))
+            question = to_json(request)
+            recorded = self.store.find(question)
             if recorded is None:
                 missing.setdefault(request, []).append(position)
             else:
-                completion = _completion(recorded, self.store.key(to_json(request)))
+                completion = _completion(recorded, partial(self.store.key, question))
                 self.count(request, completion)
                 yield position, completion
         if not missing:
