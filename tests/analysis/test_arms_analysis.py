@@ -6,7 +6,6 @@ from pathlib import Path
 import hand_runs
 import numpy as np
 import pytest
-from hand_runs import occupant
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 
@@ -31,7 +30,7 @@ TENTHS = (np.arange(10).reshape(-1, 1) + 0.5) / 10
 def best_of_all() -> Run:
     """Make a run that keeps the three best of all."""
     candidates = [hand_runs.trained(0, slot, fitness=0.1 * (slot + 1)) for slot in range(3)]
-    elite = occupant(id="g00s00", niche=0, fitness=0.1)
+    elite = hand_runs.elite("g00s00", niche=0, fitness=0.1)
     lines = [hand_runs.closed(0, 0.1, coverage=2 / 3)]
     archive = {"kind": "best", "kept": 3}
     return hand_runs.run(candidates, lines, elites=[elite], archive=archive, bounds=None)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, configured, occupant, run, trained
+from hand_runs import closed, configured, elite, run, trained
 from studies import study_of
 
 from analysis.report.collection import Collection, Compared, pictures_of, tables_of, with_one_study
@@ -20,8 +20,8 @@ SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0
 def searched() -> Run:
     """Return a run with two elites, one a child of the other."""
     elites = [
-        occupant(id="g00s00", niche=0, fitness=0.5),
-        occupant(id="g01s00", niche=1, fitness=0.4),
+        elite("g00s00", niche=0, fitness=0.5),
+        elite("g01s00", niche=1, fitness=0.4),
     ]
     slots = [trained(0, 0, 0.5), trained(1, 0, 0.4), trained(1, 1, 0.9)]
     return run(slots, [closed(0, 0.5), closed(1, 0.4, candidates=2, trained=2)], elites=elites)

@@ -15,7 +15,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from hand_runs import bounds_of, closed, occupant, prompt_trial, rejected, run, trained
+from hand_runs import bounds_of, closed, elite, prompt_trial, rejected, run, trained
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -45,8 +45,8 @@ SLOTS = [
     rejected(2, 0, Stage.extract, Reason.no_class),
 ]
 ELITES = [
-    occupant(id="g00s01", niche=2, fitness=0.6),
-    occupant(id="g01s00", niche=7, fitness=0.4),
+    elite("g00s01", niche=2, fitness=0.6),
+    elite("g01s00", niche=7, fitness=0.4),
 ]
 TRIALS = (
     prompt_trial(niche=1, prompt=0, temperature=0.6, inserted=True, curiosity=1.7),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, configured, occupant, prompt_trial, rejected, run, trained
+from hand_runs import closed, configured, elite, prompt_trial, rejected, run, trained
 from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import occupation, reachable
@@ -245,7 +245,7 @@ PROMPTS = np.array([[0.0, 0.25], [1.0, 0.25], [0.0, 0.75], [1.0, 0.75]])
 
 def test_niches_are_counted_of_all_and_of_those_within_reach() -> None:
     """The rule of the paper only raises T from 0.6, so of four prompt niches the upper two count; one has a trial."""
-    elites = [occupant(id="g00s00", niche=0, fitness=0.5)]
+    elites = [elite("g00s00", niche=0, fitness=0.5)]
     trial = prompt_trial(niche=2, prompt=0, temperature=0.6, inserted=True, curiosity=1.5)
     lines = [closed(0, coverage=1.0), closed(1, coverage=0.25)]
     hand = replace(run(spread(*CORNERS), lines, elites=elites), prompt_trials=(trial,))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from hand_runs import closed, occupant, rejected, run, trained
+from hand_runs import closed, elite, rejected, run, trained
 from motif_cases import CLASSES, LIBRARY, anatomy_of, baseline, built, profile_of
 from refusals import refused
 from statsmodels.stats.multitest import multipletests
@@ -126,7 +126,7 @@ def searched() -> tuple[Run, dict[str, Profile]]:
     """Return a run of five trained candidates, three of which are elites, and their profiles."""
     slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), rejected(1, 4)]
     elites = [
-        occupant(id=name, niche=niche, fitness=fitness)
+        elite(name, niche=niche, fitness=fitness)
         for niche, (name, fitness) in enumerate([("g00s00", 0.9), ("g01s00", 0.1), ("g01s01", 0.2)])
     ]
     profiles = {

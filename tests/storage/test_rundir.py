@@ -17,7 +17,7 @@ from refusals import refused
 from tacevo.costs import Spending
 from tacevo.environment import PACKAGES, gpu, machine, versions
 from tacevo.errors import RunError
-from tacevo.records import Reason, Rejection, Stage, to_json
+from tacevo.records import Reason, Rejection, Stage, to_json, written
 from tacevo.storage.run_directory import RunDirectory
 
 PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
@@ -117,6 +117,15 @@ def test_damaged_run_is_an_error(content: str, directory: RunDirectory) -> None:
     """Whatever run.json holds instead, the message names the file and what writes it again."""
     directory.write_text("run.json", content)
     with refused(RunError, place="run.json", remedy="`tacevo search` command that began the run writes it again"):
+        directory.read_run()
+
+
+def test_nan_in_the_machine_of_a_run_is_damage(directory: RunDirectory) -> None:
+    """Machine and configuration are free JSON, whose reader lets NaN through; no file of ours could hold it again."""
+    directory.path.mkdir(parents=True, exist_ok=True)
+    run = {**written(run_record()), "machine": {"cpu": float("nan")}}
+    (directory.path / "run.json").write_text(json.dumps(run))
+    with refused(RunError, place="run.json", expected="JSON"):
         directory.read_run()
 
 

@@ -166,11 +166,6 @@ def run(
     )
 
 
-def occupant(*, id: str, niche: int, fitness: float) -> EliteEntry:
-    """Return an elite of archive.json; what tables and figures do not read is empty."""
-    return EliteEntry(id=id, niche=niche, fitness=fitness, descriptors=())
-
-
 def prompt_trial(*, niche: int, prompt: int, temperature: float, inserted: bool, curiosity: float) -> TrialEntry:
     """Return a trial of prompts.json; what tables and figures do not read is empty."""
     return TrialEntry(
