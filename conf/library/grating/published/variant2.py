@@ -1,0 +1,54 @@
+"""The paper's grating variant 2, rebuilt from its list of changes.
+
+Wider convolutions, batch and layer normalisation, and a head of four layers without dropout.
+conf/library/README.md says what we had to choose.
+"""
+
+from torch import nn
+
+
+class SingleLabelClassCNN(nn.Module):
+    """Maps a tactile image to one logit for each grating."""
+
+    def __init__(self, in_channels=3, num_classes=7):
+        super().__init__()
+        self.conv1 = nn.Sequential(
+            nn.Conv2d(in_channels, 40, kernel_size=3, padding=1),
+            nn.BatchNorm2d(40),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+        )
+        self.conv2 = nn.Sequential(
+            nn.Conv2d(40, 80, kernel_size=3, padding=1),
+            nn.BatchNorm2d(80),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+        )
+        self.conv3 = nn.Sequential(
+            nn.Conv2d(80, 160, kernel_size=3, padding=1),
+            nn.BatchNorm2d(160),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+        )
+        self.adaptive_pool = nn.AdaptiveAvgPool2d((4, 4))
+        self.classifier = nn.Sequential(
+            nn.Flatten(),
+            nn.Linear(160 * 4 * 4, 512),
+            nn.LayerNorm(512),
+            nn.ReLU(),
+            nn.Linear(512, 256),
+            nn.LayerNorm(256),
+            nn.ReLU(),
+            nn.Linear(256, 128),
+            nn.LayerNorm(128),
+            nn.ReLU(),
+            nn.Linear(128, num_classes),
+        )
+
+    def forward(self, x):
+        """Turn standardised images of shape (N, in_channels, height, width) into (N, num_classes) logits."""
+        x = self.conv1(x)
+        x = self.conv2(x)
+        x = self.conv3(x)
+        x = self.adaptive_pool(x)
+        return self.classifier(x)
