@@ -10,10 +10,13 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
-#: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
-Json = Any
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+#: What `json` writes.
+Json = None | bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"]
 
 #: For `__pydantic_config__` of a record that is read from outside (`tacevo.typed`): nothing is guessed or dropped.
 STRICT = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
@@ -203,7 +206,7 @@ class Completion:
         """What the answer cost, in US dollars; None where its price is not known."""
         return None if self.price is None else self.price.cost(self.input_tokens, self.output_tokens)
 
-    def content(self) -> Json:
+    def content(self) -> dict[str, Json]:
         """Return what the model said, for the ledger: without delivery and price."""
         said = ("text", "model", "stop_reason", "input_tokens", "output_tokens")
         return {name: getattr(self, name) for name in said}
@@ -232,7 +235,7 @@ class Contract:
     output_argument: str
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
+    def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Read what `to_json` wrote."""
         return cls(**{**value, "kind": Kind(value["kind"]), "loss": Loss(value["loss"])})
 
@@ -271,8 +274,6 @@ class Limits:
 
     __pydantic_config__ = STRICT
 
-    __pydantic_config__ = STRICT
-
     #: Wall time of the whole child process, in seconds.
     seconds: float
     #: Peak resident memory of the child's process tree beyond what it shares with its parent, in MiB.
@@ -293,7 +294,7 @@ class Recipe:
     limits: Limits
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
+    def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Read what `to_json` wrote."""
         return cls(**{**value, "limits": Limits(**value["limits"])})
 
@@ -342,7 +343,11 @@ class DataFacts:
     names: tuple[str, ...]
 
 
-def to_json(record: Any) -> Json:
+@overload
+def to_json(record: DataclassInstance) -> dict[str, Json]: ...
+@overload
+def to_json(record: object) -> Json: ...
+def to_json(record: Any) -> Any:
     """Turn a record (or a tuple, mapping or scalar of such) into plain JSON values.
 
     Enums become their values and tuples become lists; NaN and infinity stay, for the writer to refuse.
@@ -358,14 +363,16 @@ def to_json(record: Any) -> Json:
     return record
 
 
-def written(record: Any) -> Json:
+def written(record: Any) -> dict[str, Json]:
     """Turn a record into JSON as `to_json` does, without the fields that are at their defaults; `kind` always stays.
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        fields = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
-        return {field.name: written(value) for field, value in fields if field.name == "kind" or value != field.default}
-    if isinstance(record, tuple):
-        return [written(value) for value in record]
-    return to_json(record)
+    fields = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
+    return {field.name: _written(value) for field, value in fields if field.name == "kind" or value != field.default}
+
+
+def _written(value: Any) -> Json:
+    if dataclasses.is_dataclass(value):
+        return written(value)
+    return [_written(part) for part in value] if isinstance(value, tuple) else to_json(value)

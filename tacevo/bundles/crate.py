@@ -73,8 +73,8 @@ def metadata(subject: Subject, terms: Terms, names: Iterable[str]) -> str:
 
 def _add_action(crate: ROCrate, subject: Subject) -> None:
     """Name the software that made the run, as the Process Run Crate profile does."""
-    version, jobs = subject.first["versions"]["tacevo"], subject.jobs
-    named = "The searches of a sweep" if jobs else f"The search of {subject.first['name']}"
+    version, jobs = subject.first.record.versions["tacevo"], subject.jobs
+    named = "The searches of a sweep" if jobs else f"The search of {subject.first.record.name}"
     about = {"name": "TacEvo", "softwareVersion": version}
     software = crate.add(SoftwareApplication(crate, "#tacevo", properties=about))
     action = crate.add(ContextEntity(crate, "#search", properties={"@type": "CreateAction", "name": named}))

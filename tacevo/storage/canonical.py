@@ -69,5 +69,8 @@ def shown(field: Field) -> str:
 def value_at(value: Json, field: Field) -> Json:
     """Look a field up that `differences` found; None where it is missing."""
     for name in field:
-        value = value[int(name)] if isinstance(value, list) else value.get(name)
+        if isinstance(value, list):
+            value = value[int(name)]
+        else:
+            value = value.get(str(name)) if isinstance(value, Mapping) else None
     return value

@@ -119,10 +119,7 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
         entry = parse(Entry, line, place=place, error=StoreError)
         if entry.kind not in KINDS:
             raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(KINDS)}")
-        try:
-            key = entry.sealed()["key"]
-        except ValueError as error:
-            raise StoreError(str(error), place=place, expected="JSON") from error
+        key = entry.key
         if key in keys or number > count:
             raise StoreError("one more, or one that came before", place=place, expected=expected)
         keys.add(key)

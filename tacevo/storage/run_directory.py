@@ -15,33 +15,22 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
 from tacevo.costs import Spending
+from tacevo.environment import Code
 from tacevo.errors import RunError
 from tacevo.records import STRICT, DataFacts, Json, Rejection, Task, to_json, written
 from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.files import locked, sweep, write_durably
-from tacevo.typed import parse
+from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
 _ENDINGS = {".py", ".rejected.txt"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Code:
-    """A checkout of this project."""
-
-    __pydantic_config__ = STRICT
-
-    #: 40 hex digits.
-    commit: str
-    #: Whether a file was changed since.
-    dirty: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +43,11 @@ class RunRecord:
     schema: Literal[1] = 1
     name: str
     #: As `tacevo.config.compose.to_plain` writes it.
-    config: dict[str, Json]
+    config: dict[str, FreeJson]
     task: Task
     data: DataFacts
     versions: dict[str, str]
-    machine: dict[str, Json]
+    machine: dict[str, FreeJson]
     #: None where the package was not run from a checkout, and in runs of the first release.
     code: Code | None = None
     #: Each way in which candidates were confined, in the order in which they came.
@@ -176,12 +165,7 @@ class RunDirectory:
                 remedy="unpack a published run, and use its run/" if is_file else "",
             ) from error
         remedy = "restore it, or delete it: the `tacevo search` command that began the run writes it again"
-        run = parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)
-        try:
-            canonical(to_json(run))  # machine and configuration are free JSON, in which NaN would pass
-        except ValueError as error:
-            raise RunError(str(error), place=str(path), expected="JSON", remedy=remedy) from error
-        return run
+        return parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)
 
     def keep_candidate(self, name: str, source: str) -> None:
         """Keep the source of an admitted candidate."""
@@ -237,7 +221,7 @@ class RunDirectory:
             RunError: the disk is full or fails.
         """
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
-        line = written(Timing(id=id, generation=generation, seconds=seconds, at=at, **to_json(spent)))
+        line = written(Timing(id=id, generation=generation, seconds=seconds, at=at, **asdict(spent)))
         path = self.path / "timings.jsonl"
         try:
             with path.open("ab+") as file:

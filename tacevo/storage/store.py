@@ -18,7 +18,7 @@ from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import STRICT, Json, Mode
 from tacevo.storage.canonical import Field, content_hash, differences, readable, shown
 from tacevo.storage.files import sweep, write_durably
-from tacevo.typed import parse
+from tacevo.typed import FreeJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
@@ -46,8 +46,8 @@ class Entry:
     __pydantic_config__ = STRICT
 
     kind: str
-    request: Json
-    answer: Json
+    request: FreeJson
+    answer: FreeJson
 
     @property
     def key(self) -> str:
@@ -61,12 +61,8 @@ class Entry:
         return f"{self.kind}/{key[:2]}/{key}.json"
 
     def sealed(self) -> dict[str, Json]:
-        """Return all that its file holds.
-
-        Raises:
-            ValueError: a number is NaN or infinite.
-        """
-        entry = {
+        """Return all that its file holds."""
+        entry: dict[str, Json] = {
             "schema": SCHEMA, "kind": self.kind, "key": self.key, "request": self.request, "answer": self.answer
         }  # fmt: skip
         return {**entry, "checksum": content_hash(entry)}
@@ -81,8 +77,8 @@ class _Sealed:
     schema: Literal[1]
     kind: str
     key: str
-    request: Json
-    answer: Json
+    request: FreeJson
+    answer: FreeJson
     checksum: str
 
 
@@ -242,10 +238,7 @@ def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
     """
     read = parse(_Sealed, data, place=str(path), error=StoreError, remedy=_RESTORE)
     entry = Entry(kind=read.kind, request=read.request, answer=read.answer)
-    try:
-        sealed = entry.sealed()
-    except ValueError as error:
-        raise StoreError(str(error), place=str(path), expected="JSON", remedy=_RESTORE) from error
+    sealed = entry.sealed()
     if (kind, key) != (read.kind, read.key) or (read.key, read.checksum) != (sealed["key"], sealed["checksum"]):
         expected = "an entry that fits its name and its checksum"
         raise StoreError(

@@ -13,6 +13,7 @@ from tacevo.choices import Device, Numerics
 from tacevo.records import STRICT, DataFacts, Json, Reason, Recipe, Stage
 from tacevo.rules import FIRST_STUDY
 from tacevo.studies.terms import Terms
+from tacevo.typed import FreeJson
 
 #: Layout of both files.
 SCHEMA: Final = 2
@@ -67,7 +68,7 @@ class StudyRecord(Design):
     scale: tuple[float, ...]
     units: tuple[str, ...]
     versions: dict[str, str]
-    machine: dict[str, Json]
+    machine: dict[str, FreeJson]
     #: None until the study is finished.
     digest: str | None
 

@@ -102,8 +102,7 @@ def study(config: StudyConfig, view: Progress) -> Studied:
     sweep_stores(Path(run.store.root))
     directory = StudyDirectory(path / "studies" / name_study(plan.header))
     units = units_of(catalogue) if data.scale else ()
-    circumstances = {"scale": data.scale, "units": units, "versions": versions(), "machine": machine()}
-    directory.begin(plan.header, circumstances)
+    directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     with Workbench(run, task, facts, Mode.record, data=data) as bench:
         evaluator = bench.studies(STUDY)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}

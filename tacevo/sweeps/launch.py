@@ -60,6 +60,11 @@ class Launcher:
     #: By name, as `n_jobs`.
     options: Mapping[str, Json]
 
+    @property
+    def most(self) -> int:
+        """Jobs at once on this machine, once it is checked."""
+        return int(str(self.options["n_jobs"]))
+
 
 def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]:
     """Separate the overrides of the launcher from the settings of the jobs.
@@ -135,7 +140,7 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     if launcher.cluster:
         _launch_on_cluster(directory, jobs, launcher, show)
     else:
-        _launch_here(directory, jobs, launcher.options["n_jobs"], show)
+        _launch_here(directory, jobs, launcher.most, show)
 
 
 def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, show: Callable[[Job], None]) -> None:
