@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from tacevo.records import STRICT, Json
+from tacevo.records import Json, Record
 
 #: Packages whose version may change a result or a number's meaning.
 PACKAGES = (
@@ -28,10 +28,8 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Code:
+class Code(Record):
     """A checkout of this project."""
-
-    __pydantic_config__ = STRICT
 
     #: 40 hex digits.
     commit: str
@@ -65,12 +63,7 @@ def versions() -> dict[str, str]:
 
 
 def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:
-    """Describe the facts of a run's environment that differ here, one line each.
-
-    Args:
-        recorded: facts of the run, of its `versions` or its `machine`.
-        here: those of this environment.
-    """
+    """Describe the facts of a run's environment that differ here, one line each."""
     return tuple(
         f"{name} is {here.get(name)}; the run had {was}" for name, was in recorded.items() if here.get(name) != was
     )

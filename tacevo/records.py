@@ -25,6 +25,13 @@ STRICT = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
 Setting = float | str | tuple[str, ...]
 
 
+class Record:
+    """A frozen dataclass that `tacevo.typed` reads, strictly."""
+
+    __slots__ = ()
+    __pydantic_config__ = STRICT
+
+
 class Kind(StrEnum):
     """What a task asks of a network. Member names are what users write in a config."""
 
@@ -122,10 +129,8 @@ MISREPORTING = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rejection:
+class Rejection(Record):
     """A candidate's failure: a value, never an exception."""
-
-    __pydantic_config__ = STRICT
 
     stage: Stage
     reason: Reason
@@ -135,20 +140,16 @@ class Rejection:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
+class Message(Record):
     """One turn of a conversation; `role` is `user` or `assistant`."""
-
-    __pydantic_config__ = STRICT
 
     role: str
     content: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class Request(Record):
     """Everything that can change a completion, and nothing else."""
-
-    __pydantic_config__ = STRICT
 
     model: str
     system: str
@@ -163,10 +164,8 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Price:
+class Price(Record):
     """What a provider asked for a model's tokens when it was asked."""
-
-    __pydantic_config__ = STRICT
 
     #: US dollars for a million tokens.
     input_usd: float
@@ -182,10 +181,8 @@ class Price:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Completion:
+class Completion(Record):
     """What a model answered; recordings of earlier versions lack the last three fields."""
-
-    __pydantic_config__ = STRICT
 
     text: str
     #: The model's name as the provider returned it.
@@ -213,15 +210,13 @@ class Completion:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contract:
+class Contract(Record):
     """What a candidate class must be: the part of a task that the gate and the trainer enforce.
 
     The class is built as `Class(in_channels=..., <output_argument>=...)`, each argument only where its
     constructor has one of that name. It maps float32 `(N, in_channels, image_size, image_size)` to float32
     `(N, outputs)`.
     """
-
-    __pydantic_config__ = STRICT
 
     class_name: str
     kind: Kind
@@ -241,20 +236,16 @@ class Contract:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instruction:
+class Instruction(Record):
     """One entry of a prompt library."""
-
-    __pydantic_config__ = STRICT
 
     id: str
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Task(Record):
     """A task as data: its contract and the texts that ask for networks."""
-
-    __pydantic_config__ = STRICT
 
     name: str
     contract: Contract
@@ -269,10 +260,8 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class Limits(Record):
     """What a candidate may use; over a limit it is killed or rejected with a typed reason."""
-
-    __pydantic_config__ = STRICT
 
     #: Wall time of the whole child process, in seconds.
     seconds: float
@@ -281,10 +270,8 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe:
+class Recipe(Record):
     """How a candidate is trained; part of an evaluation's key."""
-
-    __pydantic_config__ = STRICT
 
     epochs: int
     batch_size: int
@@ -300,10 +287,8 @@ class Recipe:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Training:
+class Training(Record):
     """The results of a finished training; its fitness is the last validation loss (lower is better)."""
-
-    __pydantic_config__ = STRICT
 
     #: Mean training loss of each epoch, as the child reported it; shown, never used for selection.
     train_losses: tuple[float, ...]
@@ -324,10 +309,8 @@ class Training:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DataFacts:
+class DataFacts(Record):
     """What a run records of its data set, so that it can be replayed without it."""
-
-    __pydantic_config__ = STRICT
 
     #: SHA-256 over images, labels, split, label scaling and input statistics.
     fingerprint: str

@@ -39,11 +39,6 @@ _DESCRIPTIONS = {
 def metadata(subject: Subject, terms: Terms, names: Iterable[str]) -> str:
     """Write `ro-crate-metadata.json`.
 
-    Args:
-        subject: what is published.
-        terms: how.
-        names: of all other members.
-
     Returns:
         JSON-LD in which nothing depends on when and where it is written.
     """

@@ -97,10 +97,6 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     its answers (server, price table, mode), are the defaults here and not those of the published run: a stranger's run
     must not choose where a key is sent.
 
-    Args:
-        published: the run's configuration.
-        overrides: as `tacevo search` takes them.
-
     Raises:
         ConfigError: an override would make it another run, or not a longer one; the message names the key.
     """

@@ -128,12 +128,7 @@ def origin_of_data(config: RunConfig) -> str:
 
 
 def readme(subject: Subject, *, has_lock: bool) -> str:
-    """Write the README from its template, `readme.template.md`.
-
-    Args:
-        subject: what is published.
-        has_lock: whether a lock file is in the bundle.
-    """
+    """Write the README from its template, `readme.template.md`."""
     run, is_sweep = subject.first, bool(subject.jobs)
     record, config = run.record, run.config
     train, validation, test = record.data.counts

@@ -160,13 +160,7 @@ def _values(override: Override) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
-    """Let Hydra read conf/, and turn what it raises into an error in the user's words.
-
-    Args:
-        names: what a user may set.
-        overrides: what the user set.
-        command: the user's.
-    """
+    """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
     GlobalHydra.instance().clear()
     try:

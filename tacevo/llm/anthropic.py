@@ -41,11 +41,7 @@ class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
 
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
-    """Prepare to ask Claude; a missing key is an error at once.
-
-    Args:
-        base_url: another server than Anthropic's own.
-        concurrency: requests at once.
+    """Prepare to ask Claude, or another server at `base_url`; a missing key is an error at once.
 
     Raises:
         ConfigError: the environment holds no key, or the address is not a URL.

@@ -44,7 +44,6 @@ class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
     """The chat-completions API (see `tacevo.llm.hosted.Server`).
 
     Args:
-        clients: the SDK's clients, asked in turn.
         limit_name: what the server calls the token limit.
     """
 
@@ -68,11 +67,7 @@ class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
 
 
 def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
-    """Prepare to ask a server; a missing key is an error at once.
-
-    Args:
-        base_url: the server, e.g. `http://localhost:8000/v1`; None for OpenAI's own.
-        concurrency: requests at once.
+    """Prepare to ask the server at `base_url`, by default OpenAI's own; a missing key is an error at once.
 
     Raises:
         ConfigError: OpenAI's own server is meant, and the environment holds no key.

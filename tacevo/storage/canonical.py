@@ -42,13 +42,7 @@ def readable(value: Json) -> str:
 
 
 def differences(recorded: Json, asked: Json, at: Field = ()) -> list[Field]:
-    """List the fields in which two requests differ, e.g. `("messages", 0, "content")`.
-
-    Args:
-        recorded: one request.
-        asked: the other.
-        at: where both stand in the values that are compared.
-    """
+    """List the fields in which two requests differ, e.g. `("messages", 0, "content")`, below the field `at`."""
     if isinstance(recorded, dict) and isinstance(asked, dict):
         found: list[Field] = []
         for key in sorted(recorded.keys() | asked.keys()):

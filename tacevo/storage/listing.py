@@ -51,10 +51,7 @@ def scan(root: Path, kinds: Sequence[str] = KINDS) -> Iterator[Found]:
 def list_stores(root: Path, *, kind: str | None, model: str | None) -> str:
     """Count the entries of the stores by kind and model, with sizes, tokens and costs.
 
-    Args:
-        root: the directory of the stores.
-        kind: only this one.
-        model: only completions of models whose name contains this.
+    With `model`, only completions of models whose name contains it.
 
     Raises:
         StoreError: there is no such directory.
@@ -219,10 +216,7 @@ def _brief(value: Json) -> str:
 def take_in(source: Path, entries: Iterable[Entry], root: Path) -> tuple[int, int]:
     """Write store entries from elsewhere into the stores; every one is verified before the first is written.
 
-    Args:
-        source: where they come from, for messages.
-        entries: each of another key.
-        root: the directory of the stores.
+    `source` is where they come from, for messages.
 
     Returns:
         The number of entries that were written, and of those that stood there already.

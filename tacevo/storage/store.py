@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from tacevo.errors import CacheMissError, StoreError
-from tacevo.records import STRICT, Json, Mode
+from tacevo.records import Json, Mode, Record
 from tacevo.storage.canonical import Field, content_hash, differences, readable, shown
 from tacevo.storage.files import sweep, write_durably
 from tacevo.typed import FreeJson, parse
@@ -40,10 +40,8 @@ _COMPARED = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class Entry(Record):
     """A question of one kind, and its answer."""
-
-    __pydantic_config__ = STRICT
 
     kind: str
     request: FreeJson
@@ -69,10 +67,8 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sealed:
+class _Sealed(Record):
     """What the file of an entry holds."""
-
-    __pydantic_config__ = STRICT
 
     schema: Literal[1]
     kind: str
@@ -88,7 +84,6 @@ class Store:
     Args:
         root: the directory that holds all kinds.
         kind: the name of this kind; part of every key.
-        mode: see `Mode`.
         seen: called with every entry that `read` finds, from the thread that reads.
     """
 
@@ -226,12 +221,6 @@ def read_entry(path: Path) -> Entry:
 
 def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
     """Read an entry, and compare it with its checksum, its place and its question.
-
-    Args:
-        path: where it stands, for messages.
-        data: what stands there.
-        kind: the kind of the store.
-        key: what the file's name says.
 
     Raises:
         StoreError: it is damaged, of another schema, or answers another question than its key stands for.

@@ -34,11 +34,7 @@ class Scores:
 
 
 class StudyDirectory:
-    """Writes and reads the files of one study.
-
-    Args:
-        path: the directory; made when something is written.
-    """
+    """Writes and reads the files of one study; the directory is made when something is written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -61,15 +57,7 @@ class StudyDirectory:
         versions: dict[str, str],
         machine: dict[str, Json],
     ) -> None:
-        """Write study.json, unless it describes this very study already.
-
-        Args:
-            header: what decides the scores.
-            scale: see `StudyRecord`, as for the others: what else a reader wants to know.
-            units: of the labels.
-            versions: of the packages.
-            machine: on which it is computed.
-        """
+        """Write study.json, unless it describes this very study already; only the header decides that."""
         sweep(self.path)
         with contextlib.suppress(RunError):
             if describes(self.read(), header):

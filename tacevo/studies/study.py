@@ -119,10 +119,8 @@ def study(config: StudyConfig, view: Progress) -> Studied:
 def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
     """Compute the scores of a run's finished studies again from the store alone, and compare every line.
 
-    Args:
-        run: the run.
-        view: shows which studies are passed over: unfinished ones, and those of the run before it was extended.
-        seen: called with every store entry that is read.
+    Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
+    is read.
 
     Returns:
         The digest of each study, by its name.
