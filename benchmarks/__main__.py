@@ -24,7 +24,7 @@ from tacevo.config.compose import compose
 from tacevo.config.recorded import read_recorded
 from tacevo.data.sources.images import decode
 from tacevo.randomness import stream
-from tacevo.records import Limits, to_json
+from tacevo.records import Json, Limits, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
@@ -64,7 +64,7 @@ def candidate_processes() -> str:
     """Judge a baseline in a confined fork; the peer starts an interpreter and imports torch, as usual elsewhere."""
     _, task = task_without_data("force", 32)
     sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
-    header = {"source": task.baseline, "contract": to_json(task.contract), "limits": sizes}
+    header: Json = {"source": task.baseline, "contract": to_json(task.contract), "limits": sizes}
     limits = Limits(seconds=60, memory_mib=2048)
     with Sandbox(
         entries={"probe": "tacevo.gate.probe:run"}, environment=environment(Numerics.portable), arrays={}

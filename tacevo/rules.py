@@ -9,14 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT
+from tacevo.records import Record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
+class Rules(Record):
     """What decides the results of a search, beside its configuration."""
-
-    __pydantic_config__ = STRICT
 
     #: Extraction and policy; part of the key of every verdict on an answer.
     static: int
@@ -58,13 +56,7 @@ PAGES = 2
 
 
 def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:
-    """Check that this code can still compute what a run was made with.
-
-    Args:
-        part: of the code: `core` or `training`.
-        number: what the run recorded.
-        known: what this code has.
-        place: of the run, for the message.
+    """Check that this code can still compute what a run was made with, by a part: `core` or `training`.
 
     Raises:
         RunError: it cannot; the message names the release that can, and how to get it.

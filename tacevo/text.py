@@ -13,12 +13,7 @@ _PARSER = threading.Lock()
 
 
 def counted(number: int, noun: str) -> str:
-    """Write a number with its noun: `1 image`, `2 images`.
-
-    Args:
-        number: at least 0.
-        noun: in the singular; its plural ends in `s`.
-    """
+    """Write a number, 0 or more, with its noun: `1 image`, `2 images`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
@@ -56,13 +51,7 @@ def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:
-    """Write a Markdown table whose columns line up in plain text, too.
-
-    Args:
-        header: names of the columns.
-        rows: each as long as the header.
-        right: positions of the columns that stand flush right.
-    """
+    """Write a Markdown table whose columns line up in plain text, too; those at places of `right` stand flush right."""
     widths = [max(3, *map(len, column)) for column in zip(header, *rows, strict=True)]
     rule = ["-" * (width - 1) + (":" if place in right else "-") for place, width in enumerate(widths)]
 

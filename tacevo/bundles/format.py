@@ -79,9 +79,7 @@ def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
 def unpack_verified(source: Path, folder: Path) -> str:
     """Unpack a bundle into an empty directory, its store entries into `store`, and compare it with its manifest.
 
-    Args:
-        source: the file.
-        folder: the caller removes it, also if this fails.
+    The caller removes the directory, also if this fails.
 
     Returns:
         The bundle's digest.

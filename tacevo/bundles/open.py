@@ -61,9 +61,6 @@ class Opened:
 def opened(path: Path) -> Iterator[Opened]:
     """Open the directory of a run or a sweep; or a bundle, compared with its manifest, in a private directory.
 
-    Args:
-        path: the directory or the file.
-
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
         RunError: it is neither a run's or a sweep's directory nor a file.
@@ -91,13 +88,7 @@ def located(path: Path) -> Opened:
 
 
 def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
-    """Do something with every run in turn; for a sweep, lines and errors name the job.
-
-    Args:
-        found: one run, or a sweep.
-        act: takes the directory of a run.
-        say: called with a line for each job.
-    """
+    """Do something with every run in turn; for a sweep, lines and errors name the job."""
     if found.jobs is None:
         return (act(found.folder),)
     done = []

@@ -19,7 +19,6 @@ from tacevo.config.identity import config_hash
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import to_json
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import published_config, published_overrides
@@ -221,8 +220,7 @@ def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     """Gather what the pages say of what is published."""
     jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
     return Subject(
-        runs=tuple(to_json(done.run.record) for done in runs),
-        candidates=sum(len(done.run.candidates) for done in runs),
+        runs=tuple(done.run for done in runs),
         studies=tuple(done.studies for done in runs),
         jobs=jobs,
     )
@@ -234,7 +232,7 @@ def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str, bytes]:
     """Write what describes a bundle, the metadata last: it lists all others."""
-    lock = _lock(subject.first["versions"])
+    lock = _lock(subject.first.record.versions)
     texts = {
         "README.md": readme(subject, has_lock=lock is not None),
         "LICENSE.txt": licence(terms),

@@ -68,11 +68,6 @@ class Verified:
 def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
     """Replay a bundle from its own store entries, and compare everything that follows from them.
 
-    Args:
-        bundle: opened, hence complete and as its manifest says.
-        make_tables: makes the tables.
-        view: shows how far it is.
-
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
             job that is not what sweep.json says.
@@ -104,12 +99,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
 
 
 def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
-    """Run a search and its studies again, and compare all of its own files.
-
-    Args:
-        run: the run.
-        view: shows how far it is.
-        seen: called with every store entry that is read.
+    """Run a search and its studies again, and compare all of its own files; `seen` gets every store entry that is read.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
@@ -188,10 +178,6 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
     """Compare tables with those that were made again.
-
-    Args:
-        folder: of the published ones.
-        made: contents by file name.
 
     Raises:
         DivergenceError: the first difference, with table, row and column.

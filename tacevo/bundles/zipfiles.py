@@ -66,11 +66,7 @@ def packed(members: Mapping[str, bytes]) -> bytes:
 def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) -> dict[str, str]:
     """Write every member of a zip file into an empty directory.
 
-    Args:
-        source: the file.
-        folder: where to; the caller removes it, also where this fails.
-        places: the names that members may have.
-        budget: what may be unpacked.
+    The caller removes the directory, also if this fails. Only members with a name of `places` are written.
 
     Returns:
         The SHA-256 of each member, by name.

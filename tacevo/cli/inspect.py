@@ -123,7 +123,7 @@ def _recorded(path: Path, text: str) -> tuple[str, str]:
 def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
     """Return a file's verdict as the fields of its line."""
     if isinstance(admission, Admitted):
-        absent: Json = {"stage": None, "reason": None, "detail": None}
+        absent: dict[str, Json] = {"stage": None, "reason": None, "detail": None}
         return {"file": file, "verdict": "admitted", **absent, "parameters": admission.profile.parameters}
     return {"file": file, "verdict": "rejected", **to_json(admission), "parameters": None}
 

@@ -82,7 +82,7 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 def to_plain(config: RunConfig) -> dict[str, Json]:
     """Write a configuration as plain JSON values; `from_plain` reads it back."""
-    return cast(dict[str, Json], to_json(config))
+    return to_json(config)
 
 
 def from_plain(value: Mapping[str, Json]) -> RunConfig:
@@ -160,13 +160,7 @@ def _values(override: Override) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
-    """Let Hydra read conf/, and turn what it raises into an error in the user's words.
-
-    Args:
-        names: what a user may set.
-        overrides: what the user set.
-        command: the user's.
-    """
+    """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
     GlobalHydra.instance().clear()
     try:

@@ -6,12 +6,13 @@ from typing import Annotated
 from annotated_types import Gt, Lt
 
 from tacevo.choices import MarginKind
-from tacevo.config.ranges import Count, Memory, Positive, Settings, Text, is_a
+from tacevo.config.ranges import Count, Memory, Positive, Text, is_a
 from tacevo.config.schema import ExecutorConfig
+from tacevo.records import Record
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyStoreConfig(Settings):
+class StudyStoreConfig(Record):
     """Where trainings are recorded."""
 
     #: None for where the run has its stores.
@@ -19,7 +20,7 @@ class StudyStoreConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarginConfig(Settings):
+class MarginConfig(Record):
     """The largest difference from the baseline that still counts as equality."""
 
     #: In parts of the baseline's median, or in the unit of the metric.
@@ -28,7 +29,7 @@ class MarginConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarginsConfig(Settings):
+class MarginsConfig(Record):
     """A margin for each kind of task."""
 
     #: Of the test MSE.
@@ -38,7 +39,7 @@ class MarginsConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyConfig(Settings):
+class StudyConfig(Record):
     """The full training of a run's best networks and its baseline, each with several seeds."""
 
     executor: ExecutorConfig

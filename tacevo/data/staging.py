@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tacevo.errors import DataError
+from tacevo.storage.files import flock, sync
 
 #: A directory in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
 PART, LOCK = ".tacevo-part", ".tacevo-lock"
@@ -48,7 +49,10 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
         got = f"a directory that cannot be written to ({error.strerror})"
         raise DataError(got, place=str(folder.parent), remedy="choose another directory") from error
     with lock:
-        _take(lock, waiting)
+        if not flock(lock.fileno()):
+            if waiting is not None:
+                waiting()
+            flock(lock.fileno(), fcntl.LOCK_EX)
         if folder.is_dir():
             yield None
             return
@@ -97,19 +101,19 @@ def remove_leftovers(parent: Path) -> None:
     for stage in parent.glob(f".*{PART}"):
         try:
             with _open_lock(stage.with_suffix(LOCK)) as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(stage, ignore_errors=True)
-        except OSError:  # another process holds it, or another user owns it
+                if flock(lock.fileno()):
+                    shutil.rmtree(stage, ignore_errors=True)
+        except OSError:  # another user owns it
             continue
 
 
 def _publish(stage: Path, folder: Path) -> None:
     """Flush a filled directory to the disk and give it its name."""
     for file in stage.iterdir():
-        _sync(file)
-    _sync(stage)
+        sync(file)
+    sync(stage)
     stage.rename(folder)  # atomic: a reader sees the whole directory or nothing
-    _sync(folder.parent)
+    sync(folder.parent)
 
 
 def _open_lock(path: Path) -> BinaryIO:
@@ -118,16 +122,6 @@ def _open_lock(path: Path) -> BinaryIO:
         return path.open("ab")
     except PermissionError:
         return path.open("rb")
-
-
-def _take(lock: BinaryIO, waiting: Callable[[], None] | None) -> None:
-    """Wait until the lock is ours."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        if waiting is not None:
-            waiting()
-        fcntl.flock(lock, fcntl.LOCK_EX)
 
 
 def _clear(stage: Path) -> None:
@@ -140,12 +134,3 @@ def _clear(stage: Path) -> None:
 
 def _hidden(folder: Path, suffix: str) -> Path:
     return folder.with_name(f".{folder.name}{suffix}")
-
-
-def _sync(path: Path) -> None:
-    """Wait until a file or directory is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

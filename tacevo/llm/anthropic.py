@@ -3,7 +3,6 @@
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import anthropic
 import httpx2
@@ -11,7 +10,7 @@ from anthropic.types import Message
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import SDKServer, shares
+from tacevo.llm.hosted import Body, SDKServer, shares
 from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Delivery, Json, Request
 
@@ -42,11 +41,7 @@ class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
 
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
-    """Prepare to ask Claude; a missing key is an error at once.
-
-    Args:
-        base_url: another server than Anthropic's own.
-        concurrency: requests at once.
+    """Prepare to ask Claude, or another server at `base_url`; a missing key is an error at once.
 
     Raises:
         ConfigError: the environment holds no key, or the address is not a URL.
@@ -109,9 +104,9 @@ def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[
     return tuple(key for key in (client.api_key, client.auth_token) if key)
 
 
-def body_of(request: Request, dropped: tuple[str, ...]) -> dict[str, Json]:
+def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
     """Write a request as the Messages API wants it; the draw number stays here: it is not a setting of a model."""
-    settings: dict[str, Any] = {"temperature": request.temperature, **dict(request.settings)}
+    settings: dict[str, Json] = {"temperature": request.temperature, **dict(request.settings)}
     thinking = settings.pop("thinking_tokens", None)
     if thinking is not None:
         settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}

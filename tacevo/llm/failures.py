@@ -43,13 +43,7 @@ class Models:
         return self._dropped.get(request.model, ())
 
     def learn(self, request: Request, sent: Set[str], fault: Fault) -> bool:
-        """Learn from a refusal; return whether another try without a setting is worthwhile.
-
-        Args:
-            request: what was refused.
-            sent: names of the settings that it was sent with.
-            fault: the refusal.
-        """
+        """Learn from a refusal of what was sent with some settings; return whether to try again without one of them."""
         name = setting_to_drop(fault, sent)
         if name is not None:
             self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
@@ -69,12 +63,7 @@ class Models:
         )
 
     def note_answer(self, request: Request, begun: float) -> None:
-        """Note that a model answers.
-
-        Args:
-            request: what was answered.
-            begun: when the request was sent, by `time.monotonic`.
-        """
+        """Note that a model answers a request that was sent at a time of `time.monotonic`."""
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
 

@@ -27,6 +27,9 @@ from tacevo.redaction import without_secrets
 
 _LOG = logging.getLogger(__name__)
 
+#: A request as an SDK takes it; the types of the SDKs list every setting by its literal name.
+Body = Any
+
 #: Seconds between two looks at whether a waiting retry is still wanted.
 _LOOK = 0.2
 

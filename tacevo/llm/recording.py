@@ -57,11 +57,6 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
 
     A model may refuse a temperature beside one setting, such as thinking, and take it without.
 
-    Args:
-        store: of completions.
-        chosen: what the requests have in common.
-        setting: name of the sampling setting.
-
     Raises:
         StoreError: an entry that was looked at is damaged.
     """

@@ -171,12 +171,7 @@ def fitness_by_source(lines: Iterable[Line]) -> dict[str, float]:
 
 
 def agreement(one: Mapping[str, float], other: Mapping[str, float]) -> Agreement:
-    """Compare the fitness of the sources that two runs share.
-
-    Args:
-        one: fitness by source.
-        other: the same, of the other run.
-    """
+    """Compare the fitness of the sources that two runs share."""
     shared = sorted(one.keys() & other.keys())
     first, second = [one[source] for source in shared], [other[source] for source in shared]
     apart = [abs(a - b) for a, b in zip(first, second, strict=True)]

@@ -19,11 +19,7 @@ from tacevo.studies.study import replay_studies
 def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
     """Write the entries that a run and its finished studies need into one file: exactly those that a replay reads.
 
-    Args:
-        run: the run directory.
-        target: the file to write; one that stands there is replaced.
-        store: where the stores lie, if not where the run had them.
-        view: shows how far the replay is.
+    A file that stands at `target` is replaced. `store` is where the stores lie, if not where the run had them.
 
     Returns:
         The number of entries.
@@ -43,10 +39,6 @@ def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
 
 def import_file(source: Path, root: Path) -> tuple[int, int]:
     """Write the entries of an exported file into the stores.
-
-    Args:
-        source: what `export` wrote.
-        root: the directory of the stores.
 
     Returns:
         The number of entries that were written, and of those that stood there already.

@@ -44,10 +44,7 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
     rules that the run recorded, which may be others than this release's.
 
-    Args:
-        run: the run.
-        view: shows the progress.
-        seen: called with every store entry that the replay reads, from any thread.
+    `seen` is called with every store entry that is read, from any thread.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.

@@ -114,10 +114,7 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Candidat
 def _retrain(chosen: _Chosen, view: Progress, name: str) -> tuple[str, ...]:
     """Train candidates of one run again and compare; say why equal bits were not promised.
 
-    Args:
-        chosen: the candidates, one or more.
-        view: shows the progress.
-        name: what stands before a candidate's id; empty where there is one run only.
+    `name` stands before a candidate's id; it is empty where there is one run only.
     """
     run, config = chosen.run, chosen.run.config
     require(config.sandbox.require)
@@ -187,12 +184,7 @@ def doubts_of(
 ) -> tuple[str, ...]:
     """Say why this machine is not promised to reproduce a run's training bits.
 
-    Args:
-        run: what run.json holds.
-        numerics: of the run; `fast` promises bits on the recorded hardware only.
-        device: of the run; `cuda` promises them on the recorded model of GPU only.
-        packages: versions of this environment, as `versions` gives them.
-        hardware: this machine, as `machine` describes it.
+    `fast` numerics promise bits on the recorded hardware only, `cuda` on the recorded model of GPU only.
     """
     doubts = deviations({name: run.versions.get(name) for name in _COMPUTING}, packages)
     promised_by = ["cpu", "architecture"] if numerics is Numerics.fast else []

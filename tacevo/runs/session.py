@@ -32,7 +32,7 @@ from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, Search
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
-from tacevo.storage.run_directory import Code, RunDirectory, RunRecord
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import sweep_stores
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import check_machine
@@ -103,7 +103,7 @@ def record(
     """
     plan, facts = build_plan(config, task, Mode.record), data.facts
     header = run_header(config, task, facts, plan, eras[0].rules)
-    decisive = [written(header), config.search.generations, *map(written, eras[1:])]
+    decisive: list[Json] = [written(header), config.search.generations, *map(written, eras[1:])]
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
@@ -155,7 +155,6 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
         run = directory.read_run()
         if (run.task, run.data) == (task, facts):
             return
-    code = checked_out()
     directory.write_run(
         RunRecord(
             name=directory.path.name,
@@ -164,7 +163,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             data=facts,
             versions=versions(),
             machine=machine(),
-            code=None if code is None else Code(**code),
+            code=checked_out(),
             confinement=(),  # no candidate has run yet
             digest=None,
             pages=PAGES,
@@ -174,10 +173,8 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
 
 def _publishable(config: RunConfig) -> dict[str, Json]:
     """Write the configuration without the passwords that an address may hold: a run directory is there to be shared."""
-    plain = to_plain(config)
-    if config.llm.base_url is not None:
-        plain["llm"]["base_url"] = without_password(config.llm.base_url)
-    return plain
+    base_url = None if config.llm.base_url is None else without_password(config.llm.base_url)
+    return to_plain(replace(config, llm=replace(config.llm, base_url=base_url)))
 
 
 def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> None:

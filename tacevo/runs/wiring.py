@@ -9,7 +9,7 @@ from typing import NoReturn, Self
 from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, Device, ExecutorKind
 from tacevo.config.schema import ArchiveConfig, ExecutorConfig, RunConfig
 from tacevo.data.dataset import Dataset
-from tacevo.errors import SandboxError
+from tacevo.errors import SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
@@ -26,6 +26,7 @@ from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
 from tacevo.training.numerics import environment
+from tacevo.typed import convert
 
 #: What a sandbox runs: entry names to functions.
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
@@ -96,7 +97,8 @@ def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | 
 def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, seen: Seen | None) -> Tessellation:
     shape = {"niches": niches, "dimensions": dimensions, "samples": config.archive.samples, "seed": config.archive.seed}
     store = Store(Path(config.store.root), "centroids", mode, seen=seen)
-    return Tessellation(store.recall(shape, lambda: find_centroids(**shape)))
+    found = store.recall(shape, lambda: find_centroids(**shape))
+    return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
 
 
 class Workbench:

@@ -24,7 +24,7 @@ from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import require
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
-from tacevo.sandbox.protocol import Channel, Message, Sort, describe, one_line
+from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe, one_line
 from tacevo.typed import convert
 
 #: Seconds that a zygote may take to import torch, and a supervisor to start on a busy machine.
@@ -129,7 +129,8 @@ class Sandbox:
     ) -> None:
         require(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
-        self._setup = {"entries": dict(entries), "arrays": {name: str(Path(p).resolve()) for name, p in arrays.items()}}
+        self._entries = dict(entries)
+        self._arrays = {name: str(Path(path).resolve()) for name, path in arrays.items()}
         self._environment = {**environment, "PYTHONHASHSEED": "0"}
         self._strongest = strongest
         self._notice = notice
@@ -155,9 +156,14 @@ class Sandbox:
             SandboxError: the sandbox itself failed; this says nothing about the candidate.
             KeyError: it is not an entry of the sandbox.
         """
-        if entry not in self._setup["entries"]:
-            raise KeyError(f"expected one of the entries {sorted(self._setup['entries'])}; got {entry!r}")
-        order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
+        if entry not in self._entries:
+            raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
+        order: dict[str, Json] = {
+            "entry": entry,
+            "header": header,
+            "limits": to_json(limits),
+            "strongest": self._strongest,
+        }
         try:
             answer = self._run(order, payload, limits, prepared=False)
         except _UnpreparedError:
@@ -168,7 +174,9 @@ class Sandbox:
             raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
         return Died(Reason.crashed, answer.detail)
 
-    def _run(self, order: Json, payload: bytes, limits: Limits, *, prepared: bool) -> "Finished | Died | _Killed":
+    def _run(
+        self, order: Mapping[str, Json], payload: bytes, limits: Limits, *, prepared: bool
+    ) -> "Finished | Died | _Killed":
         """Run a job, once more where it was killed, and each time once more where it was lost."""
         job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
         for is_last in (False, True):
@@ -208,7 +216,9 @@ class Sandbox:
                     zygote.submit(job)
                     return zygote
                 self._zygotes.pop(prepared).close()
-            zygote = _Zygote({**self._setup, "imports": _LATE_IMPORTS if prepared else ()}, self._environment)
+            imports = _LATE_IMPORTS if prepared else ()
+            setup = {"entries": self._entries, "arrays": self._arrays, "imports": imports}
+            zygote = _Zygote(setup, self._environment)
             self._zygotes[prepared] = zygote
             zygote.submit(job)
             return zygote
@@ -322,7 +332,7 @@ def _await_answer(
     return _judge(verdict, frames)
 
 
-def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
+def _judge(verdict: Header, messages: list[Message]) -> Finished | Died | _Killed:
     """Turn the supervisor's verdict and the candidate's frames, which may be garbage, into the answer."""
     match verdict["ended"]:
         case "finished":

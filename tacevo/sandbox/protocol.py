@@ -13,9 +13,13 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Self
+from typing import Any, Self
 
 from tacevo.records import Json
+
+#: A header as it was sent. Those of the search are read as they are, because a child has no Pydantic; those of a
+#: candidate become records by `tacevo.sandbox.client.Frame.read`.
+Header = Any
 
 #: Levels of lists and objects in a header; the deepest honest one, a probe's answer, has six.
 _DEEPEST = 50
@@ -75,7 +79,7 @@ class Message:
     header: bytes
     payload: bytes
 
-    def read_header(self) -> Json:
+    def read_header(self) -> Header:
         """Parse the header.
 
         Raises:

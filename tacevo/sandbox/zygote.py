@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.errors import SandboxError
-from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Entry
 from tacevo.sandbox.kernel import become_subreaper, protect_memory
 from tacevo.sandbox.processes import close_all_but, end_own_descendants
-from tacevo.sandbox.protocol import Channel, Message, Sort, describe
+from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe
 from tacevo.sandbox.supervisor import supervise
 
 _OUTPUT, _ERRORS = 1, 2
@@ -41,7 +40,7 @@ def main(descriptor: int) -> None:
     os._exit(0)  # freeing torch object by object would take half a second
 
 
-def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
+def _prepare(setup: Header) -> tuple[dict[str, Entry], Arrays]:
     """Import the entries and map the arrays, as the search names them.
 
     Raises:

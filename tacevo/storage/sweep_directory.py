@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT
+from tacevo.records import Record
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, sweep, write_durably
 from tacevo.storage.run_directory import RunDirectory
@@ -24,10 +24,8 @@ _TAKEN = frozenset({"", ".", "..", "failed", "launch"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
+class Job(Record):
     """One run of a sweep."""
-
-    __pydantic_config__ = STRICT
 
     #: Of its directory.
     name: str
@@ -41,10 +39,8 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sweep:
+class _Sweep(Record):
     """What sweep.json holds."""
-
-    __pydantic_config__ = STRICT
 
     schema: Literal[1] = 1
     overrides: tuple[str, ...]
@@ -52,21 +48,15 @@ class _Sweep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Failure:
+class _Failure(Record):
     """What failed/NAME.json holds."""
-
-    __pydantic_config__ = STRICT
 
     job: str
     reason: str
 
 
 class SweepDirectory:
-    """Writes and reads the files of one sweep.
-
-    Args:
-        path: the directory; created when something is written.
-    """
+    """Writes and reads the files of one sweep; the directory is made when something is written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

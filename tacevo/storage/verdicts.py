@@ -16,12 +16,8 @@ def recall_verdict(
 ) -> T | Rejection:
     """Return the recorded verdict on a request, or judge and record it, as the store's mode says.
 
-    Args:
-        store: where the verdict is kept.
-        request: all that the verdict depends on.
-        kind: what a candidate passes with.
-        name: of that, in the entry.
-        judge: computes the verdict; what it raises passes through, and nothing is recorded.
+    What a candidate passes with is of the class `kind`, and stands under `name` in the entry. What `judge` raises
+    passes through, and nothing is recorded.
 
     Raises:
         CacheMissError: the store is in replay and has no such verdict.

@@ -7,7 +7,7 @@ Both are written whole, so that several processes may end the same study at once
 """
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -34,11 +34,7 @@ class Scores:
 
 
 class StudyDirectory:
-    """Writes and reads the files of one study.
-
-    Args:
-        path: the directory; made when something is written.
-    """
+    """Writes and reads the files of one study; the directory is made when something is written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -52,19 +48,32 @@ class StudyDirectory:
     def _remedy(self) -> str:
         return f"delete {self.path}; `tacevo study` writes it again from the store"
 
-    def begin(self, header: StudyHeader, circumstances: Mapping[str, Json]) -> None:
-        """Write study.json, unless it describes this very study already.
-
-        Args:
-            header: what decides the scores.
-            circumstances: what else a reader wants to know: scale, units, versions and machine.
-        """
+    def begin(
+        self,
+        header: StudyHeader,
+        *,
+        scale: tuple[float, ...],
+        units: tuple[str, ...],
+        versions: dict[str, str],
+        machine: dict[str, Json],
+    ) -> None:
+        """Write study.json, unless it describes this very study already; only the header decides that."""
         sweep(self.path)
         with contextlib.suppress(RunError):
             if describes(self.read(), header):
                 return
         design = {field.name: getattr(header, field.name) for field in fields(Design)}
-        self._write(StudyRecord(schema=SCHEMA, name=self.path.name, **design, **circumstances, digest=None))
+        record = StudyRecord(
+            **design,
+            schema=SCHEMA,
+            name=self.path.name,
+            scale=scale,
+            units=units,
+            versions=versions,
+            machine=machine,
+            digest=None,
+        )
+        self._write(record)
 
     def finish(self, header: StudyHeader, rows: Sequence[Row]) -> str:
         """Write the scores, or compare them with those that stand here; return the digest.

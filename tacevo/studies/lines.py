@@ -10,19 +10,18 @@ from typing import Annotated, Final, Literal
 from annotated_types import Ge
 
 from tacevo.choices import Device, Numerics
-from tacevo.records import STRICT, DataFacts, Json, Reason, Recipe, Stage
+from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
 from tacevo.studies.terms import Terms
+from tacevo.typed import FreeJson
 
 #: Layout of both files.
 SCHEMA: Final = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Network:
+class Network(Record):
     """A network that is studied, with what its ledger line says of it."""
-
-    __pydantic_config__ = STRICT
 
     #: `baseline`, `variant 1`, ...
     name: str
@@ -35,7 +34,7 @@ class Network:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+class Design(Record):
     """All that the scores of a study follow from, and how they are judged."""
 
     #: Digest of the run.
@@ -59,15 +58,13 @@ class Design:
 class StudyRecord(Design):
     """What study.json holds."""
 
-    __pydantic_config__ = STRICT
-
     schema: Literal[2]
     name: str
     #: Units of the labels for one unit of training, and their names; empty for classification.
     scale: tuple[float, ...]
     units: tuple[str, ...]
     versions: dict[str, str]
-    machine: dict[str, Json]
+    machine: dict[str, FreeJson]
     #: None until the study is finished.
     digest: str | None
 
@@ -76,17 +73,13 @@ class StudyRecord(Design):
 class StudyHeader(Design):
     """The first line of the scores."""
 
-    __pydantic_config__ = STRICT
-
     schema: Literal[2]
     kind: Literal["study"] = "study"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScoreLine:
+class ScoreLine(Record):
     """How the training of one network with one seed ended."""
-
-    __pydantic_config__ = STRICT
 
     network: str
     id: str
@@ -107,10 +100,8 @@ class ScoreLine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FailedLine:
+class FailedLine(Record):
     """Why the training of one network with one seed failed."""
-
-    __pydantic_config__ = STRICT
 
     network: str
     id: str

@@ -102,8 +102,7 @@ def study(config: StudyConfig, view: Progress) -> Studied:
     sweep_stores(Path(run.store.root))
     directory = StudyDirectory(path / "studies" / name_study(plan.header))
     units = units_of(catalogue) if data.scale else ()
-    circumstances = {"scale": data.scale, "units": units, "versions": versions(), "machine": machine()}
-    directory.begin(plan.header, circumstances)
+    directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     with Workbench(run, task, facts, Mode.record, data=data) as bench:
         evaluator = bench.studies(STUDY)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
@@ -120,10 +119,8 @@ def study(config: StudyConfig, view: Progress) -> Studied:
 def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
     """Compute the scores of a run's finished studies again from the store alone, and compare every line.
 
-    Args:
-        run: the run.
-        view: shows which studies are passed over: unfinished ones, and those of the run before it was extended.
-        seen: called with every store entry that is read.
+    Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
+    is read.
 
     Returns:
         The digest of each study, by its name.

@@ -8,15 +8,13 @@ from typing import Annotated
 from annotated_types import Gt, Lt
 
 from tacevo.choices import MarginKind
-from tacevo.records import STRICT
+from tacevo.records import Record
 from tacevo.rounding import rounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Margin:
+class Margin(Record):
     """The largest shift that is called no difference."""
-
-    __pydantic_config__ = STRICT
 
     #: Above 0; 0.1 is 10 % of the baseline's median, or 0.1 of the metric.
     value: Annotated[float, Gt(0)]
@@ -39,10 +37,8 @@ def fewest_seeds(alpha: float) -> int:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Terms:
+class Terms(Record):
     """How a study is judged."""
-
-    __pydantic_config__ = STRICT
 
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
     alpha: Annotated[float, Gt(0), Lt(1)]

@@ -60,6 +60,11 @@ class Launcher:
     #: By name, as `n_jobs`.
     options: Mapping[str, Json]
 
+    @property
+    def most(self) -> int:
+        """Jobs at once on this machine, once it is checked."""
+        return int(str(self.options["n_jobs"]))
+
 
 def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]:
     """Separate the overrides of the launcher from the settings of the jobs.
@@ -89,11 +94,7 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
 def fitted(launcher: Launcher, *, jobs: int, workers: int, cores: int) -> Launcher:
     """Return the launcher with what the user left open: as many jobs at once as the cores can take, say.
 
-    Args:
-        launcher: as the user asked for it.
-        jobs: how many there are, at least 1.
-        workers: `executor.workers`, the most of any job.
-        cores: of this machine, those that this process may use.
+    Jobs have up to so many workers; `cores` are those that this process may use.
     """
     sizes = {"cpus_per_task": workers, "timeout_min": 60}
     if not launcher.cluster:
@@ -121,11 +122,7 @@ def check_launcher(launcher: Launcher) -> None:
 def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]) -> None:
     """Run jobs to their ends; the sweep's directory keeps how each ended.
 
-    Args:
-        directory: the sweep's, with its sweep.json.
-        jobs: at least one.
-        launcher: checked and fitted.
-        show: called with each job that ends; if it raises, all others are stopped first.
+    The launcher is checked and fitted. `show` gets each job that ends; if it raises, all others are stopped first.
 
     Raises:
         RunError: the cluster does not take the jobs.
@@ -135,7 +132,7 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     if launcher.cluster:
         _launch_on_cluster(directory, jobs, launcher, show)
     else:
-        _launch_here(directory, jobs, launcher.options["n_jobs"], show)
+        _launch_here(directory, jobs, launcher.most, show)
 
 
 def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, show: Callable[[Job], None]) -> None:

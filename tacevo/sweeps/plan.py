@@ -128,11 +128,7 @@ def _run(
 
 
 def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Separate what all jobs share from what distinguishes them.
-
-    Args:
-        settings: as the user wrote them.
-        own: keys that distinguish jobs even if they have one value here.
+    """Separate what all jobs share from what distinguishes them: several values, or a key of `own`.
 
     Returns:
         The shared overrides, and those of each job.
@@ -162,10 +158,6 @@ def _own_keys(directory: SweepDirectory) -> frozenset[str]:
 
 def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Planned, ...]:
     """Compose all jobs; those that are the same search are one.
-
-    Args:
-        shared: overrides of all jobs.
-        varied: those of each.
 
     Raises:
         ConfigError: a job cannot be composed, or two would have the same directory.
@@ -205,10 +197,6 @@ def name_job(own: Sequence[str], seed: int) -> str:
 def folder(shared: Sequence[str], config: RunConfig) -> Path:
     """Name the directory of a sweep after what its jobs share, so that the same command finds it again.
 
-    Args:
-        shared: overrides of all jobs.
-        config: of any job.
-
     Raises:
         ConfigError: what they share is not a configuration by itself.
     """
@@ -228,10 +216,7 @@ def folder(shared: Sequence[str], config: RunConfig) -> Path:
 def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: Sequence[Job]) -> None:
     """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
-    Args:
-        directory: the sweep's.
-        shared: overrides of all jobs, now.
-        before: jobs of earlier commands, all of them: what is shared may be overridden by the arm of any one.
+    All of them are checked: what is shared may be overridden by the arm of any one.
 
     Raises:
         RunError: a job would be another search.

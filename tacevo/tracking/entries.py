@@ -62,10 +62,6 @@ def config_params(config: Mapping[str, Json]) -> dict[str, str]:
 def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -> dict[str, str]:
     """Return how a candidate was asked for and, where it was rejected, at which stage and why.
 
-    Args:
-        line: its ledger line.
-        instructions: the task's prompt library; the line's `prompt` is an index into it.
-
     Returns:
         Params by name; what does not apply to the candidate is left out.
     """
@@ -165,10 +161,6 @@ class Totals:
 
 def total_measures(totals: Totals, line: GenerationLine) -> tuple[Measure, ...]:
     """Return the metrics of what adds up over a search.
-
-    Args:
-        totals: after the generation.
-        line: the generation's ledger line.
 
     Returns:
         `improvement` on the first best, a part of it in (-inf, 1]; `trainable_rate`, the mean over generations 1 to

@@ -21,7 +21,6 @@ class Mirror:
         run_dir: the run directory, which holds `run.json` when the mirror starts; the process logs to
             `tracking.log` there.
         uri: the MLflow tracking URI; empty for the one in MLFLOW_TRACKING_URI.
-        experiment: the name of the MLflow experiment.
     """
 
     def __init__(self, run_dir: Path, *, uri: str, experiment: str) -> None:

@@ -95,7 +95,7 @@ class Setting:
         # Sent only where there are several groups, so that the message of a search, which has one, stays as it was.
         groups = {"groups": [len(rows) for rows in predicted]} if len(predicted) > 1 else {}
         rows = np.concatenate(predicted)
-        header = {
+        header: dict[str, Json] = {
             "source": source,
             "contract": to_json(self.contract),
             "recipe": to_json(self.recipe),

@@ -17,10 +17,11 @@ from torch import nn
 from torch.nn.functional import cross_entropy, mse_loss
 
 from tacevo.randomness import stream
-from tacevo.records import Contract, Json, Loss, Reason, Recipe
+from tacevo.records import Contract, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, digest, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import parameters, switch
+from tacevo.sandbox.protocol import Header
 from tacevo.training.determinism import noting_nondeterminism
 
 
@@ -45,7 +46,7 @@ class _Job(NamedTuple):
         return standardise(self.images[rows], self.mean, self.deviation).to(self.device)
 
 
-def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
+def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
     """Train a candidate and send one frame per epoch, then one with the digest of its weights.
 
     Args:
@@ -67,7 +68,7 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
         return failure  # its traceback keeps the candidate's objects alive, so that their finalisers do not run
 
 
-def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
+def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
     """Read a job from header and payload."""
     contract = Contract.from_json(header["contract"])
     device = torch.device(header.get("device", "cpu"))

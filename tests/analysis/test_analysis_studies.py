@@ -40,7 +40,7 @@ SCORES: list[Row] = [
 def written(path: Path, scores: Sequence[Row] = SCORES, **changes: Any) -> Path:
     """Write a finished study with sound hashes."""
     directory, header = StudyDirectory(path), replace(HEADER, **changes)
-    directory.begin(header, {"scale": (1.0,), "units": ("mm",), "versions": {}, "machine": {}})
+    directory.begin(header, scale=(1.0,), units=("mm",), versions={}, machine={})
     directory.finish(header, scores)
     return path
 
@@ -98,7 +98,7 @@ def test_what_is_not_whole_is_refused_with_its_rows(
 def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     """Before its scores are there, and where they were cut off after the digest was written."""
     directory = StudyDirectory(tmp_path / "begun")
-    directory.begin(HEADER, {"scale": (), "units": (), "versions": {}, "machine": {}})
+    directory.begin(HEADER, scale=(), units=(), versions={}, machine={})
     with refused(RunError, place="begun/scores.jsonl", expected="a header, then scores"):
         load_study(directory.path)
     path = written(tmp_path / "cut")

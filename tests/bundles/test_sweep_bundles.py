@@ -5,6 +5,7 @@ import lzma
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bundles import Members, Refused, entries_of, members_of, resealed, with_entries
@@ -159,7 +160,7 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
         ({"seed": "one"}, "sweep.json, jobs.1.seed: expected an integer"),
     ],
 )
-def test_edited_job_is_found(change: dict[str, object], words: str, whole: Members, refused: Refused) -> None:
+def test_edited_job_is_found(change: dict[str, Any], words: str, whole: Members, refused: Refused) -> None:
     """Where its run is, what it is called, and whose it is."""
     refused({**whole, JOBS: edited(whole[JOBS], 1, **change)}, words)
 

@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bundles import Members, Refused, entries_of, honest, members_of, resealed, with_entries, with_line
@@ -26,7 +27,6 @@ from tacevo.bundles.open import opened
 from tacevo.bundles.verify import table_difference, verify
 from tacevo.cli.app import main
 from tacevo.errors import BundleError
-from tacevo.records import Json
 from tacevo.runs.progress import Progress
 
 
@@ -57,7 +57,7 @@ def verify_at(bundle: Path) -> None:
         verify(found, lambda run, store: {}, view)
 
 
-def changed(entries: list[dict[str, Json]], kind: str, change: Callable[[Json], object]) -> list[dict[str, Json]]:
+def changed(entries: list[dict[str, Any]], kind: str, change: Callable[[Any], object]) -> list[dict[str, Any]]:
     """Change the answer of the first entry of a kind."""
     change(next(entry for entry in entries if entry["kind"] == kind)["answer"])
     return entries
@@ -132,7 +132,7 @@ def test_edited_ledger_line_is_found(whole: Members, refused: Refused) -> None:
     assert better != whole
     refused(better, "x.zip/run/run/ledger.jsonl, line 2: expected the line of its hash")
 
-    def improve(line: dict[str, Json]) -> None:
+    def improve(line: dict[str, Any]) -> None:
         line["fitness"] = 0.000001
 
     edited = with_line(whole, 1, improve)
@@ -142,7 +142,7 @@ def test_edited_ledger_line_is_found(whole: Members, refused: Refused) -> None:
 def test_edited_evaluation_is_found(whole: Members, refused: Refused) -> None:
     """A better loss in the store does not give the recorded ledger."""
 
-    def improve(answer: Json) -> None:
+    def improve(answer: Any) -> None:
         answer["training"]["validation_losses"][-1] /= 2
 
     entries = changed(entries_of(whole), "evaluations", improve)
@@ -152,7 +152,7 @@ def test_edited_evaluation_is_found(whole: Members, refused: Refused) -> None:
 def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
     """Another text from the model has no recorded reading."""
 
-    def edit(answer: Json) -> None:
+    def edit(answer: Any) -> None:
         answer["text"] += "\n# edited"
 
     entries = changed(entries_of(whole), "completions", edit)
@@ -201,7 +201,7 @@ def test_missing_table_is_found(whole: Members, refused: Refused) -> None:
 def test_edited_study_is_found(whole: Members, refused: Refused) -> None:
     """A better training in the store does not give the recorded scores."""
 
-    def improve(answer: Json) -> None:
+    def improve(answer: Any) -> None:
         answer["full"]["metrics"]["mse"] = 0.0
 
     entries = changed(entries_of(whole), "studies", improve)
@@ -211,7 +211,7 @@ def test_edited_study_is_found(whole: Members, refused: Refused) -> None:
 def test_entry_more_or_less_is_found(whole: Members, refused: Refused) -> None:
     """What no replay reads has no place in a bundle, and what it needs is there."""
     entries = entries_of(whole)
-    foreign: dict[str, Json] = {"kind": "probes", "request": "of another run", "answer": {}}
+    foreign: dict[str, Any] = {"kind": "probes", "request": "of another run", "answer": {}}
     refused(with_entries(whole, [*entries, foreign]), "only entries that the replay reads")
     refused(with_entries(whole, entries[1:]), "no recorded answer for")
 
@@ -277,7 +277,7 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
 
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", "", "a/b", "x" * 300, 5, None, "a\nb"])
-def test_name_of_a_run_that_is_no_folders_is_refused(name: Json, whole: Members, refused: Refused) -> None:
+def test_name_of_a_run_that_is_no_folders_is_refused(name: Any, whole: Members, refused: Refused) -> None:
     """It becomes that of a folder."""
     run = {**json.loads(whole["run/run.json"]), "name": name}
     refused({**whole, "run/run.json": json.dumps(run).encode()}, "run.json, name: expected ")
@@ -299,7 +299,7 @@ def test_nonsense_is_refused_without_a_traceback(
 @pytest.mark.parametrize("kind", ["answers", "centroids", "completions", "evaluations", "probes", "studies"])
 @pytest.mark.parametrize("answer", [None, [], {}, "text", 5, [[1]], {"training": 1, "profile": 2, "rejection": 3}])
 def test_answer_of_no_known_form_is_refused(
-    answer: Json, kind: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    answer: Any, kind: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A store entry may hold anything under its question, with every checksum right."""
     entries = entries_of(whole)

@@ -9,13 +9,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from commands import tacevo
 from smallest import Once
 
 from tacevo.cli.app import COMMANDS, main
-from tacevo.records import Json
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
 
@@ -58,7 +58,7 @@ CONFIG_KEYS = {
 }  # fmt: skip
 
 
-def kind_of(line: dict[str, Json]) -> str:
+def kind_of(line: dict[str, Any]) -> str:
     """Name the kind of a ledger line; a mutation's prompt is recorded from generation 1 on."""
     if line["kind"] != "candidate":
         return str(line["kind"])

@@ -17,6 +17,7 @@ from refusals import refused
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Delivery, Request
+from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
 ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
@@ -105,7 +106,7 @@ def test_what_no_submission_can_mend_stops_the_run(fault: str, words: str, serve
     with refused(ConfigError, got=words):
         recorded(server.url, tmp_path, asked)
     assert sizes(server) == [3]
-    assert [entry.answer["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
+    assert [value_at(entry.answer, ("text",)) for entry in Store(tmp_path, "completions").entries()] == ["a!"]
 
 
 @pytest.mark.parametrize(("fault", "stop_reason"), [("too_long", "invalid_request"), ("filtered", "refusal")])

@@ -27,6 +27,7 @@ from tacevo.llm.prices import ListedPrice, PriceTable
 from tacevo.llm.recording import RecordingLLM, ever_answered
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.records import Completion, Request
+from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
@@ -243,7 +244,7 @@ def test_refusal_of_all_that_follows_an_answer_is_recorded_for_none(provider: st
             list(llm.complete([request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]))
         with refused(ConfigError, got="this is not understood"):
             list(llm.complete([request(text) for text in ("d [fault invalid]", "e [fault invalid]")]))
-    assert [entry.request["messages"][-1]["content"] for entry in store.entries()] == ["a"]
+    assert [value_at(entry.request, ("messages", -1, "content")) for entry in store.entries()] == ["a"]
 
 
 @both
@@ -424,7 +425,9 @@ def slow(*, concurrency: int = 1) -> tuple[_Slow, HostedLLM]:
 
 def held(root: Path) -> list[str]:
     """List the questions whose answers are stored."""
-    return sorted(entry.request["messages"][-1]["content"] for entry in Store(root, "completions").entries())
+    return sorted(
+        str(value_at(entry.request, ("messages", -1, "content"))) for entry in Store(root, "completions").entries()
+    )
 
 
 def test_answers_are_stored_before_the_reader_sees_them(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 
 from tacevo.llm.recording import RecordingLLM
+from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
 
@@ -37,7 +38,7 @@ def ask(url: str, root: Path, count: int, provider: str = "anthropic") -> Counte
 
 def stored(root: Path) -> list[str]:
     """List the questions whose answers are in the store, each entry checked."""
-    return [entry.request["messages"][-1]["content"] for entry in Store(root, "completions").entries()]
+    return [str(value_at(entry.request, ("messages", -1, "content"))) for entry in Store(root, "completions").entries()]
 
 
 def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count: int) -> None:

@@ -7,13 +7,14 @@ import sys
 import urllib.request
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hosted import KEY, batched, hosted, request
 from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
-from tacevo.records import Completion, Json, Request
+from tacevo.records import Completion, Request
 from tacevo.search.effects import LLM
 
 ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
@@ -22,7 +23,7 @@ SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"
 recorded_ones = pytest.mark.skipif(not ANSWERS.exists(), reason="the recorded answers are not here")
 
 
-def recordings() -> dict[str, Json]:
+def recordings() -> dict[str, Any]:
     """Read the recorded answers by the names of their files."""
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(ANSWERS.glob("*.json"))}
 

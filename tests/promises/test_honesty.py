@@ -5,6 +5,7 @@ What looks alike and is honest is admitted.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -17,7 +18,7 @@ from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import check
 from tacevo.gate.probe import run
-from tacevo.records import MISREPORTING, Json, Reason, to_json
+from tacevo.records import MISREPORTING, Reason, to_json
 from tacevo.sandbox.candidate import check_leaves
 
 #: Reasons that lies have, too, and that are older than these rules.
@@ -35,9 +36,9 @@ def _torch_settings() -> Iterator[None]:
     torch.use_deterministic_algorithms(deterministic)
 
 
-def probed(source: str) -> Json:
+def probed(source: str) -> Any:
     """Probe a source whatever the policy says of it; return what is sent."""
-    frames: list[Json] = []
+    frames: list[Any] = []
     header = {"source": source, "contract": to_json(contract()), "limits": LIMITS}
     run(header, b"", {}, lambda frame, _: frames.append(frame))
     (answer,) = frames

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
@@ -11,7 +12,6 @@ from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.errors import StoreError
-from tacevo.records import Json
 from tacevo.reproduce.export import import_file
 from tacevo.storage.entries import Budget, pack, unpack
 from tacevo.storage.store import SEARCHED, Entry, Store
@@ -95,7 +95,7 @@ def test_run_that_its_stores_do_not_give_is_not_exported(exported: Path, tmp_pat
     ],
 )
 def test_completion_that_cannot_be_read_is_refused(
-    asked: Json, said: Json, expected: str, exported: Path, tmp_path: Path
+    asked: Any, said: Any, expected: str, exported: Path, tmp_path: Path
 ) -> None:
     """What `verify` would condemn does not come in: the last entry is verified before the first is written."""
     entries = entries_of(exported / "run.jsonl.xz")
@@ -108,7 +108,8 @@ def test_other_answer_in_the_store_is_kept(exported: Path, tmp_path: Path) -> No
     """A conflict is the user's to decide; nothing is written over, and nothing beside."""
     entries = entries_of(exported / "run.jsonl.xz")
     mine = next(entry for entry in entries if entry.kind == "completions")
-    Store(tmp_path / "cache", "completions").write(mine.request, {**mine.answer, "text": "mine"})
+    answer: Any = mine.answer
+    Store(tmp_path / "cache", "completions").write(mine.request, {**answer, "text": "mine"})
     import_refused(entries, tmp_path, "the answer that")
 
 

@@ -3,13 +3,13 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ledger_lines import header, run_record
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
-from tacevo.records import Json
 from tacevo.runs.session import Walls
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.storage.ledger import sealed_text
@@ -43,7 +43,7 @@ def test_description_left_by_a_run_that_decided_nothing_is_replaced(folder: Path
     assert main(["replay", "run"]) == 0
 
 
-def confinement(run: Path) -> Json:
+def confinement(run: Path) -> Any:
     """Read what a run directory says of the walls around its candidates."""
     return json.loads((run / "run.json").read_text())["confinement"]
 
@@ -64,7 +64,7 @@ UNWALLED = ("no_new_privs", "not_dumpable", "no_capabilities")
 
 
 @pytest.mark.parametrize("before", [[], [{"level": "kernel"}]], ids=["new", "continued"])
-def test_candidates_on_a_gpu_are_not_said_to_be_walled(before: Json, folder: Path) -> None:
+def test_candidates_on_a_gpu_are_not_said_to_be_walled(before: Any, folder: Path) -> None:
     """What was left out is not claimed, earlier candidates keep theirs, and the machine's own count for nobody."""
     directory = RunDirectory(folder)
     directory.write_run(run_record(confinement=tuple(before)))

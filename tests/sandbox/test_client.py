@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import attacks
 import numpy as np
@@ -26,7 +27,7 @@ from witness import is_gone, living, watching_candidates
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.errors import SandboxError
-from tacevo.records import Json, Limits, Reason
+from tacevo.records import Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.processes import children, descendants
 from tacevo.sandbox.protocol import Message, Sort
@@ -85,7 +86,7 @@ def death(sandbox: Sandbox, entry: str, limits: Limits = LIMITS, payload: bytes 
     return answer
 
 
-def answer(sandbox: Sandbox, entry: str, header: Json = None) -> Json:
+def answer(sandbox: Sandbox, entry: str, header: Any = None) -> Any:
     """Run an attack that must answer with one frame; give its header."""
     finished = sandbox.run(entry, header, b"", LIMITS)
     assert isinstance(finished, Finished), finished
@@ -106,7 +107,7 @@ JSON = st.recursive(
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(header=JSON, payload=st.binary(max_size=300_000))
-def test_header_and_payload_pass_through_unchanged(sandbox: Sandbox, header: Json, payload: bytes) -> None:
+def test_header_and_payload_pass_through_unchanged(sandbox: Sandbox, header: Any, payload: bytes) -> None:
     """What an entry gets and sends is what was meant."""
     assert sandbox.run("echo", header, payload, LIMITS) == Finished((Frame(header, payload),))
 

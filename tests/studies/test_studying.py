@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +20,11 @@ from analysis.studies.study import load_study
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import RunError
-from tacevo.records import Json, to_json, written
+from tacevo.records import to_json, written
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.search.files import read_ledger
+from tacevo.storage.canonical import value_at
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, check_entry
 from tacevo.studies.directory import studies_of
@@ -102,7 +104,7 @@ def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
 def test_networks_are_paired_by_seed(studied: Path) -> None:
     """Each seed of the study is one training seed, the same for both networks."""
     entries = list(Store(studied / "cache", "studies").entries())
-    seeds = {(entry.request["source"], entry.request["seed"]) for entry in entries}
+    seeds = {(value_at(entry.request, ("source",)), value_at(entry.request, ("seed",))) for entry in entries}
     assert len(entries) == 4
     assert len({seed for _, seed in seeds}) == len({source for source, _ in seeds}) == 2
 
@@ -272,7 +274,7 @@ def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixtu
     ],
 )
 def test_edited_description_is_found(
-    edit: dict[str, Json], status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
+    edit: dict[str, Any], status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A replay compares it with the run and the scores."""
     path = next(folder.glob("run/studies/*/study.json"))
@@ -384,6 +386,7 @@ def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytes
     decisions = []
     for name in ("a", "b"):
         assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
+        header: Any
         header, *lines = map(written, read_ledger(RunDirectory(tmp_path / name)).lines)
         del header["data"]["fingerprint"]
         decisions.append([header["data"], *({**line, "evaluation": None} for line in lines)])  # its key holds it, too

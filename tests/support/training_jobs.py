@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tacevo.records import Contract, Json, Kind, Limits, Loss, Recipe, to_json
+from tacevo.records import Contract, Kind, Limits, Loss, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.training.evaluation import Examples
 
@@ -73,7 +73,7 @@ def labelled(data: Data) -> Examples:
     )
 
 
-def header_of(source: str, data: Data) -> Json:
+def header_of(source: str, data: Data) -> Any:
     """Write the header that a trainer gets."""
     return {
         "source": source,
@@ -92,11 +92,11 @@ def payload_of(data: Data) -> bytes:
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
 
 
-def look_at_torch(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def look_at_torch(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Report how torch computes in a candidate's process, and where three classes lie (a set iterates in that order).
 
     An entry of a sandbox.
     """
     kinds = (torch.nn.ReLU, torch.nn.Conv2d, np.ndarray)
-    seen = {"capability": torch.backends.cpu.get_cpu_capability(), "threads": torch.get_num_threads()}
-    send({**seen, "addresses": [id(kind) for kind in kinds]}, b"")
+    capability, threads = torch.backends.cpu.get_cpu_capability(), torch.get_num_threads()
+    send({"capability": capability, "threads": threads, "addresses": [id(kind) for kind in kinds]}, b"")

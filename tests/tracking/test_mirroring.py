@@ -69,7 +69,7 @@ def test_damaged_run_is_named_and_the_others_are_written(
     assert "2 runs of" in out
     edited, lost, sweep = errors.splitlines()
     assert "edited/ledger.jsonl, line 2: expected the line of its hash" in edited
-    assert "lost: expected a run directory" in lost
+    assert "lost: expected the directory of a run" in lost
     assert "sweep.json" in sweep
     assert {path[0] for path in everything(uri)} == {"a", "z"}
     assert files_below(runs) == before

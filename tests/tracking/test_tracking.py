@@ -35,7 +35,7 @@ from refusals import refused
 
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.records import Reason, Stage
+from tacevo.records import Json, Reason, Stage
 from tacevo.search.archive import AddStatus
 from tacevo.search.lines import Line, RepairedAnswer
 from tacevo.storage.run_directory import RunDirectory
@@ -141,7 +141,11 @@ def test_generation_without_trained_candidates_leaves_their_figures_out() -> Non
 
 def test_config_is_flattened() -> None:
     """A param's name is the key as the user writes it; lists and null are JSON."""
-    config = {"seed": 0, "llm": {"model": "m", "base_url": None}, "data": {"target_columns": ["fx", "fy"]}}
+    config: dict[str, Json] = {
+        "seed": 0,
+        "llm": {"model": "m", "base_url": None},
+        "data": {"target_columns": ["fx", "fy"]},
+    }
     assert config_params(config) == {
         "seed": "0",
         "llm.model": "m",

@@ -17,7 +17,7 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
-from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.records import Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
@@ -54,7 +54,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
-def never(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+def never(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
     """Refuse to train."""
     raise SandboxError("nothing may be trained here")
 
@@ -63,9 +63,9 @@ class Recorder:
     """A sandbox that notes what it is sent and answers with perfect predictions."""
 
     def __init__(self) -> None:
-        self.sent: list[tuple[Json, bytes]] = []
+        self.sent: list[tuple[Any, bytes]] = []
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
         """Answer as a trainer would."""
         self.sent.append((header, payload))
         return good_answer(EXAMPLES.validation_targets)
@@ -101,7 +101,7 @@ def test_threads_give_what_one_by_one_gives(sandbox: Sandbox, tmp_path: Path) ->
     assert len({verdict.weights_sha256 for verdict in serial if isinstance(verdict, Training)}) == 4
 
 
-def look(sandbox: Sandbox) -> Json:
+def look(sandbox: Sandbox) -> Any:
     """Give what a candidate sees of torch."""
     finished = sandbox.run("look", None, b"", RECIPE.limits)
     assert isinstance(finished, Finished), finished
@@ -206,7 +206,7 @@ def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
     assert sent == [None, "cuda"]
 
 
-def judged(not_deterministic: Json, device: Device) -> Training | Rejection:
+def judged(not_deterministic: Any, device: Device) -> Training | Rejection:
     """Judge an answer that is good otherwise."""
     last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": not_deterministic}, b"")
     return judge(Finished((*GOOD[:-1], last)), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets, device)
@@ -249,7 +249,7 @@ def test_operation_without_a_deterministic_form_is_forged_on_a_cpu(tmp_path: Pat
     ],
     ids=range(12),
 )
-def test_list_of_operations_is_no_place_for_text(names: Json) -> None:
+def test_list_of_operations_is_no_place_for_text(names: Any) -> None:
     """On a GPU the list is the child's claim; short plain names pass, each once and in order, and nothing else."""
     verdict = judged(names, Device.cuda)
     assert isinstance(verdict, Rejection)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, payload_of
 
-from tacevo.records import Json, Kind, Loss, Reason, to_json
+from tacevo.records import Kind, Loss, Reason, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
 from tacevo.training.trainer import batches, run
 
@@ -102,10 +102,10 @@ def test_whatever_a_candidate_raises_becomes_a_failure(error: Exception, reason:
     assert caught.value.reason is reason
 
 
-def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Json, bytes]]:
+def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Any, bytes]]:
     """Run the trainer in this process; give the frames that it sends."""
     data = data or examples()
-    frames: list[tuple[Json, bytes]] = []
+    frames: list[tuple[Any, bytes]] = []
     header = {**header_of(source, data), **changes}
     run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
     return frames
@@ -231,7 +231,7 @@ def test_classification_trains() -> None:
     """Classes are int64 targets of shape (n,)."""
     contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)
     data = examples(classes=True)
-    frames: list[tuple[Json, bytes]] = []
+    frames: list[tuple[Any, bytes]] = []
     header = {**header_of(SOURCE, data), "contract": to_json(contract)}
     run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
     assert len(frames) == RECIPE.epochs + 1
@@ -245,7 +245,7 @@ def test_groups_share_no_batch() -> None:
     images[data.validation[5:]] = 255 - images[data.validation[5:]]
     other = replace(data, images=images)
 
-    def predicted(data: Data, **header: Json) -> list[bytes]:
+    def predicted(data: Data, **header: Any) -> list[bytes]:
         return [payload[: 5 * 2 * 4] for _, payload in sent_by(source, data, **header)]
 
     assert predicted(data, groups=[5, 3]) == predicted(other, groups=[5, 3])

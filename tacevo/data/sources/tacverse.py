@@ -68,13 +68,14 @@ class TacVerse:
         Raises:
             DataError: a directory, the table or an image is missing, or the table or a file name is broken.
         """
-        described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
+        described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
+        described["image_size"] = self.image_size
         if self.task is SensorTask.grating:
             frames = self._frames()
-            presses = [[frame.size, frame.group, frame.frame] for frame in frames]
+            presses: Json = [[frame.size, frame.group, frame.frame] for frame in frames]
             return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
         rows, _ = self._rows()
-        labels = [[row.path.name, list(row.labels)] for row in rows]
+        labels: Json = [[row.path.name, list(row.labels)] for row in rows]
         return {**described, "labels": labels, "images": files_hash(row.path for row in rows)}
 
     def catalogue(self) -> Catalogue:
