@@ -33,7 +33,7 @@ from tacevo.studies.directory import studies_of
 class Compared:
     """A finished study and what its comparison says."""
 
-    #: Of its folder.
+    #: Of its directory.
     name: str
     study: Study
     #: None where it cannot be compared; its scores are shown all the same.

@@ -79,18 +79,18 @@ def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
     return None
 
 
-def write_document(chapters: Sequence[Chapter], folder: Path) -> Path:
-    """Write the document into a folder; return it."""
-    path = folder / "paper.tex"
+def write_document(chapters: Sequence[Chapter], directory: Path) -> Path:
+    """Write the document into a directory; return it."""
+    path = directory / "paper.tex"
     write_durably(path, document(chapters))
     return path
 
 
-def _run(command: list[str], folder: Path) -> None:
-    done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+def _run(command: list[str], directory: Path) -> None:
+    done = subprocess.run(command, cwd=directory, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode != 0:
         last = (done.stdout + done.stderr).decode(errors="replace").strip()[-600:]
-        raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(folder / command[-1]))
+        raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(directory / command[-1]))
 
 
 def _chapter(chapter: Chapter) -> str:

@@ -37,7 +37,7 @@ def collect_sweep(path: Path, store: Path | None) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
-        path: the folder of the sweep.
+        path: the directory of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
 
     Raises:

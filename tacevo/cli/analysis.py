@@ -23,7 +23,7 @@ from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
+from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.profiles import recall_profiles
@@ -127,13 +127,13 @@ def _tables(options: argparse.Namespace) -> int:
         )
     place = _place(options, "tables")
     with _collected(options.run, options.store) as gathered:
-        found, folder = gathered.found, output_folder(place)
+        found, directory = gathered.found, output_directory(place)
         tables, remarks = _own_tables(gathered)
     print("\n".join(map(as_markdown, tables)))
-    write_tables(tables, folder)
-    gone = remove_outdated(folder, {table.name for table in tables}, task=found.run.task, endings=WRITERS)
+    write_tables(tables, directory)
+    gone = remove_outdated(directory, {table.name for table in tables}, task=found.run.task, endings=WRITERS)
     _say([*remarks, *map(_removed, gone)])
-    print(f"tables: {folder}")
+    print(f"tables: {directory}")
     return _status([found])
 
 
@@ -144,26 +144,26 @@ def _paper_tables(options: argparse.Namespace) -> int:
     else:
         with opened(Path(options.run)) as place:
             tables = _published([load_run(place.one_run(_ONE))])
-    folder = None if options.output is None else output_folder(options.output)
+    directory = None if options.output is None else output_directory(options.output)
     print("\n".join(map(as_markdown, tables)))
-    if folder is not None:
-        write_tables(tables, folder)
-        print(f"tables: {folder}")
+    if directory is not None:
+        write_tables(tables, directory)
+        print(f"tables: {directory}")
     return DONE
 
 
 def _figures(options: argparse.Namespace) -> int:
     place = _place(options, "figures")
     with _collected(options.run, options.store) as gathered:
-        found, folder = gathered.found, output_folder(place)
+        found, directory = gathered.found, output_directory(place)
         pictures, remarks = _pictures(gathered)
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
     with _shown("figures", len(pictures)) as on_drawn:
-        write_pictures(pictures, folder, endings, on_drawn)
+        write_pictures(pictures, directory, endings, on_drawn)
     names = {picture.name for picture in pictures}
-    gone = remove_outdated(folder, names, task=found.run.task, endings=[f".{name}" for name in _FORMATS])
+    gone = remove_outdated(directory, names, task=found.run.task, endings=[f".{name}" for name in _FORMATS])
     _say([*remarks, *map(_removed, gone)])
-    print(f"figures: {folder}")
+    print(f"figures: {directory}")
     return _status([found])
 
 
@@ -187,12 +187,12 @@ def _paper(options: argparse.Namespace) -> int:
         found = [one.found for one in gathered]
         _check_names([one.run.name for one in found])
         check_alike([compared.study for one in found for compared in one.studies])
-        folder = output_folder(options.output)
+        directory = output_directory(options.output)
         published = _published([one.run for one in found])
-        chapters = [write_chapter("The paper beside these runs", published, [], folder / "published", _ignore)]
+        chapters = [write_chapter("The paper beside these runs", published, [], directory / "published", _ignore)]
         # LaTeX reads no file whose name holds certain characters, so runs are numbered.
-        chapters += [_chapter(one, folder / f"run{number}") for number, one in enumerate(gathered, start=1)]
-    document = write_document(chapters, folder)
+        chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(gathered, start=1)]
+    document = write_document(chapters, directory)
     print(f"document: {document}")
     pdf = make_pdf(document, shutil.which)
     engines = " or ".join(command[0] for command, _ in ENGINES)
@@ -220,13 +220,13 @@ def _for_paper(gathered: _Gathered) -> _Gathered:
     return replace(gathered, found=chosen)
 
 
-def _chapter(gathered: _Gathered, folder: Path) -> Chapter:
-    """Write the tables and figures of a run into a folder."""
+def _chapter(gathered: _Gathered, directory: Path) -> Chapter:
+    """Write the tables and figures of a run into a directory."""
     name = gathered.found.run.name
     tables, missing = _own_tables(gathered)
     pictures, undrawn = _pictures(gathered)
     with _shown(name, len(pictures)) as on_drawn:
-        chapter = write_chapter(name, tables, pictures, folder, on_drawn)
+        chapter = write_chapter(name, tables, pictures, directory, on_drawn)
     _say([*missing, *undrawn])
     return chapter
 
@@ -315,15 +315,15 @@ def _ablations(options: argparse.Namespace) -> int:
     store = existing_store(options.store)
     place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
     found = _collected_sweep(Path(options.sweep), None if store is None else Path(store))
-    folder = output_folder(place)
+    directory = output_directory(place)
     tables = sweep_collection.tables_of(found)
     print("\n".join(map(as_markdown, tables)))
-    write_tables(tables, folder)
+    write_tables(tables, directory)
     pictures = {picture.name: picture for picture in sweep_collection.pictures_of(found)}
-    write_pictures(pictures.values(), folder, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
+    write_pictures(pictures.values(), directory, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
     for missing in found.sweep.missing:
         print(f"missing: {missing.job.name}: {missing.reason}", file=sys.stderr)
-    print(f"tables and figures: {folder}")
+    print(f"tables and figures: {directory}")
     return DONE
 
 

@@ -17,34 +17,36 @@ from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 
 
-def table_files(folder: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
+def table_files(directory: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
     """Make every table of a run or a sweep from its records and recorded probes; return contents by file name.
 
     Args:
-        folder: of the run or the sweep.
+        directory: of the run or the sweep.
         store: of its stores.
         say: called with the reason if a sweep has no tables of its arms.
     """
-    is_sweep = SweepDirectory(folder).is_one
-    return _of_sweep(folder, store, say)[0] if is_sweep else _tables(collect(folder, store), store)
+    is_sweep = SweepDirectory(directory).is_one
+    return _of_sweep(directory, store, say)[0] if is_sweep else _tables(collect(directory, store), store)
 
 
-def pages(folder: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], dict[str, bytes]]:
+def pages(directory: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Make every table, as `table_files`, and every figure that follows from the records; return contents by name."""
-    if SweepDirectory(folder).is_one:
-        tables, pictures = _of_sweep(folder, store, say)
+    if SweepDirectory(directory).is_one:
+        tables, pictures = _of_sweep(directory, store, say)
         return tables, _drawn(pictures)
-    found = collect(folder, store)
+    found = collect(directory, store)
     return _tables(found, store), _drawn(pictures_of(found))
 
 
-def _of_sweep(folder: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], tuple[Picture, ...]]:
+def _of_sweep(
+    directory: Path, store: Path, say: Callable[[str], object]
+) -> tuple[dict[str, bytes], tuple[Picture, ...]]:
     """Make the tables and list the figures of a sweep; without a fair comparison it has none of arms."""
-    beside = beside_published([load_run(run) for run in located(folder).runs])
+    beside = beside_published([load_run(run) for run in located(directory).runs])
     try:
-        found = sweep_collection.collect_sweep(folder, store)
+        found = sweep_collection.collect_sweep(directory, store)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
-        reason = str(error).replace(str(folder), "the sweep")  # which may lie in a private directory
+        reason = str(error).replace(str(directory), "the sweep")  # which may lie in a private directory
         say(f"no table or figure compares the arms: {reason}")
         return _files([beside]), ()
     return _files([beside, *sweep_collection.tables_of(found)]), sweep_collection.pictures_of(found)
