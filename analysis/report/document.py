@@ -5,6 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.report.figure_list import OnDrawn, Picture, write_pictures
+from analysis.report.writing import write_tables
+from analysis.table import Table
 from analysis.tables.rendering import in_latex
 from tacevo.errors import RunError
 from tacevo.storage.files import write_durably
@@ -84,6 +87,31 @@ def write_document(chapters: Sequence[Chapter], directory: Path) -> Path:
     path = directory / "paper.tex"
     write_durably(path, document(chapters))
     return path
+
+
+def write_chapter(
+    title: str, tables: Sequence[Table], pictures: Sequence[Picture], directory: Path, on_drawn: OnDrawn
+) -> Chapter:
+    """Write what a chapter holds into a directory of its own, beside the document; labels begin with its name.
+
+    Raises:
+        StoreError: a file cannot be written.
+    """
+    prefix = f"{directory.name}:"
+    write_tables(tables, directory, prefix=prefix)
+    write_pictures(pictures, directory, (".pdf",), on_drawn)
+    return Chapter(
+        title=title,
+        tables=tuple(f"{directory.name}/{table.name}.tex" for table in tables),
+        figures=tuple(
+            Illustration(
+                file=f"{directory.name}/{picture.name}.pdf",
+                caption=picture.caption,
+                label=f"fig:{prefix}{picture.name}",
+            )
+            for picture in pictures
+        ),
+    )
 
 
 def _run(command: list[str], directory: Path) -> None:
