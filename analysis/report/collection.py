@@ -1,11 +1,10 @@
-"""All that is known of a run: its niches, its studies and their comparisons; which tables and pictures that gives."""
+"""All that is known of a run: its niches, its studies and their comparisons; which tables that gives."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.motifs.motifs import read_anatomies
-from analysis.report.figure_list import Picture, run_pictures, study_pictures
 from analysis.runs.niches import Niches, load_niches
 from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import Comparisons, compare
@@ -33,7 +32,7 @@ from tacevo.studies.directory import studies_of
 class Compared:
     """A finished study and what its comparison says."""
 
-    #: Of its folder.
+    #: Of its directory.
     name: str
     study: Study
     #: None where it cannot be compared; its scores are shown all the same.
@@ -127,12 +126,3 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         of_study = study_tables(compared.study, compared.comparisons)
         tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
     return tuple(tables)
-
-
-def pictures_of(found: Collection) -> tuple[Picture, ...]:
-    """List every figure of a run and its studies; the names of a study's figures end in its own."""
-    pictures = list(run_pictures(found.run, found.niches))
-    for compared in found.studies:
-        of_study = study_pictures(compared.study, compared.comparisons)
-        pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
-    return tuple(pictures)

@@ -2,11 +2,11 @@
 
 import base64
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.figures.style import render
-from analysis.report.figure_list import Picture
+from analysis.report.figure_list import OnDrawn, Picture
 from analysis.rounding import shown
 from analysis.runs.run import Run
 from analysis.table import Table
@@ -52,7 +52,7 @@ class Image:
     png: bytes
 
 
-def drawn(picture: Picture, on_drawn: Callable[[str], object]) -> Image:
+def drawn(picture: Picture, on_drawn: OnDrawn) -> Image:
     """Draw a picture for a report, and report its name."""
     figure = picture.draw()
     image = Image(caption=picture.caption, width=float(figure.get_figwidth()), png=render(figure, ".png"))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule
@@ -74,8 +74,7 @@ def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[in
         found: the candidates.
         centroids: shape (niches, axes), in [0, 1].
     """
-    between = _between(found.points)
-    return frozenset(found.niches.tolist()) | frozenset(np.atleast_1d(cKDTree(centroids).query(between)[1]).tolist())
+    return frozenset(found.niches.tolist()).union(Tessellation(centroids).niches_of(_between(found.points).tolist()))
 
 
 def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,11 +85,11 @@ def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return line.reshape(-1, 1)
     lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     try:
-        hull = Delaunay(np.unique(points, axis=0))
+        sides = ConvexHull(points).equations
     except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
         return lattice[:0]
-    inside: NDArray[np.float64] = lattice[hull.find_simplex(lattice) >= 0]
-    return inside
+    inside: NDArray[np.bool_] = (lattice @ sides[:, :2].T + sides[:, 2] <= 0).all(axis=1)
+    return lattice[inside]
 
 
 def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> float:

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-
-from statsmodels.stats.proportion import proportion_confint
+from math import sqrt
+from statistics import NormalDist
 
 from analysis.runs.run import Run, was_inserted
 from tacevo.costs import Spending, total
@@ -254,17 +254,21 @@ def _mutations(run: Run) -> list[CandidateLine]:
 
 def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
     inserted = sum(map(was_inserted, asked))
-    interval = None
-    if asked:
-        low, high = proportion_confint(inserted, len(asked), alpha=1 - LEVEL, method="wilson")
-        interval = round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
     return Productivity(
         name=name,
         tried=len(asked),
         trained=sum(candidate.fitness is not None for candidate in asked),
         inserted=inserted,
-        interval=interval,
+        interval=_wilson(inserted, len(asked)) if asked else None,
     )
+
+
+def _wilson(found: int, tried: int) -> tuple[float, float]:
+    """Return the ends of Wilson's (1927) score interval of found / tried."""
+    z = NormalDist().inv_cdf((1 + LEVEL) / 2)
+    centre = (found + z * z / 2) / (tried + z * z)
+    half = z / (tried + z * z) * sqrt(found * (tried - found) / tried + z * z / 4)
+    return round(centre - half, DIGITS) + 0.0, round(centre + half, DIGITS)  # as computed, an end at 0 is off by 1e-17
 
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:

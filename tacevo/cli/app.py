@@ -22,7 +22,7 @@ COMMANDS = {
     "continue": ("reproduce", "continue a published run from its end"),
     "sweep": ("sweep", "list how the jobs of a sweep stand (`tacevo search -m` runs them)"),
     "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
-    "tables": ("analysis", "write every table of a run, in LaTeX, Markdown and CSV"),
+    "tables": ("tables", "write every table of a run, in LaTeX, Markdown and CSV"),
     "figures": ("analysis", "draw every figure of a run, for a paper"),
     "report": ("analysis", "write one page with every table and figure of a run"),
     "paper": ("analysis", "write the pages of a paper: every table and figure of several runs"),

@@ -248,7 +248,7 @@ def examine() -> tuple[str, bool]:
     checks: dict[str, Callable[[], str]] = {
         "configs": _configs,
         "sandbox": partial(_sandbox, held.append),
-        "current directory": _folder,
+        "current directory": _directory,
     }
     results = {name: _tried(check) for name, check in checks.items()}
     confinement = in_force(held[0]) if held else report()
@@ -288,7 +288,7 @@ def _sandbox(notice: Notice) -> str:
     return f"the baseline of task force is admitted, with {verdict.profile.parameters:,} parameters"
 
 
-def _folder() -> str:
+def _directory() -> str:
     """Write a file where runs and stores go by default."""
     with tempfile.NamedTemporaryFile(dir=Path.cwd()) as file:
         file.write(b"tacevo")

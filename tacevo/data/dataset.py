@@ -94,28 +94,28 @@ def with_fingerprint(dataset: Dataset) -> Dataset:
     return replace(dataset, facts=replace(dataset.facts, fingerprint=fingerprint(dataset)))
 
 
-def write(dataset: Dataset, folder: Path) -> None:
+def write(dataset: Dataset, directory: Path) -> None:
     """Write everything but the images into a directory, where the images are already."""
     for name in ARRAYS:
-        np.save(folder / f"{name}.npy", getattr(dataset, name))
+        np.save(directory / f"{name}.npy", getattr(dataset, name))
     facts = {"facts": to_json(dataset.facts), **{name: to_json(getattr(dataset, name)) for name in STATISTICS}}
-    (folder / FACTS).write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    (directory / FACTS).write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def read(folder: Path) -> Dataset:
+def read(directory: Path) -> Dataset:
     """Read what `write` left in a directory, without reading the images.
 
     Raises:
         DataError: a file is missing or damaged.
     """
-    remedy = f"delete {folder} and start again"
+    remedy = f"delete {directory} and start again"
     try:
-        text = (folder / FACTS).read_bytes()
-        images = (folder / IMAGES).resolve(strict=True)
-        arrays = {name: np.load(folder / f"{name}.npy") for name in ARRAYS}
+        text = (directory / FACTS).read_bytes()
+        images = (directory / IMAGES).resolve(strict=True)
+        arrays = {name: np.load(directory / f"{name}.npy") for name in ARRAYS}
     except (OSError, ValueError) as error:
-        raise DataError(f"the cached data set is damaged ({error})", place=str(folder), remedy=remedy) from error
-    found = parse(_Facts, text, place=str(folder / FACTS), error=DataError, remedy=remedy)
+        raise DataError(f"the cached data set is damaged ({error})", place=str(directory), remedy=remedy) from error
+    found = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
     statistics = {name: getattr(found, name) for name in STATISTICS}
     return Dataset(facts=found.facts, images=images, **arrays, **statistics)
 

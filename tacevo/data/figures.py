@@ -17,7 +17,6 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from scipy.ndimage import gaussian_filter
 
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import in_order, labels_of, texts_of
@@ -224,6 +223,8 @@ def _windows(images: Sequence[Picture]) -> list[tuple[int, int, int]]:
     With a sensor that is the same in every image, this is where the image differs from their median and where they
     vary at all; the latter matters where all touch nearly the same place, so that the median shows a contact too.
     """
+    from scipy.ndimage import gaussian_filter  # half a second to import, for large images only
+
     stack = np.stack(images).astype(np.float64)
     size = stack.shape[-1] // ZOOM
     varied = gaussian_filter(stack.std(axis=0).sum(axis=0), size / 4)

@@ -28,11 +28,11 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 @contextmanager
-def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[Path | None]:
-    """Offer a hidden sibling to fill; on success it becomes `folder` in one step, else it is removed.
+def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterator[Path | None]:
+    """Offer a hidden sibling to fill; on success it becomes `directory` in one step, else it is removed.
 
     Args:
-        folder: what shall exist afterwards; its parent is made where it is absent.
+        directory: what shall exist afterwards; its parent is made where it is absent.
         waiting: called where another process makes the directory, before we wait for it.
 
     Yields:
@@ -41,31 +41,31 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
     Raises:
         DataError: the parent directory cannot be written to, or holds a part of the directory that we may not remove.
     """
-    stage = _hidden(folder, PART)
+    stage = _hidden(directory, PART)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        lock = _open_lock(_hidden(folder, LOCK))
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        lock = _open_lock(_hidden(directory, LOCK))
     except OSError as error:
         got = f"a directory that cannot be written to ({error.strerror})"
-        raise DataError(got, place=str(folder.parent), remedy="choose another directory") from error
+        raise DataError(got, place=str(directory.parent), remedy="choose another directory") from error
     with lock:
         if not flock(lock.fileno()):
             if waiting is not None:
                 waiting()
             flock(lock.fileno(), fcntl.LOCK_EX)
-        if folder.is_dir():
+        if directory.is_dir():
             yield None
             return
-        remove_leftovers(folder.parent)
+        remove_leftovers(directory.parent)
         _clear(stage)
         try:
             stage.mkdir()
             yield stage
-            _publish(stage, folder)
+            _publish(stage, directory)
         except OSError as error:
             if error.errno in NO_ROOM:
                 raise DataError(
-                    f"the disk is full ({error.strerror})", place=str(folder.parent), remedy=REMEDY
+                    f"the disk is full ({error.strerror})", place=str(directory.parent), remedy=REMEDY
                 ) from error
             raise
         finally:
@@ -107,13 +107,13 @@ def remove_leftovers(parent: Path) -> None:
             continue
 
 
-def _publish(stage: Path, folder: Path) -> None:
+def _publish(stage: Path, directory: Path) -> None:
     """Flush a filled directory to the disk and give it its name."""
     for file in stage.iterdir():
         sync(file)
     sync(stage)
-    stage.rename(folder)  # atomic: a reader sees the whole directory or nothing
-    sync(folder.parent)
+    stage.rename(directory)  # atomic: a reader sees the whole directory or nothing
+    sync(directory.parent)
 
 
 def _open_lock(path: Path) -> BinaryIO:
@@ -132,5 +132,5 @@ def _clear(stage: Path) -> None:
         raise DataError(got, place=str(stage), remedy=f"ask user {stage.stat().st_uid} to remove it")
 
 
-def _hidden(folder: Path, suffix: str) -> Path:
-    return folder.with_name(f".{folder.name}{suffix}")
+def _hidden(directory: Path, suffix: str) -> Path:
+    return directory.with_name(f".{directory.name}{suffix}")

@@ -19,7 +19,7 @@ from PIL import Image
 from tacevo.choices import SensorTask
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Picture
-from tacevo.data.sources.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
+from tacevo.data.sources.tacverse import COLUMNS, DIRECTORIES, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
 
@@ -65,11 +65,11 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
     catalogue = source.catalogue()
     names = image_names(source, catalogue)
     with _staged(_vacant(out)) as stage:
-        folder = stage / _place(source.task)
-        folder.mkdir(parents=True)
-        _write_images(catalogue, [folder / name for name in names], workers, progress)
+        directory = stage / _place(source.task)
+        directory.mkdir(parents=True)
+        _write_images(catalogue, [directory / name for name in names], workers, progress)
         if source.task is not SensorTask.grating:
-            _write_table(folder / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
+            _write_table(directory / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
         (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
         (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
     return len(names)
@@ -104,8 +104,8 @@ def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
 
 def _place(task: SensorTask) -> Path:
     """Find the directory of a task's images."""
-    folder = Path(FOLDERS[task]) / SIMULATED_SENSOR
-    return folder / PATTERN if task is SensorTask.grating else folder
+    directory = Path(DIRECTORIES[task]) / SIMULATED_SENSOR
+    return directory / PATTERN if task is SensorTask.grating else directory
 
 
 def _vacant(out: Path) -> Path:

@@ -98,10 +98,10 @@ def _key(name: str) -> float | str:
     return name.casefold() if number is None else number
 
 
-def _images(folder: Path) -> list[Path]:
+def _images(directory: Path) -> list[Path]:
     """Find the images below a class directory, sorted by path."""
-    paths = image_files(folder, "**/*")
-    names = [path.relative_to(folder).as_posix() for path in paths]
+    paths = image_files(directory, "**/*")
+    names = [path.relative_to(directory).as_posix() for path in paths]
     twice = repeats((name, name.casefold()) for name in names)
-    refuse(f"images of class {folder.name} differ in the case of their names only", twice, "rename or remove them")
+    refuse(f"images of class {directory.name} differ in the case of their names only", twice, "rename or remove them")
     return paths

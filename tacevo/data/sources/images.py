@@ -32,31 +32,31 @@ STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 _FLOATING = "holds floating-point values, whose full range is unknown"
 
 
-def image_files(folder: Path, pattern: str) -> list[Path]:
+def image_files(directory: Path, pattern: str) -> list[Path]:
     """Find the images of a directory, sorted by path.
 
     Hidden files and directories are left out: editors and systems put copies and stubs there, such as
     `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
 
     Args:
-        folder: where to look; its own name may begin with a dot.
+        directory: where to look; its own name may begin with a dot.
         pattern: `*`, or `**/*` for all directories below too.
     """
-    images = (path for path in folder.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
-    return sorted(path for path in images if not _hidden(path.relative_to(folder)))
+    images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
+    return sorted(path for path in images if not _hidden(path.relative_to(directory)))
 
 
-def other_files(folder: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
+def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
     """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder.
 
     Args:
-        folder: where to look.
+        directory: where to look.
         pattern: as in `image_files`.
         used: files that belong to the data set, below the directory as `image_files` gives them.
     """
     known = set(used)
-    files = (path for path in folder.glob(pattern) if path not in known and path.is_file())
-    return sorted(path for path in files if not _hidden(path.relative_to(folder)))
+    files = (path for path in directory.glob(pattern) if path not in known and path.is_file())
+    return sorted(path for path in files if not _hidden(path.relative_to(directory)))
 
 
 def _hidden(path: Path) -> bool:

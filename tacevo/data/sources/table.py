@@ -78,6 +78,6 @@ class Table:
             target_columns=self.target_columns,
             asked_by=("data.image_column", "data.target_columns"),
             remedy="set the names that are here, or rename a column",
-            folders=(self.root, table.parent),
+            directories=(self.root, table.parent),
             skip_missing=self.skip_missing,
         )

@@ -30,7 +30,7 @@ from tacevo.records import Json, Kind
 #: What the sensor of exported simulations is called, and the file beside their images that says what they are.
 SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
 
-FOLDERS = {
+DIRECTORIES = {
     SensorTask.force: "Force_Regression",
     SensorTask.grating: "Grating_Classification",
     SensorTask.hardness: "Hardness_Regression",
@@ -136,8 +136,8 @@ class TacVerse:
 
     def _rows(self) -> tuple[list[Row], int]:
         """Read the table in the order of the image numbers, which is that of time."""
-        folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
-        table = folder / f"{self.sensor}.csv"
+        directory = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
+        table = directory / f"{self.sensor}.csv"
         check_file(table, "data.root", "a table beside the images, named after the sensor")
         rows, skipped = read_rows(
             table,
@@ -145,7 +145,7 @@ class TacVerse:
             target_columns=COLUMNS[self.task],
             asked_by=("TacVerse's layout", "TacVerse's layout"),
             remedy="rename columns: the layout fixes their names",
-            folders=(folder,),
+            directories=(directory,),
             skip_missing=self.skip_missing,
         )
         numbered = [row for row in rows if _number(row) is not None]
@@ -155,24 +155,24 @@ class TacVerse:
 
     def _frames(self) -> list["Frame"]:
         """Find the images of all presses, ordered by size, press and frame."""
-        parent = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
+        parent = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
         if self.pattern is None:
             expected = "the directory of one pattern, for task=grating"
             raise DataError("null", place="data.pattern", expected=expected, remedy=content(parent))
-        folder = _enter(parent, {"data.pattern": self.pattern})
-        paths = image_files(folder, "*")
+        directory = _enter(parent, {"data.pattern": self.pattern})
+        paths = image_files(directory, "*")
         if not paths:
             expected = f"a directory with {listed(sorted(SUFFIXES))} files"
-            raise DataError(str(folder), place="data.pattern", expected=expected, remedy=content(folder))
+            raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
         frames = [(path, _frame(path)) for path in paths]
         refuse(
-            f"{folder} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
+            f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
             [path.name for path, frame in frames if frame is None],
             "rename or remove them",
         )
         found = sorted((frame for _, frame in frames if frame is not None), key=_order)
         twice = repeats((frame.path.name, _order(frame)) for frame in found)
-        refuse(f"{folder} has several images of one size, press and frame", twice, "keep one of each")
+        refuse(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
         return found
 
 
