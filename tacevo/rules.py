@@ -52,7 +52,7 @@ STUDY = 3
 #: records and decide nothing, so a replay compares the texts of its own number only.
 FIRST_PAGES = 1
 
-PAGES = 2
+PAGES = 3
 
 
 def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:

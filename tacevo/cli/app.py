@@ -22,6 +22,7 @@ COMMANDS = {
     "continue": ("reproduce", "continue a published run from its end"),
     "sweep": ("sweep", "list how the jobs of a sweep stand (`tacevo search -m` runs them)"),
     "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
+    "noise": ("study", "train a run's elites again as its search did, with other seeds: what its figures are worth"),
     "tables": ("tables", "write every table of a run, in LaTeX, Markdown and CSV"),
     "figures": ("analysis", "draw every figure of a run, for a paper"),
     "report": ("analysis", "write one page with every table and figure of a run"),

@@ -20,7 +20,7 @@ from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.checks import check_together
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.schema import RunConfig, keys
-from tacevo.config.study import StudyConfig
+from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
 from tacevo.typed import convert
@@ -56,10 +56,24 @@ def compose_study(overrides: Sequence[str]) -> StudyConfig:
     Raises:
         ConfigError: as `compose`.
     """
+    return _compose_command("study", StudyConfig, overrides)
+
+
+def compose_noise(overrides: Sequence[str]) -> NoiseConfig:
+    """Compose the configuration of a noise run from overrides such as `seeds=5`.
+
+    Raises:
+        ConfigError: as `compose`.
+    """
+    return _compose_command("noise", NoiseConfig, overrides)
+
+
+def _compose_command(command: str, kind: type[T], overrides: Sequence[str]) -> T:
+    """Compose the settings of a command from its own file in conf/."""
     _check_settings(overrides)
-    with _hydra(keys(StudyConfig), overrides, command="study"):
-        plain = _plain(hydra_compose("study", overrides=list(overrides)))
-    return _converted(StudyConfig, plain)
+    with _hydra(keys(kind), overrides, command):
+        plain = _plain(hydra_compose(command, overrides=list(overrides)))
+    return _converted(kind, plain)
 
 
 def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:

@@ -1,14 +1,18 @@
-"""What a user may set for a study; see `tacevo.config.schema`."""
+"""What a user may set for a study or a noise run; see `tacevo.config.schema`."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
 from annotated_types import Gt, Lt
 
-from tacevo.choices import MarginKind
+from tacevo.choices import ChosenBy, MarginKind
 from tacevo.config.ranges import Count, Memory, Positive, Text, is_a
 from tacevo.config.schema import ExecutorConfig
 from tacevo.records import Record
+
+
+def _is_all_or_count(value: int | str) -> bool:
+    return value == "all" or (isinstance(value, int) and value >= 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +51,8 @@ class StudyConfig(Record):
     run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Count
+    #: What `best` means.
+    choose: ChosenBy
     #: S, the training seeds of each network.
     seeds: Count
     epochs: Count
@@ -56,4 +62,16 @@ class StudyConfig(Record):
     #: Level of the tests, which Holm's correction keeps over all variants.
     alpha: Annotated[float, Gt(0), Lt(1)]
     margins: MarginsConfig
+    store: StudyStoreConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseConfig(Record):
+    """The search's own training of a run's elites and its baseline, with other seeds."""
+
+    executor: ExecutorConfig
+    #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
+    elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
+    #: Training seeds of each network.
+    seeds: Count
     store: StudyStoreConfig

@@ -20,7 +20,7 @@ from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, Stu
 from tacevo.typed import parse
 
 #: What `name_study` returns, as a regular expression.
-NAME = r"elites\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
+NAME = r"(?:elites|noise)\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,8 +143,8 @@ class StudyDirectory:
 
 def name_study(header: StudyHeader) -> str:
     """Name the directory of a study after what it is; see `NAME`."""
-    elites, short = len(header.networks) - 1, content_hash(written(header))[:8]
-    return f"elites{elites}-seeds{header.seeds}-epochs{header.recipe.epochs}-{short}"
+    what, short = "elites" if header.terms else "noise", content_hash(written(header))[:8]
+    return f"{what}{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}-{short}"
 
 
 def studies_of(run: Path) -> list[StudyDirectory]:

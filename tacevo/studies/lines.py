@@ -47,10 +47,13 @@ class Design(Record):
     device: Device
     #: S.
     seeds: Annotated[int, Ge(1)]
-    terms: Terms
+    #: None of a noise run, which trains as the search did and takes no test score.
+    terms: Terms | None = None
     #: The baseline first.
     networks: tuple[Network, ...]
-    #: Number of the full trainings.
+    #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
+    chosen_by: str = ""
+    #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
 
 
@@ -87,11 +90,12 @@ class ScoreLine(Record):
     seed: int
     #: Key of the training in the store, which holds the losses of every epoch.
     evaluation: str
-    #: Of the lowest validation loss, from 1.
+    #: Of the lowest validation loss, from 1; of a noise run the last, whose loss is the fitness.
     epoch: int
     validation_loss: float
+    #: Empty of a noise run.
     metrics: dict[str, float]
-    #: None for regression.
+    #: None for regression, and of a noise run.
     confusion: tuple[tuple[int, ...], ...] | None
     predictions: str
     weights: str

@@ -34,7 +34,7 @@ def collection(*kinds: Kind, searched: Run) -> Collection:
         Compared(name=f"study{number}", study=study, comparisons=compare(study))
         for number, study in enumerate(studies, start=1)
     ]
-    return Collection(run=searched, niches=NICHES, studies=tuple(compared), left_out=())
+    return Collection(run=searched, niches=NICHES, studies=tuple(compared), reestimates=(), left_out=())
 
 
 def names(found: Collection) -> list[str]:
