@@ -159,11 +159,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
-    """Check the name of every replayed study; tables and figures of it bear that name.
-
-    Raises:
-        DivergenceError: one is not.
-    """
+    """Check the name of every replayed study; tables and figures of it bear that name."""
     for study in studies_of(run):
         if study.path.name not in replayed:
             continue
@@ -233,11 +229,7 @@ def _first_line(was: str, now: str) -> str | None:
 
 
 def _check_files(run: Path, checked: Rerun) -> None:
-    """Check that a run has no candidate or study beside those that were compared.
-
-    Raises:
-        BundleError: it has.
-    """
+    """Check that a run has no candidate or study beside those that were compared."""
     found = {
         "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
         "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
@@ -248,11 +240,7 @@ def _check_files(run: Path, checked: Rerun) -> None:
 
 
 def _check_entries(store: Path, read: Set[Path]) -> None:
-    """Check that every store entry of a bundle was needed by a run of it.
-
-    Raises:
-        BundleError: one was not.
-    """
+    """Check that every store entry of a bundle was needed by a run of it."""
     names = {path.name for path in read}
     for path in sorted(store.rglob("*.json")):
         if path.name not in names:

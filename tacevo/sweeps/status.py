@@ -63,11 +63,7 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
 
 
 def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
-    """Return the digest of a finished job; empty if it is not finished.
-
-    Raises:
-        TacevoError: the directory is damaged, or holds another configuration's run.
-    """
+    """Return the digest of a finished job; empty if it is not finished."""
     if not lines:
         return ""
     if config_hash(from_plain(run.read_run().config)) != job.config:

@@ -14,11 +14,12 @@ from studies import study_of
 from analysis.studies.scores import Study
 from analysis.studies.study import check_alike, load_study
 from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Kind, Limits, Reason, Recipe, Stage
 from tacevo.studies.directory import StudyDirectory
 from tacevo.studies.lines import FailedLine, Row, ScoreLine
-from tacevo.studies.terms import Margin, Terms
+from tacevo.studies.terms import Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,

@@ -7,9 +7,10 @@ from statistics import fmean
 from analysis.studies.scores import Score, Study
 from analysis.table import Table
 from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.records import Kind, Limits, Recipe
 from tacevo.studies.lines import Network
-from tacevo.studies.terms import Margin, Terms
+from tacevo.studies.terms import Terms
 
 RECIPE = Recipe(
     epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)
