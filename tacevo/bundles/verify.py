@@ -117,9 +117,6 @@ def check_sizes(run: RecordedRun) -> None:
     """Check that a run has as many candidates and scores as its configuration and its studies say.
 
     Otherwise a few digits could ask for more memory than there is.
-
-    Raises:
-        RunError: they do not.
     """
     search, lines = run.config.search, len(run.ledger.lines)
     expected = 1 + (1 + search.initial + 1) + search.generations * (search.candidates + 1) + len(run.eras) - 1
@@ -135,11 +132,7 @@ def check_sizes(run: RecordedRun) -> None:
 
 
 def check_records(run: RecordedRun, replayed: Replayed) -> None:
-    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release.
-
-    Raises:
-        DivergenceError: they are not what follows from the records.
-    """
+    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release."""
     remedy = "the command that began the run writes it again"
     path = run.directory.path
     spending = run.directory.read_spending()

@@ -51,11 +51,7 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 
 
 def compose_study(overrides: Sequence[str]) -> StudyConfig:
-    """Compose the configuration of a study from overrides such as `run=runs/NAME` and `seeds=5`.
-
-    Raises:
-        ConfigError: as `compose`.
-    """
+    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`."""
     _check_settings(overrides)
     with _hydra(keys(StudyConfig), overrides, command="study"):
         plain = _plain(hydra_compose("study", overrides=list(overrides)))
