@@ -29,11 +29,10 @@ def printable(text: str) -> str:
 
     Line breaks and tabs stay.
     """
-    return "".join(letter if letter.isprintable() or letter in "\n\t" else _escaped(letter) for letter in text)
-
-
-def _escaped(letter: str) -> str:
-    return letter.encode("unicode_escape").decode("ascii")
+    return "".join(
+        letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
 
 
 def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:

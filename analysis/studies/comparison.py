@@ -18,10 +18,11 @@ from analysis.statistics.samples import Sample
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.warnings import Caution, cautions, late_share
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.studies.terms import Terms, fewest_seeds
 
 
 class Verdict(StrEnum):

@@ -59,7 +59,8 @@ def continue_run(
     recorded = read_recorded(run)
     config = continued(recorded.config, overrides)
     eras = _eras(recorded.eras, recorded.config.search.generations, mix_rules, view)
-    _refuse_same_folder(config, run)
+    if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
+        raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
     require_means(config)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
@@ -70,11 +71,7 @@ def continue_run(
 
 
 def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: Progress) -> tuple[RulesLine, ...]:
-    """List the eras of a continued run: those of the published one and, where its rules are old, one more.
-
-    Raises:
-        RunError: they are old, and the user did not ask for a mix.
-    """
+    """List the eras of a continued run: those of the published one and, where its rules are old, one more."""
     last = eras[-1].rules
     if last == CURRENT:
         return eras
@@ -118,17 +115,8 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     return config
 
 
-def _refuse_same_folder(config: RunConfig, published: Path) -> None:
-    if config.run.dir is not None and Path(config.run.dir).resolve() == published.resolve():
-        raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
-
-
 def _laid(override: str, chosen: RunConfig, config: RunConfig) -> RunConfig:
-    """Return a configuration with what an override sets, a key or a group, as it was composed.
-
-    Raises:
-        ConfigError: it sets something that a continued run takes from the published one.
-    """
+    """Return a configuration with what an override sets, a key or a group, as it was composed."""
     key, _, value = override.partition("=")
     group, _, name = key.partition(".")
     if not hasattr(config, group) or group == "task":

@@ -145,11 +145,7 @@ def _unpacked(source: Path, folder: Path) -> Opened:
 
 
 def _jobs(folder: Path) -> tuple[str, ...]:
-    """Read the names of a sweep's jobs.
-
-    Raises:
-        RunError: sweep.json is damaged, has no jobs, or names one twice.
-    """
+    """Read the names of a sweep's jobs."""
     _, jobs = SweepDirectory(folder).read()
     names = tuple(job.name for job in jobs)
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -160,11 +156,7 @@ def _jobs(folder: Path) -> tuple[str, ...]:
 
 
 def _check_finished(directory: SweepDirectory) -> None:
-    """Check that every job of a sweep is finished: results of a part of it would be another sweep's.
-
-    Raises:
-        RunError: some did not; the message names them all.
-    """
+    """Check that every job of a sweep is finished: results of a part of it would be another sweep's."""
     unfinished = []
     for job in directory.read()[1]:
         if finished_digest(directory.run(job)) is None:
@@ -180,11 +172,7 @@ def _check_finished(directory: SweepDirectory) -> None:
 
 
 def _store_of(found: Opened) -> Path:
-    """Read which stores the runs have.
-
-    Raises:
-        RunError: this is not a run directory, or a sweep whose runs have several stores.
-    """
+    """Read which stores the runs have."""
     roots = set()
     for run in found.runs:
         config, _, _ = read_run(RunDirectory(run))

@@ -98,12 +98,7 @@ def publish(
 
 
 def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
-    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear.
-
-    Raises:
-        DivergenceError: the sweep's jobs are not what its sweep.json says.
-        RunError: a run is not finished, or a study is not one of its finished ones.
-    """
+    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear."""
     if found.jobs is None:
         run = _publishable(read_recorded(found.folder))
         target = folder / run.record.name
@@ -174,11 +169,7 @@ def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[Study
 
 
 def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
-    """Choose the studies of a run: those that were named, or all that are finished.
-
-    Raises:
-        RunError: one that was named is not a finished study of this run.
-    """
+    """Choose the studies of a run: those that were named, or all that are finished."""
     every = studies_of(run)
     whole = [study for study in every if _is_finished(study, digest)]
     if not chosen:

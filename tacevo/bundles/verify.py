@@ -117,9 +117,6 @@ def check_sizes(run: RecordedRun) -> None:
     """Check that a run has as many candidates and scores as its configuration and its studies say.
 
     Otherwise a few digits could ask for more memory than there is.
-
-    Raises:
-        RunError: they do not.
     """
     search, lines = run.config.search, len(run.ledger.lines)
     expected = 1 + (1 + search.initial + 1) + search.generations * (search.candidates + 1) + len(run.eras) - 1
@@ -135,11 +132,7 @@ def check_sizes(run: RecordedRun) -> None:
 
 
 def check_records(run: RecordedRun, replayed: Replayed) -> None:
-    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release.
-
-    Raises:
-        DivergenceError: they are not what follows from the records.
-    """
+    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release."""
     remedy = "the command that began the run writes it again"
     path = run.directory.path
     spending = run.directory.read_spending()
@@ -159,11 +152,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
-    """Check the name of every replayed study; tables and figures of it bear that name.
-
-    Raises:
-        DivergenceError: one is not.
-    """
+    """Check the name of every replayed study; tables and figures of it bear that name."""
     for study in studies_of(run):
         if study.path.name not in replayed:
             continue
@@ -233,11 +222,7 @@ def _first_line(was: str, now: str) -> str | None:
 
 
 def _check_files(run: Path, checked: Rerun) -> None:
-    """Check that a run has no candidate or study beside those that were compared.
-
-    Raises:
-        BundleError: it has.
-    """
+    """Check that a run has no candidate or study beside those that were compared."""
     found = {
         "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
         "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
@@ -248,11 +233,7 @@ def _check_files(run: Path, checked: Rerun) -> None:
 
 
 def _check_entries(store: Path, read: Set[Path]) -> None:
-    """Check that every store entry of a bundle was needed by a run of it.
-
-    Raises:
-        BundleError: one was not.
-    """
+    """Check that every store entry of a bundle was needed by a run of it."""
     names = {path.name for path in read}
     for path in sorted(store.rglob("*.json")):
         if path.name not in names:

@@ -64,12 +64,9 @@ def packed(members: Mapping[str, bytes]) -> bytes:
 
 
 def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) -> dict[str, str]:
-    """Write every member of a zip file into an empty directory.
+    """Write every member of a zip file into an empty directory; return the SHA-256 of each, by name.
 
     The caller removes the directory, also if this fails. Only members with a name of `places` are written.
-
-    Returns:
-        The SHA-256 of each member, by name.
 
     Raises:
         BundleError: it is damaged, or holds what `packed` never writes.

@@ -51,20 +51,12 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 
 
 def compose_study(overrides: Sequence[str]) -> StudyConfig:
-    """Compose the configuration of a study from overrides such as `run=runs/NAME` and `seeds=5`.
-
-    Raises:
-        ConfigError: as `compose`.
-    """
+    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`."""
     return _compose_command("study", StudyConfig, overrides)
 
 
 def compose_noise(overrides: Sequence[str]) -> NoiseConfig:
-    """Compose the configuration of a noise run from overrides such as `seeds=5`.
-
-    Raises:
-        ConfigError: as `compose`.
-    """
+    """Compose the configuration of a noise run from overrides such as `seeds=5`; errors are those of `compose`."""
     return _compose_command("noise", NoiseConfig, overrides)
 
 

@@ -9,6 +9,7 @@ from tacevo.choices import ChosenBy, MarginKind
 from tacevo.config.ranges import Count, Memory, Positive, Text, is_a
 from tacevo.config.schema import ExecutorConfig
 from tacevo.records import Record
+from tacevo.rounding import rounded
 
 
 def _is_all_or_count(value: int | str) -> bool:
@@ -24,12 +25,16 @@ class StudyStoreConfig(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarginConfig(Record):
+class Margin(Record):
     """The largest difference from the baseline that still counts as equality."""
 
-    #: In parts of the baseline's median, or in the unit of the metric.
+    #: In parts of the baseline's median (0.1 is 10 %), or in the unit of the metric.
     value: Positive
     kind: MarginKind
+
+    def around(self, median: float) -> float:
+        """Return the margin in the unit of the metric, around a baseline's median."""
+        return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +42,9 @@ class MarginsConfig(Record):
     """A margin for each kind of task."""
 
     #: Of the test MSE.
-    regression: MarginConfig
+    regression: Margin
     #: Of the test accuracy, in [0, 1].
-    classification: MarginConfig
+    classification: Margin
 
 
 @dataclass(frozen=True, kw_only=True)

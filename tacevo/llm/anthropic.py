@@ -3,6 +3,7 @@
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import anthropic
 import httpx2
@@ -10,7 +11,7 @@ from anthropic.types import Message
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import Body, SDKServer, shares
+from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Delivery, Json, Request
 
@@ -47,26 +48,14 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
         ConfigError: the environment holds no key, or the address is not a URL.
     """
     with _explaining():
-        # The SDK's own retries are off: `tacevo.llm.retry` says why.
-        clients = [
-            anthropic.AsyncAnthropic(
-                base_url=base_url,
-                max_retries=0,
-                timeout=TIMEOUT,
-                http_client=anthropic.DefaultAsyncHttpxClient(**share),
-            )
-            for share in shares(concurrency, TIMEOUT)
-        ]
+        made = partial(anthropic.AsyncAnthropic, base_url=base_url)
+        clients = clients_for(concurrency, TIMEOUT, made, anthropic.DefaultAsyncHttpxClient)
         _check_key(clients[0])
         return AnthropicServer(clients)
 
 
 def connect_batches(base_url: str | None) -> anthropic.Anthropic:
-    """Prepare to submit batches to Claude; otherwise like `connect`.
-
-    Raises:
-        ConfigError: the environment holds no key, or the address is not a URL.
-    """
+    """Prepare to submit batches to Claude; otherwise like `connect`."""
     with _explaining():
         client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT)
         _check_key(client)

@@ -153,11 +153,7 @@ class BatchLLM:
         return self._call(client, create)
 
     def _outcomes(self, client: anthropic.Anthropic, path: Path, record: BatchRecord) -> dict[str, Completion | Fault]:
-        """Wait for a batch, and read what became of the requests in its record.
-
-        Raises:
-            ConfigError: the server has no such batch, or no longer has its results.
-        """
+        """Wait for a batch, and read what became of the requests in its record."""
         batches, secrets = client.messages.batches, secrets_of(client)
 
         def results() -> dict[str, Completion | Fault]:
@@ -223,11 +219,7 @@ def _settings(request: Request) -> set[str]:
 def _outcome(
     result: MessageBatchIndividualResponse, record: BatchRecord, secrets: tuple[str, ...]
 ) -> Completion | Fault:
-    """Read what became of one request.
-
-    Raises:
-        FaultError: there is an answer, but it cannot be read.
-    """
+    """Read what became of one request."""
     outcome = result.result
     if outcome.type == "succeeded":
         completion = completion_of(outcome.message, Delivery.batch)

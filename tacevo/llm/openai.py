@@ -7,12 +7,13 @@ key comes from OPENAI_API_KEY; a server of one's own may want none.
 import json
 import os
 from collections.abc import Sequence
+from functools import partial
 
 import httpx2
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import Body, SDKServer, shares
+from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Json, Request
 
@@ -83,17 +84,8 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
         )
     check_key(key, "OPENAI_API_KEY")
     try:
-        # The SDK's own retries are off: `tacevo.llm.retry` says why.
-        clients = [
-            openai.AsyncOpenAI(
-                api_key=key,
-                base_url=base_url,
-                max_retries=0,
-                timeout=TIMEOUT,
-                http_client=openai.DefaultAsyncHttpxClient(**share),
-            )
-            for share in shares(concurrency, TIMEOUT)
-        ]
+        made = partial(openai.AsyncOpenAI, api_key=key, base_url=base_url)
+        clients = clients_for(concurrency, TIMEOUT, made, openai.DefaultAsyncHttpxClient)
     except (openai.OpenAIError, httpx2.InvalidURL) as error:
         raise ConfigError(str(error), place="llm=openai", remedy="check llm.base_url") from error
     # OpenAI's newer models know only the one name, other servers may know only the other.

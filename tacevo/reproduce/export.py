@@ -17,12 +17,9 @@ from tacevo.studies.study import replay_studies
 
 
 def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
-    """Write the entries that a run and its finished studies need into one file: exactly those that a replay reads.
+    """Write the entries that a replay of a run and its finished studies reads into one file; return their number.
 
     A file that stands at `target` is replaced. `store` is where the stores lie, if not where the run had them.
-
-    Returns:
-        The number of entries.
 
     Raises:
         DivergenceError: the run is not what its stores give.

@@ -84,12 +84,7 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
 
 
 def _compare_archives(run: RecordedRun, plan: Plan, state: SearchState) -> None:
-    """Compare archive.json and prompts.json with the replayed search.
-
-    Raises:
-        DivergenceError: one was edited; the message names the field.
-        RunError: one is missing or damaged.
-    """
+    """Compare archive.json and prompts.json with the replayed search."""
     for recorded, computed in zip(read_archive_files(run.directory), archive_files(plan, state), strict=True):
         if recorded != computed:
             field, (was, now) = first_difference(recorded, computed)

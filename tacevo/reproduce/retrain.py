@@ -52,15 +52,6 @@ class Retrained:
     doubts: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Chosen:
-    """What of one run is trained again."""
-
-    run: RecordedRun
-    #: Of evaluations.
-    lines: tuple[CandidateLine, ...]
-
-
 def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> Retrained:
     """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
 
@@ -80,17 +71,15 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> R
     """
     pairs = evaluations(runs)
     drawn = sampled(pairs, count, runs[0].config.seed)
-    chosen = [_Chosen(run=run, lines=tuple(line for of, line in drawn if of is run)) for run in runs]
     doubts: dict[str, None] = {}
-    for part in chosen:
-        if part.lines:
-            name = f"{part.run.directory.path.name} " if len(runs) > 1 else ""
-            doubts |= dict.fromkeys(_retrain(part, view, name))
-    lines = [line for part in chosen for line in part.lines]
-    trained = [line for line in lines if line.stage is None]
+    for run in runs:
+        name = f"{run.directory.path.name} " if len(runs) > 1 else ""
+        if lines := [line for of, line in drawn if of is run]:
+            doubts |= dict.fromkeys(_retrain(run, lines, view, name))
+    trained = [line for _, line in drawn if line.stage is None]
     return Retrained(
         trained=len(trained),
-        rejected=len(lines) - len(trained),
+        rejected=len(drawn) - len(trained),
         of=len(pairs),
         not_recorded=tuple(name for name in _FIELDS if any(getattr(line, name) is None for line in trained)),
         doubts=tuple(doubts),
@@ -111,26 +100,26 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Candidat
     return list(found.values())
 
 
-def _retrain(chosen: _Chosen, view: Progress, name: str) -> tuple[str, ...]:
+def _retrain(run: RecordedRun, lines: Sequence[CandidateLine], view: Progress, name: str) -> tuple[str, ...]:
     """Train candidates of one run again and compare; say why equal bits were not promised.
 
     `name` stands before a candidate's id; it is empty where there is one run only.
     """
-    run, config = chosen.run, chosen.run.config
+    config = run.config
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    sources = [run.directory.read_source(line.id, str(line.source)) for line in chosen.lines]
+    sources = [run.directory.read_source(line.id, str(line.source)) for line in lines]
     data = load_same(config, run.record.data, view)
     seed = derived_seed(config.seed, "training")
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
         retrained = bench.executor.map(partial(bench.evaluator(CURRENT).retrain, seed=seed), sources)
-        results = zip(chosen.lines, retrained, strict=True)
+        results = zip(lines, retrained, strict=True)
         for number, (line, result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
-            view.say(f"{name}{line.id}: as recorded ({number} of {len(chosen.lines)})")
+            view.say(f"{name}{line.id}: as recorded ({number} of {len(lines)})")
     return doubts
 
 

@@ -52,7 +52,7 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def locked(folder: Path, setting: str) -> Iterator[None]:
-    """Lock a directory for this process alone.
+    """Lock a directory for this process alone; a killed process lets go of it by itself.
 
     Args:
         folder: made if it is absent.

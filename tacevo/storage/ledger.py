@@ -104,7 +104,9 @@ class Ledger:
         sealed, digest = seal(written(line), self.digest)
         if self.committed < self.recorded:
             if self._recorded.hashes[self.committed] != digest:
-                raise _divergence(self._recorded.lines[self.committed], line)
+                recorded = self._recorded.lines[self.committed]
+                field, (was, now) = first_difference(recorded, line)
+                raise DivergenceError(now, place=f"{place_of(recorded)}, {field}", expected=f"{was} as recorded")
         elif self._file is not None:
             _append(self._file, f"{canonical(sealed)}\n".encode())
         self.committed += 1
@@ -193,12 +195,6 @@ def _append(file: FileIO, data: bytes) -> None:
             place=str(file.name),
             remedy="make room, and run the same command again",
         ) from error
-
-
-def _divergence(recorded: object, line: object) -> DivergenceError:
-    """Write the first field in which a recomputed line differs from the recorded one."""
-    field, (was, now) = first_difference(recorded, line)
-    return DivergenceError(now, place=f"{place_of(recorded)}, {field}", expected=f"{was} as recorded")
 
 
 def first_difference(one: object, other: object) -> tuple[str, tuple[str, str]]:

@@ -14,7 +14,7 @@ import contextlib
 import fcntl
 import hashlib
 import os
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -95,15 +95,9 @@ class RunDirectory:
         """The ledger's path."""
         return self.path / "ledger.jsonl"
 
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the directory for this process alone; a killed process lets go of it by itself.
-
-        Raises:
-            RunError: another process is at work in it, or the directory cannot be made.
-        """
-        with locked(self.path, "run.dir"):
-            yield
+    def locked(self) -> AbstractContextManager[None]:
+        """Hold the directory for this process alone (see `tacevo.storage.files.locked`)."""
+        return locked(self.path, "run.dir")
 
     @property
     def is_busy(self) -> bool:

@@ -211,11 +211,7 @@ def _key(kind: str, request: Json) -> str:
 
 
 def read_entry(path: Path) -> Entry:
-    """Read the entry in a file of a store.
-
-    Raises:
-        StoreError: as `check_entry`.
-    """
+    """Read the entry in a file of a store, by `check_entry`."""
     return check_entry(path, path.read_bytes(), path.parts[-3], path.stem)
 
 

@@ -6,8 +6,8 @@ failed/NAME.json      why a job failed, until it is repeated and succeeds
 launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
 """
 
-import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -71,15 +71,9 @@ class SweepDirectory:
         """The directory of what launching leaves behind."""
         return self.path / "launch"
 
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the sweep for this process alone.
-
-        Raises:
-            RunError: another process is at work in it, or the directory cannot be created.
-        """
-        with locked(self.path, "--into"):
-            yield
+    def locked(self) -> AbstractContextManager[None]:
+        """Hold the sweep for this process alone (see `tacevo.storage.files.locked`)."""
+        return locked(self.path, "--into")
 
     def log(self, job: Job) -> Path:
         """Return the file that holds the last output of a job."""

@@ -10,9 +10,10 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from tacevo.errors import RunError
-from tacevo.records import Json, to_json, written
+from tacevo.records import to_json, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import sweep, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
@@ -48,32 +49,19 @@ class StudyDirectory:
     def _remedy(self) -> str:
         return f"delete {self.path}; `tacevo study` writes it again from the store"
 
-    def begin(
-        self,
-        header: StudyHeader,
-        *,
-        scale: tuple[float, ...],
-        units: tuple[str, ...],
-        versions: dict[str, str],
-        machine: dict[str, Json],
-    ) -> None:
-        """Write study.json, unless it describes this very study already; only the header decides that."""
+    def begin(self, header: StudyHeader, **circumstances: Any) -> None:
+        """Write study.json, unless it describes this very study already, whatever the circumstances then.
+
+        Args:
+            header: what decides the scores.
+            circumstances: the other fields of a `StudyRecord`: scale, units, versions and machine.
+        """
         sweep(self.path)
         with contextlib.suppress(RunError):
             if describes(self.read(), header):
                 return
         design = {field.name: getattr(header, field.name) for field in fields(Design)}
-        record = StudyRecord(
-            **design,
-            schema=SCHEMA,
-            name=self.path.name,
-            scale=scale,
-            units=units,
-            versions=versions,
-            machine=machine,
-            digest=None,
-        )
-        self._write(record)
+        self._write(StudyRecord(schema=SCHEMA, name=self.path.name, **design, **circumstances, digest=None))
 
     def finish(self, header: StudyHeader, rows: Sequence[Row]) -> str:
         """Write the scores, or compare them with those that stand here; return the digest.

@@ -31,7 +31,7 @@ from tacevo.studies.directory import StudyDirectory, describes, name_study, stud
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
 from tacevo.studies.networks import networks_of
 from tacevo.studies.noise import estimates_of, noise_digest
-from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
@@ -152,13 +152,10 @@ def _carry_out(plan: _Plan, wanted: int, executor: ExecutorConfig, view: Progres
 
 
 def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
-    """Compute the scores of a run's finished studies again from the store alone, and compare every line.
+    """Compare every score of a run's finished studies with the store alone; return the digest of each, by its name.
 
     Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
     is read.
-
-    Returns:
-        The digest of each study, by its name.
 
     Raises:
         DivergenceError: a score differs, or the study is not about the networks that the run found.
@@ -209,7 +206,7 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
 def _stated(config: StudyConfig, kind: Kind) -> Terms:
     """Return the terms that a configuration states for a kind of task."""
     chosen = config.margins.regression if kind is Kind.regression else config.margins.classification
-    return Terms(alpha=config.alpha, margin=Margin(value=chosen.value, kind=chosen.kind))
+    return Terms(alpha=config.alpha, margin=chosen)
 
 
 def _evaluator(bench: Workbench, header: StudyHeader) -> Evaluator | FullEvaluator:

@@ -7,22 +7,9 @@ from typing import Annotated
 
 from annotated_types import Gt, Lt
 
-from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.records import Record
 from tacevo.rounding import rounded
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Margin(Record):
-    """The largest shift that is called no difference."""
-
-    #: Above 0; 0.1 is 10 % of the baseline's median, or 0.1 of the metric.
-    value: Annotated[float, Gt(0)]
-    kind: MarginKind
-
-    def around(self, median: float) -> float:
-        """Return the margin in the unit of the metric, around a baseline's median."""
-        return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
 
 
 def fewest_seeds(alpha: float) -> int:

@@ -60,11 +60,6 @@ class Launcher:
     #: By name, as `n_jobs`.
     options: Mapping[str, Json]
 
-    @property
-    def most(self) -> int:
-        """Jobs at once on this machine, once it is checked."""
-        return int(str(self.options["n_jobs"]))
-
 
 def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]:
     """Separate the overrides of the launcher from the settings of the jobs.
@@ -132,11 +127,15 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     if launcher.cluster:
         _launch_on_cluster(directory, jobs, launcher, show)
     else:
-        _launch_here(directory, jobs, launcher.most, show)
+        _launch_here(directory, jobs, launcher, show)
 
 
-def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, show: Callable[[Job], None]) -> None:
-    """Run jobs as processes, so many at once."""
+def _launch_here(
+    directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
+) -> None:
+    """Run jobs as processes, so many at once as the launcher says."""
+    most = launcher.options["n_jobs"]
+    assert isinstance(most, int)  # `check_launcher` refuses anything else
     waiting, running = list(jobs), dict[Job, subprocess.Popen[bytes]]()
     try:
         while waiting or running:
@@ -182,11 +181,7 @@ def run_job(sweep: Path, name: str) -> None:
 
 
 def _executor(launcher: Launcher, directory: Path) -> "submitit.AutoExecutor":
-    """Return the executor of a cluster, with its parameters.
-
-    Raises:
-        ConfigError: see `check_launcher`.
-    """
+    """Return the executor of a cluster, with its parameters."""
     cluster = _CLUSTERS[launcher.cluster]
     options = {key if key in _SHARED else f"{cluster}_{key}": value for key, value in launcher.options.items()}
     try:

@@ -217,9 +217,6 @@ def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: S
     """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
     All of them are checked: what is shared may be overridden by the arm of any one.
-
-    Raises:
-        RunError: a job would be another search.
     """
     for job in before:
         try:
@@ -237,11 +234,7 @@ def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: S
 
 
 def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
-    """Return how a job stands, if what was begun in its directory is the job as it is asked for now.
-
-    Raises:
-        RunError: it is another configuration's, or the task's texts have changed since.
-    """
+    """Return how a job stands, if what was begun in its directory is the job as it is asked for now."""
     run = directory.run(job)
     begun = bool(read_ledger(run).lines)
     if not begun or not (run.path / "run.json").exists():

@@ -91,7 +91,7 @@ def find_runs(path: Path) -> tuple[Path, ...]:
 def _mirror(path: Path, given: str) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
     directory = RunDirectory(path)
-    tracking = read_settings(directory.read_run()).tracking
+    tracking = read_settings(directory.read_run(), f"{path}/run.json").tracking
     read_ledger(directory)  # checks the chain
     uri = given or ("" if "***" in tracking.uri else tracking.uri)  # earlier versions hid passwords so
     address = store_address(uri)

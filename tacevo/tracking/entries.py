@@ -60,21 +60,18 @@ def config_params(config: Mapping[str, Json]) -> dict[str, str]:
 
 
 def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -> dict[str, str]:
-    """Return how a candidate was asked for and, where it was rejected, at which stage and why.
-
-    Returns:
-        Params by name; what does not apply to the candidate is left out.
-    """
-    shown: dict[str, Json] = {key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")}
-    shown["temperature"] = line.sent_temperature
-    shown["dropped"] = ",".join(line.dropped) or None
-    shown["parents"] = ",".join(line.parents) or None
-    shown["repairs"] = len(line.repairs) or None
-    if line.prompt is not None:
-        instruction = instructions[line.prompt]
-        shown |= {"instruction": instruction.id, "instruction_text": instruction.text}
-    elif line.operator is Operator.crossover:
-        shown["instruction"] = "crossover"
+    """Return how a candidate was asked for and, if rejected, where and why; what does not apply is left out."""
+    instruction = None if line.prompt is None else instructions[line.prompt]
+    crossover = "crossover" if line.operator is Operator.crossover else None
+    shown = {
+        **{key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")},
+        "temperature": line.sent_temperature,
+        "dropped": ",".join(line.dropped) or None,
+        "parents": ",".join(line.parents) or None,
+        "repairs": len(line.repairs) or None,
+        "instruction": instruction.id if instruction else crossover,
+        "instruction_text": instruction.text if instruction else None,
+    }
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 

@@ -49,13 +49,13 @@ class Settings:
     tracking: _Tracking
 
 
-def read_settings(run: RunRecord) -> Settings:
+def read_settings(run: RunRecord, place: str = "run.json") -> Settings:
     """Read the settings that the mirror acts on.
 
     Raises:
         RunError: the configuration lacks one.
     """
-    return convert(Settings, run.config, place="run.json, config", error=RunError, remedy="restore the file")
+    return convert(Settings, run.config, place=f"{place}, config", error=RunError, remedy="restore the file")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

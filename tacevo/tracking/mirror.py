@@ -89,10 +89,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
 
 
 def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Line]]:
-    """Yield a ledger's lines as they are committed, until `finished`; the file may not exist yet.
-
-    Returns:
-        The hash of each line, and its record.
+    """Yield hash and record of a ledger's lines as they are committed, until `finished`; the file may not exist yet.
 
     Raises:
         RunError: a line is damaged.

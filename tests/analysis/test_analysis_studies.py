@@ -13,12 +13,13 @@ from studies import study_of
 
 from analysis.studies.scores import Study
 from analysis.studies.study import check_alike, load_study
-from tacevo.choices import MarginKind
+from tacevo.choices import MarginKind, Numerics
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Kind, Limits, Reason, Recipe, Stage
 from tacevo.studies.directory import StudyDirectory
 from tacevo.studies.lines import FailedLine, Row, ScoreLine
-from tacevo.studies.terms import Margin, Terms
+from tacevo.studies.terms import Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,
@@ -128,9 +129,13 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "field", "values"),
     [
-        (lambda study: replace(study, fingerprint="e" * 64), "fingerprint", ("f" * 64, "e" * 64)),
+        (
+            lambda study: replace(study, data=replace(study.data, fingerprint="e" * 64)),
+            "fingerprint",
+            ("f" * 64, "e" * 64),
+        ),
         (lambda study: replace(study, recipe=replace(RECIPE, epochs=9)), "recipe", ("epochs=2", "epochs=9")),
-        (lambda study: replace(study, numerics="fast"), "numerics", ("portable", "fast")),
+        (lambda study: replace(study, numerics=Numerics.fast), "numerics", ("portable", "fast")),
         (lambda study: replace(study, seeds=2), "seeds", ("3", "2")),
     ],
 )

@@ -71,7 +71,11 @@ def confused() -> Study:
     networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
     study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
     counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
-    return replace(study, names=("a", "b", "c"), scores=tuple(replace(one, confusion=counts) for one in study.scores))
+    return replace(
+        study,
+        data=replace(study.data, names=("a", "b", "c")),
+        scores=tuple(replace(one, confusion=counts) for one in study.scores),
+    )
 
 
 def of_networks(study: Study, count: int) -> Study:
@@ -341,7 +345,8 @@ def test_names_of_users_are_no_formulas() -> None:
     """An instruction or a class whose name Matplotlib would read as broken mathematics is written as it is."""
     name = r"50$ or $\nonsense$"
     named = replace(RUN, instructions=(name, name))
-    study = replace(confused(), names=(name, "b", "c"))
+    study = confused()
+    study = replace(study, data=replace(study.data, names=(name, "b", "c")))
     for drawn in (
         prompt_productivity(by_prompt(named)),
         lineage(find_lineage(named, "g01s00")),
@@ -403,7 +408,7 @@ def test_confusion_shows_every_network_at_its_median_seed() -> None:
     """Not one seed for all, which may be the best of one network and the worst of another."""
     study = study_of({"baseline": [1.0, 0.8, 0.9], "variant 1": [0.7, 0.8, 0.9]}, kind=Kind.classification)
     best = replace(study, scores=tuple(replace(one, confusion=_diagonal(one.seed + 1)) for one in study.scores))
-    left, right = confusion_matrices(replace(best, names=("a", "b"))).axes
+    left, right = confusion_matrices(replace(best, data=replace(best.data, names=("a", "b")))).axes
     assert [axes.get_title() for axes in (left, right)] == ["baseline, seed 2", "variant 1, seed 1"]
     assert {text.get_text() for text in left.texts} == {"3\n100"}
     assert len(confusion_matrices(confused()).axes) == 5

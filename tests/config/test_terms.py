@@ -6,9 +6,10 @@ import pytest
 from refusals import refused
 
 from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.typed import convert
 
 
