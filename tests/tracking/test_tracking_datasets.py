@@ -5,7 +5,6 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from mirrored import CODE, DATA, LINES, build_run, facts, mirror_once, open_store
 
 from tacevo.environment import checked_out
@@ -13,9 +12,6 @@ from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.tracking.facts import RunFacts, data_set, source_tags
 from tacevo.typed import convert
-
-# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
 
 
 def described(source: str = "simulated", root: str | None = None) -> RunFacts:
