@@ -100,11 +100,11 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
 }
 
 
-@pytest.fixture(params=DRAWN)
-def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
-    """Return every figure in turn, with the width it must have."""
-    draw, width = DRAWN[request.param]
-    return draw(), width
+@pytest.fixture(scope="module", params=DRAWN)
+def figure(request: pytest.FixtureRequest) -> tuple[Figure, bytes]:
+    """Return every figure in turn, drawn once, and its picture."""
+    drawn = DRAWN[request.param][0]()
+    return drawn, render(drawn, ".png")
 
 
 def texts(figure: Figure) -> list[str]:
@@ -131,21 +131,19 @@ def cells_of(axes: Axes, label: str | None) -> int:
     return sum(len(one.get_paths()) for one in chosen)
 
 
-def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, float]) -> None:
+def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, bytes], request: pytest.FixtureRequest) -> None:
     """To the pixel: nothing is cropped or added when it is saved."""
-    drawn, width = figure
-    assert Image.open(io.BytesIO(render(drawn, ".png"))).width == int(width * 300)
+    (width,) = (width for name, (_, width) in DRAWN.items() if f"[{name}]" in request.node.name)
+    assert Image.open(io.BytesIO(figure[1])).width == int(width * 300)
 
 
-def test_letters_have_7_or_8_points(figure: tuple[Figure, float]) -> None:
+def test_letters_have_7_or_8_points(figure: tuple[Figure, bytes]) -> None:
     """Sub- and superscripts aside, which are parts of a text."""
-    drawn, _ = figure
-    render(drawn, ".png")
-    sizes = {text.get_fontsize() for text in drawn.findobj(Text) if isinstance(text, Text) and text.get_text()}
+    sizes = {text.get_fontsize() for text in figure[0].findobj(Text) if isinstance(text, Text) and text.get_text()}
     assert sizes <= {7.0, 8.0}
 
 
-def test_no_text_leaves_its_figure(figure: tuple[Figure, float]) -> None:
+def test_no_text_leaves_its_figure(figure: tuple[Figure, bytes]) -> None:
     """Every word that is drawn lies within the page; half a point of slack for what surrounds the letters."""
     drawn, _ = figure
     with house_style():

@@ -14,11 +14,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from _pytest.mark import ParameterSet
 from bundles import Members, Refused, entries_of, honest, members_of, resealed, with_entries, with_line
 from rich.console import Console
 
@@ -28,6 +29,7 @@ from tacevo.bundles.verify import table_difference, verify
 from tacevo.cli.app import main
 from tacevo.errors import BundleError
 from tacevo.runs.progress import Progress
+from tacevo.storage.store import KINDS
 
 
 @pytest.fixture
@@ -55,6 +57,15 @@ def verify_at(bundle: Path) -> None:
     """Verify a bundle's searches and studies, without its tables."""
     with opened(bundle) as found, Progress(Console(file=io.StringIO())) as view:
         verify(found, lambda run, store: {}, view)
+
+
+def few_of(names: Sequence[str], contents: Sequence[Any]) -> list[ParameterSet]:
+    """Pair each content with one name; all other pairs are brute force."""
+    return [
+        pytest.param(name, content, marks=[] if at % len(names) == place else pytest.mark.long)
+        for at, content in enumerate(contents)
+        for place, name in enumerate(names)
+    ]
 
 
 def changed(entries: list[dict[str, Any]], kind: str, change: Callable[[Any], object]) -> list[dict[str, Any]]:
@@ -284,9 +295,12 @@ def test_name_of_a_run_that_is_no_folders_is_refused(name: Any, whole: Members, 
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"[]", b"{}", b"null", b"[" * 100_000, b"\xff", b'{"schema": 1, "name": "x"}']
+    ("name", "content"),
+    few_of(
+        ["run.json", "ledger.jsonl", "archive.json", "prompts.json", "timings.jsonl"],
+        [b"", b"[]", b"{}", b"null", b"[" * 100_000, b"\xff", b'{"schema": 1, "name": "x"}'],
+    ),
 )
-@pytest.mark.parametrize("name", ["run.json", "ledger.jsonl", "archive.json", "prompts.json", "timings.jsonl"])
 def test_nonsense_is_refused_without_a_traceback(
     name: str, content: bytes, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -296,8 +310,10 @@ def test_nonsense_is_refused_without_a_traceback(
     assert capsys.readouterr().err.splitlines()[-1].startswith(("refused: ", "different: "))
 
 
-@pytest.mark.parametrize("kind", ["answers", "centroids", "completions", "evaluations", "probes", "studies"])
-@pytest.mark.parametrize("answer", [None, [], {}, "text", 5, [[1]], {"training": 1, "profile": 2, "rejection": 3}])
+@pytest.mark.parametrize(
+    ("kind", "answer"),
+    few_of(KINDS, [None, [], {}, "text", 5, [[1]], {"training": 1, "profile": 2, "rejection": 3}]),
+)
 def test_answer_of_no_known_form_is_refused(
     answer: Any, kind: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ import fakes
 import pytest
 from refusals import refused
 
-from tacevo.choices import ArchiveKind, Axis, ParentPolicy, PromptPolicy, Provider, Scale, TemperatureRule
+from tacevo.choices import Provider, Scale, TemperatureRule
 from tacevo.config.ablation import check_change, parse_arm, read_arm, split_arm
 from tacevo.config.compose import compose
 from tacevo.config.folder import groups
@@ -301,14 +301,3 @@ def test_every_arm_is_documented() -> None:
     page = (Path(__file__).parents[2] / "docs" / "ablations.md").read_text(encoding="utf-8")
     table = page.partition("| arm |")[2].partition("\n\n")[0]
     assert [name for name in groups()["ablation"] if f"`{name}`" not in table] == []
-
-
-def test_arms_have_the_settings_that_they_are_named_after() -> None:
-    """One look at what each arm is."""
-    assert arm("no_qd").archive.kind is ArchiveKind.best
-    assert arm("arch_div_only").archive.axes == (Axis.arch_div,)
-    assert arm("eff_ratio_only").archive.axes == (Axis.eff_ratio,)
-    assert arm("linear_eff_ratio").archive.eff_ratio_scale is Scale.linear
-    assert arm("random_parents_only_baseline").proposals.parents is ParentPolicy.baseline
-    assert arm("no_prompt_archive").prompts.policy is PromptPolicy.none
-    assert arm("llm_vs_grammar").llm.provider is Provider.grammar

@@ -20,14 +20,10 @@ from tacevo.records import Delivery, Request
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
+pytestmark = pytest.mark.usefixtures("keys")
+
 ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
 ANSWERS = ["a!", "b!", "c!", "d!", "e!"]
-
-
-@pytest.fixture(autouse=True)
-def _key(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put the key where the SDK looks for it."""
-    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
 
 
 @pytest.fixture
@@ -218,7 +214,7 @@ print(recorded(sys.argv[1], Path(sys.argv[2])))
 @pytest.mark.parametrize("stall", ["polled", "results"])
 def test_killed_run_submits_nothing_twice(stall: str, tmp_path: Path) -> None:
     """SIGKILL while it waits for the batch, and while it reads."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ANTHROPIC_API_KEY": KEY}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with serving(Script(stall=stall)) as server:
         child = subprocess.Popen([sys.executable, "-c", _RUN, server.url, str(tmp_path)], env=environment)
         assert server.stalled.wait(timeout=60)

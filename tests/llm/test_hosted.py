@@ -9,8 +9,6 @@ import logging
 import os
 import signal
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from hosted import KEY, PROVIDERS, hosted, request
 from llm_script import Script, text_of
 from llm_server import serving
 from refusals import refused
+from waiting import eventually
 
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.failures import Models
@@ -32,14 +31,8 @@ from tacevo.storage.store import Store
 
 QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
+pytestmark = pytest.mark.usefixtures("keys")
 both = pytest.mark.parametrize("provider", PROVIDERS)
-
-
-@pytest.fixture(autouse=True)
-def _keys(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put keys where the SDKs look for them."""
-    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
-        monkeypatch.setenv(name, KEY)
 
 
 def texts(llm: HostedLLM, *asked: str) -> list[str]:
@@ -436,7 +429,7 @@ def test_answers_are_stored_before_the_reader_sees_them(tmp_path: Path) -> None:
     answers = RecordingLLM(llm, Store(tmp_path, "completions")).complete([request(text) for text in "abc"])
     server.go.release(3)
     next(answers)
-    until(lambda: held(tmp_path) == ["a", "b", "c"])
+    assert eventually(lambda: held(tmp_path) == ["a", "b", "c"])
 
 
 def test_reader_who_leaves_loses_no_answer(tmp_path: Path) -> None:
@@ -446,7 +439,7 @@ def test_reader_who_leaves_loses_no_answer(tmp_path: Path) -> None:
     answers = RecordingLLM(llm, Store(tmp_path, "completions")).complete(asked)
     server.go.release()
     next(answers)
-    until(lambda: len(server.begun) == 4)
+    assert eventually(lambda: len(server.begun) == 4)
     threading.Timer(0.3, server.go.release, (2,)).start()
     answers.close()  # type: ignore[attr-defined]
     assert sorted(server.begun) == ["a", "b", "c", "retried"]
@@ -470,7 +463,7 @@ class _Broken(_Slow):
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         if request.messages[-1].content == "a":
-            await asyncio.to_thread(until, lambda: self.begun == ["b"])
+            await asyncio.to_thread(eventually, lambda: self.begun == ["b"])
             raise RuntimeError("unforeseen")
         return await super().ask(request, dropped)
 
@@ -500,9 +493,3 @@ def test_full_disk_stops_the_asking_and_nothing_else(tmp_path: Path) -> None:
     with refused(StoreError, got="full"):
         list(answers)
     assert sorted(server.begun) in (["a", "b"], ["a", "b", "c"])  # the third may begin before the first failed
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for another thread, up to the test's own time limit."""
-    while not condition():
-        time.sleep(0.005)

@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hosted import KEY, PROVIDERS, hosted, request
+from hosted import PROVIDERS, hosted, request
 from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 
@@ -21,12 +21,7 @@ from tacevo.llm.recording import RecordingLLM
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
-
-@pytest.fixture(autouse=True)
-def _keys(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put keys where the SDKs look for them."""
-    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
-        monkeypatch.setenv(name, KEY)
+pytestmark = pytest.mark.usefixtures("keys")
 
 
 def ask(url: str, root: Path, count: int, provider: str = "anthropic") -> Counter[str]:

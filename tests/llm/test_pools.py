@@ -4,7 +4,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from hosted import KEY, PROVIDERS, hosted, request
+from hosted import PROVIDERS, hosted, request
 from llm_script import Script
 from llm_server import serving
 
@@ -21,11 +21,10 @@ def test_requests_are_dealt_out_to_as_many_clients_as_needed(concurrency: int, c
     assert len({id(share["verify"]) for share in given}) == 1
 
 
+@pytest.mark.usefixtures("keys")
 @pytest.mark.parametrize("provider", PROVIDERS)
-def test_more_than_one_share_is_in_flight_at_once(provider: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_than_one_share_is_in_flight_at_once(provider: str) -> None:
     """Three shares' requests are open together, and every one is answered."""
-    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
-        monkeypatch.setenv(name, KEY)
     many = 3 * SHARE
     with serving(Script(together=many)) as server:
         llm = hosted(server.url, provider, concurrency=many)

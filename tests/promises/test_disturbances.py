@@ -44,14 +44,6 @@ pytestmark = unhurried
 Whole = tuple[Path, str]
 
 
-@pytest.fixture
-def copied(whole_search: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a copy of the finished search as the working directory, to be spoilt."""
-    shutil.copytree(whole_search[0], tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def here(*overrides: str) -> int:
     """Search in this process; give the exit status."""
     return main(["search", *SEARCH, UNTRACKED, *overrides])
@@ -247,7 +239,7 @@ def expect_nothing_lost(folder: Path, digest: str) -> None:
     assert mirrored(folder / "later.db") == (1 + CANDIDATES, digest)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_server_of_mlflow_that_was_never_there_is_a_warning(
     whole_search: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,7 +3,6 @@
 What looks alike and is honest is admitted.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -24,16 +23,9 @@ from tacevo.sandbox.candidate import check_leaves
 #: Reasons that lies have, too, and that are older than these rules.
 OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}
 
+pytestmark = pytest.mark.usefixtures("torch_settings")
+
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
-
-
-@pytest.fixture(autouse=True)
-def _torch_settings() -> Iterator[None]:
-    """Undo what the probe sets for the whole process, because here it does not end with it."""
-    deterministic = torch.are_deterministic_algorithms_enabled()
-    with torch.random.fork_rng(devices=[]):
-        yield
-    torch.use_deterministic_algorithms(deterministic)
 
 
 def probed(source: str) -> Any:

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from smallest import SMALLEST, UNTRACKED, Once
+from waiting import eventually
 
 from analysis.runs.run import load_run
 from analysis.studies.study import load_study
@@ -218,9 +218,7 @@ def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder:
     forget(folder)
     command = [sys.executable, "-m", "tacevo.cli.app", "study", *STUDY, "executor.workers=1"]
     study = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120
-    while not trainings(folder) and time.monotonic() < deadline:
-        time.sleep(0.005)
+    assert eventually(lambda: trainings(folder) > 0, seconds=120)
     study.send_signal(number)
     _, errors = study.communicate(timeout=60)
     assert "Traceback" not in errors

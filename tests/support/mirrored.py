@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fakes import TASK
-from ledger_lines import ended, header, rejected, run_record, trained
+from ledger_lines import FACTS, ended, header, rejected, run_record, trained
 
 from tacevo.environment import Code
-from tacevo.records import DataFacts, Instruction, Kind, Operator, to_json
+from tacevo.records import Instruction, Operator, to_json
 from tacevo.search.archive import AddStatus
 from tacevo.search.lines import CandidateLine, Line, line_kind
 from tacevo.storage.files import write_durably
@@ -23,15 +23,7 @@ if TYPE_CHECKING:
 
 INSTRUCTIONS = (Instruction(id="widen", text="Widen every convolution."), Instruction(id="gelu", text="ReLU to GELU."))
 #: A data set of the sensor's forces, and a commit, as run.json has them.
-DATA = DataFacts(
-    fingerprint="0123456789abcdef" * 4,
-    kind=Kind.regression,
-    counts=(60, 20, 20),
-    in_channels=3,
-    image_size=64,
-    outputs=3,
-    names=("Fx", "Fy", "Fz"),
-)
+DATA = replace(FACTS, fingerprint="0123456789abcdef" * 4, counts=(60, 20, 20), image_size=64)
 CODE: dict[str, Any] = {"commit": "fedcba98" * 5, "dirty": False}
 HEADER = header(task="force", data=DATA)
 FIGURES = {"train_losses": (0.75, 0.5), "parameters": 1200, "flops": 34000, "arch_div": 0.5, "eff_ratio": 1.5}

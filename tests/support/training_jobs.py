@@ -3,23 +3,16 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+import fakes
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tacevo.records import Contract, Kind, Limits, Loss, Recipe, to_json
+from tacevo.records import Limits, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.training.evaluation import Examples
 
-CONTRACT = Contract(
-    class_name="Net",
-    kind=Kind.regression,
-    loss=Loss.mse,
-    in_channels=3,
-    image_size=4,
-    outputs=2,
-    output_argument="num_outputs",
-)
+CONTRACT = replace(fakes.CONTRACT, image_size=4, outputs=2)
 RECIPE = Recipe(
     epochs=4, batch_size=16, learning_rate=1e-2, optimiser="adam", limits=Limits(seconds=20, memory_mib=400)
 )

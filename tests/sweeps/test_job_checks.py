@@ -10,7 +10,7 @@ import pytest
 from refusals import refused
 
 from tacevo.errors import DivergenceError
-from tacevo.storage.sweep_directory import SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.sweeps.check import check_jobs
 
 Edit = Callable[[Any], object]
@@ -97,17 +97,3 @@ def test_default_that_changed_makes_no_sweep_another_one(sweep: Path) -> None:
     """What counts is what the runs recorded: overrides are not composed again under the defaults of the day."""
     edit(sweep, lambda told: told.update(overrides=["experiment=of_an_earlier_release"]))
     check_jobs(SweepDirectory(sweep))
-
-
-@pytest.mark.parametrize(
-    ("overrides", "arm"),
-    [
-        (["ablation=none", "seed=3"], "none"),
-        (["seed=3", "temperature=fixed"], "temperature=fixed"),
-        (["ablation=none", "training.epochs=2", "seed=0"], "none training.epochs=2"),
-        (["seed=0"], "none"),
-    ],
-)
-def test_arm_is_what_is_varied_but_the_seed(overrides: list[str], arm: str) -> None:
-    """An ablation by its name alone."""
-    assert name_arm(overrides) == arm

@@ -5,7 +5,6 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from mirrored import CODE, DATA, LINES, build_run, facts, mirror_once, open_store
 
 from tacevo.environment import Code, checked_out
@@ -14,9 +13,6 @@ from tacevo.records import Kind
 from tacevo.storage.run_directory import RunRecord
 from tacevo.tracking.facts import data_set, source_tags
 from tacevo.typed import convert
-
-# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
 
 
 def described(source: str = "simulated", root: str | None = None) -> RunRecord:
