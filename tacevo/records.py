@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
 if TYPE_CHECKING:
@@ -335,8 +336,10 @@ def to_json(record: Any) -> Any:
 
     Enums become their values and tuples become lists; NaN and infinity stay, for the writer to refuse.
     """
-    if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        return {field.name: to_json(getattr(record, field.name)) for field in dataclasses.fields(record)}
+    if type(record) in _SCALARS:  # most values; what follows takes ten times as long
+        return record
+    if fields := _fields(type(record)):
+        return {field.name: to_json(getattr(record, field.name)) for field in fields}
     if isinstance(record, StrEnum):
         return record.value
     if isinstance(record, Mapping):
@@ -351,11 +354,20 @@ def written(record: Any) -> dict[str, Json]:
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    fields = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
-    return {field.name: _written(value) for field, value in fields if field.name == "kind" or value != field.default}
+    values = ((field, getattr(record, field.name)) for field in _fields(type(record)))
+    return {field.name: _written(value) for field, value in values if field.name == "kind" or value != field.default}
 
 
 def _written(value: Any) -> Json:
-    if dataclasses.is_dataclass(value):
+    if _fields(type(value)):
         return written(value)
     return [_written(part) for part in value] if isinstance(value, tuple) else to_json(value)
+
+
+_SCALARS = frozenset({str, int, float, bool, type(None)})
+
+
+@cache
+def _fields(kind: type) -> tuple[dataclasses.Field[Any], ...]:
+    """Return the fields of a dataclass; none of another type."""
+    return dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
