@@ -24,7 +24,7 @@ CANDIDATES = (1_000, 20_000)
 def commits(*, candidates: tuple[int, int] = CANDIDATES, rounds: int = 3) -> Figure:
     """Commit made-up outcomes, in the paper's settings; the rate should not depend on how many there are."""
     with tempfile.TemporaryDirectory() as folder:
-        config = compose(["experiment=paper_force", f"store.root={folder}"])
+        config = compose(["experiment=paper_force", "llm=grammar", f"store.root={folder}"])
         plan = build_plan(config, load_task(config, facts_without_data(config)), Mode.record)
     few, many = (list(_outcomes(count)) for count in candidates)
     runs = len(many) // len(few)  # both commit equally many, so that one rate fits both
