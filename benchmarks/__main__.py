@@ -189,16 +189,16 @@ def _silent() -> Progress:
 
 #: What is measured, each with the sizes of `make bench-quick`.
 BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]] = {
-    peers: {"answers": 1, "epochs": 1, "rounds": 0},
+    peers: {"numerics": [Numerics.fast], "answers": 1, "epochs": 1, "rounds": 0},
     archive_insertions: {"insertions": 50, "rounds": 1},
     commits: {"candidates": (10, 20), "rounds": 1},
     candidate_processes: {"forks": 1, "rounds": 1},
     confinement.walls: {"rounds": 1},
-    confinement.training: {"rounds": 1},
-    pictures: {"images": 2, "rounds": 1},
+    confinement.training: {"epochs": 1, "rounds": 1},
+    pictures: {"images": 10, "rounds": 1},
     workers: {"settings": TINY, "rounds": 1},
     replaying: {"settings": TINY, "rounds": 1},
-    synthetic_replays: {"generations": (0, 1)},
+    synthetic_replays: {"generations": [0]},
     tracking: {"settings": TINY, "rounds": 1},
     asking: {"count": 10, "rounds": 1},
     memory: {},

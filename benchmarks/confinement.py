@@ -36,14 +36,14 @@ def walls(*, rounds: int = 9) -> Figure:
     return report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
 
 
-def training(*, rounds: int = 5) -> Figure:
+def training(*, epochs: int = 10, rounds: int = 5) -> Figure:
     """Train a baseline, confined and with portable numerics; the peer is a textbook's loop in an ordinary process."""
     _, task = task_without_data("force", plain.SIZE)
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
         order = {"OMP_NUM_THREADS": "1", "PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-        command = [sys.executable, "-m", plain.__name__, str(source)]
+        command = [sys.executable, "-m", plain.__name__, str(source), str(epochs)]
         with (
             _sandbox(Path(folder), Confinement.kernel) as sandbox,
             subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer,
@@ -51,7 +51,7 @@ def training(*, rounds: int = 5) -> Figure:
             assert peer.stdin is not None
             assert peer.stdout is not None
             peer.stdout.readline()
-            header, payload = _job(task.baseline, to_json(task.contract))
+            header, payload = _job(task.baseline, to_json(task.contract), epochs)
             rivals: dict[str, Callable[[], object]] = {
                 "confined and portable": partial(_train, sandbox, header, payload),
                 "plain torch": partial(_ask, peer.stdin, peer.stdout),
@@ -59,8 +59,7 @@ def training(*, rounds: int = 5) -> Figure:
             medians(rivals, rounds=1)  # both have compiled their kernels and touched their memory
             found = medians(rivals, rounds=rounds)
             peer.stdin.close()
-    steps = plain.EPOCHS * plain.IMAGES
-    return report("training", found, unit="images", per_second=steps)
+    return report("training", found, unit="images", per_second=epochs * plain.IMAGES)
 
 
 def _ask(requests: IO[str], answers: IO[str]) -> None:
@@ -87,10 +86,10 @@ def _starts(sandbox: Sandbox, jobs: int = JOBS) -> None:
         sandbox.run("probe", {}, b"", _LIMITS)
 
 
-def _job(source: str, contract: Json) -> tuple[Json, bytes]:
+def _job(source: str, contract: Json, epochs: int) -> tuple[Json, bytes]:
     """Write the job of a training on the random images."""
     recipe = Recipe(
-        epochs=plain.EPOCHS,
+        epochs=epochs,
         batch_size=plain.BATCH,
         learning_rate=plain.LEARNING_RATE,
         optimiser="adam",

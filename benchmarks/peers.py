@@ -101,10 +101,17 @@ class Search:
     trained: Callable[[], Sequence[Path]]
 
 
-def peers(*, answers: int = GENERATION * (1 + GENERATIONS), epochs: int = 5, rounds: int = 3) -> Iterator[Figure]:
-    """Search with both numerics of ours and with openevolve, in turn.
+def peers(
+    *,
+    numerics: Sequence[Numerics] = tuple(Numerics),
+    answers: int = GENERATION * (1 + GENERATIONS),
+    epochs: int = 5,
+    rounds: int = 3,
+) -> Iterator[Figure]:
+    """Search with ours and with openevolve, in turn.
 
     Args:
+        numerics: of ours.
         answers: candidates of a search besides the baseline; in the first round `GENERATION` at most.
         epochs: of every training.
         rounds: how often to measure; with 0 the first round counts.
@@ -112,7 +119,7 @@ def peers(*, answers: int = GENERATION * (1 + GENERATIONS), epochs: int = 5, rou
     _, task = task_without_data("force", 32)
     sources = published(answers)
     contenders: dict[str, Callable[[Work], Search]] = {
-        **{numerics: partial(ours, numerics) for numerics in Numerics},
+        **{choice: partial(ours, choice) for choice in numerics},
         "openevolve": openevolve,
     }
     costs: dict[str, list[Cost]] = {name: [] for name in contenders}
@@ -122,7 +129,7 @@ def peers(*, answers: int = GENERATION * (1 + GENERATIONS), epochs: int = 5, rou
             for name, contender in contenders.items():
                 place = Path(folder) / f"{name}{number}"
                 place.mkdir()
-                with _serving(served) as url:
+                with serving(served) as url:
                     work = Work(
                         place=place,
                         url=url,
@@ -132,11 +139,11 @@ def peers(*, answers: int = GENERATION * (1 + GENERATIONS), epochs: int = 5, rou
                         epochs=epochs,
                     )
                     search = contender(work)
-                    costs[name].append(_cost(search))
-                _check_trained(name, search.trained(), [task.baseline, *served])
+                    costs[name].append(cost_of(search))
+                check_trained(name, search.trained(), [task.baseline, *served])
     counted = {name: found[1:] or found for name, found in costs.items()}
-    for numerics in Numerics:
-        yield from _figures(counted, numerics, 1 + len(served))
+    for choice in numerics:
+        yield from _figures(counted, choice, 1 + len(served))
 
 
 def published(count: int) -> list[str]:
@@ -197,8 +204,8 @@ def _write_data(folder: Path) -> None:
 
 
 @contextmanager
-def _serving(answers: Sequence[str]) -> Iterator[str]:
-    """Serve the chat-completions API: each answer once, in their order, at once; yield the address.
+def serving(answers: Sequence[str]) -> Iterator[str]:
+    """Serve the chat-completions API: each answer once, in their order, without delay; yield the address.
 
     A peer's worker waits for its answer, while ours asks for a generation at a time: a server that takes no time
     favours the peer.
@@ -208,7 +215,11 @@ def _serving(answers: Sequence[str]) -> Iterator[str]:
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             self.rfile.read(int(self.headers["content-length"]))
-            message = {"role": "assistant", "content": f"```python\n{next(left)}```"}
+            answer = next(left, None)
+            if answer is None:
+                self.send_error(410)
+                return
+            message = {"role": "assistant", "content": f"```python\n{answer}```"}
             choice = {"index": 0, "message": message, "finish_reason": "stop"}
             usage = {"prompt_tokens": 0, "completion_tokens": 0, "total_tokens": 0}
             chat = {"id": "0", "object": "chat.completion", "created": 0, "model": "recorded"}
@@ -228,7 +239,7 @@ def _serving(answers: Sequence[str]) -> Iterator[str]:
         server.shutdown()
 
 
-def _cost(search: Search) -> Cost:
+def cost_of(search: Search) -> Cost:
     """Run a contender's command to its end.
 
     Raises:
@@ -272,7 +283,7 @@ def _own_memory(process: Path) -> int:
     return 0
 
 
-def _check_trained(name: str, files: Sequence[Path], sources: Sequence[str]) -> None:
+def check_trained(name: str, files: Sequence[Path], sources: Sequence[str]) -> None:
     """Check that a contender trained each of these networks once, and no other.
 
     Raises:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,13 +42,14 @@ class Cost:
     memory: float
 
 
-def synthetic_replays(*, generations: tuple[int, int] = GENERATIONS) -> Iterator[Figure]:
+def synthetic_replays(*, generations: Sequence[int] = GENERATIONS) -> Iterator[Figure]:
     """Replay synthetic runs of two sizes as folders, publish them, and replay the bundles.
 
     The peer of the larger run is the smaller one, as often as it takes to have as many candidates: the ratio is 1 where
     a candidate costs the same in both.
     """
-    (small, few), (large, many) = map(_costs, generations)
+    costs = [_costs(count) for count in generations]
+    (small, few), (large, many) = costs[0], costs[-1]
     for what, cost in many.items():
         yield Figure(
             title=f"{what}, processor time",
