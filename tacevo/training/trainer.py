@@ -68,9 +68,10 @@ def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
             `{"rejection": {"reason", "detail"}}`.
     """
     try:
-        job = _read(header, payload, arrays)
-        is_tried = job.device.type == "cpu" and not header.get("contiguous", False)
-        return _train(_in_fast_layout(job) if is_tried else job, send)
+        job, kept = _read(header, payload, arrays), None
+        if job.device.type == "cpu" and not header.get("contiguous", False):
+            job, kept = _in_fast_layout(job)
+        return kept, _train(job, send)
     except CandidateError as failure:
         send({"rejection": {"reason": failure.reason.value, "detail": str(failure)}}, b"")
         return failure  # its traceback keeps the candidate's objects alive, so that their finalisers do not run
@@ -99,11 +100,14 @@ def _read(header: Json, payload: bytes, arrays: Arrays) -> _Job:
     )
 
 
-def _in_fast_layout(job: _Job) -> _Job:
+def _in_fast_layout(job: _Job) -> tuple[_Job, object]:
     """Return the job with its images in channels_last, or as it is where the candidate cannot take them so.
 
     A CPU's convolutions and poolings are faster there; but a `view` of such images may fail, and whatever asks how they
-    lie gets another answer. So a network that is then thrown away tries a few images in both layouts.
+    lie gets another answer. So a network that does not train tries a few images in both layouts.
+
+    Returns:
+        Also what keeps this network alive, so that its finalisers do not run before the answer is sent.
     """
     fast, few = job._replace(layout=torch.channels_last), job.train[:2]
     try:
@@ -112,11 +116,11 @@ def _in_fast_layout(job: _Job) -> _Job:
         with torch.no_grad():
             expected, got = model(job.inputs(few)), model(fast.inputs(few))
         switch(model, training=True)
-        model(fast.inputs(few)).sum().backward()
-        is_equal = (got - expected).abs().max() <= _ROUNDING * expected.abs().max()
-        return fast if is_equal else job
-    except Exception:  # what it cannot do in either layout, its training reports
-        return job
+        torch.autograd.grad(model(fast.inputs(few)).sum(), parameters(model), allow_unused=True)
+        is_equal = bool((got - expected).abs().max() <= _ROUNDING * expected.abs().max())
+        return (fast if is_equal else job), model
+    except Exception as error:  # what it cannot do in either layout, its training reports
+        return job, error
 
 
 def _train(job: _Job, send: Send) -> nn.Module:
