@@ -2,6 +2,7 @@
 
 import contextlib
 from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -13,7 +14,7 @@ from tacevo.errors import SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
-from tacevo.rules import CURRENT, STUDY, Rules
+from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Notice, Run, Sandbox
 from tacevo.search.algorithm import Plan
@@ -185,12 +186,11 @@ class Workbench:
         )
 
     def evaluator(self, rules: Rules) -> Evaluator:
-        """Return what trains candidates as a search does."""
-        mode = self._mode_under(rules)
+        """Return what trains candidates as a search under these rules does; under older ones it stores nothing."""
         return Evaluator(
-            run=self._sandbox(mode),
-            store=self._store("evaluations", mode),
-            setting=self._setting(),
+            run=self._sandbox(self._mode),
+            store=self._store("evaluations", self._mode_under(rules)),
+            setting=replace(self._setting(), contiguous=rules.training in CONTIGUOUS),
             examples=None if self._data is None else _examples(self._data),
             rules=rules.training,
         )
