@@ -142,9 +142,8 @@ def _completion(place: Path, entry: Entry) -> tuple[str, Completion | None]:
     if entry.kind != "completions":
         return "", None
     answer = convert(Completion, entry.answer, place=f"{place}, answer", error=StoreError, remedy="delete it")
-    return convert(
-        Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it"
-    ).model, answer
+    request = convert(Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it")
+    return request.model, answer
 
 
 def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[str]:
