@@ -18,7 +18,7 @@ _DIGEST = 36
 #: What makes simulated images; without a commit, because the runs of several share one data set in MLflow.
 _SIMULATION = {"mlflow.source.name": "tacevo data simulate", "mlflow.source.type": "LOCAL"}
 
-
+#: The mirror reads a part of the configuration.
 _PART = {**STRICT, "extra": "ignore"}
 
 
