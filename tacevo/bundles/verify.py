@@ -165,11 +165,7 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
-    """Compare tables with those that were made again.
-
-    Raises:
-        DivergenceError: the first difference, with table, row and column.
-    """
+    """Compare tables with those that were made again; the error names table, row and column of the first difference."""
     there = {path.name for path in folder.glob("*")}
     for name in sorted(there ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"
