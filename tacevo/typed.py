@@ -23,7 +23,7 @@ def _finite(value: Json) -> Json:
     try:
         json.dumps(value, allow_nan=False)
     except ValueError as error:
-        raise PydanticCustomError("not_finite", "Input should be finite numbers") from error
+        raise PydanticCustomError("not_finite", "Input should be JSON of finite numbers") from error
     return value
 
 
