@@ -38,8 +38,7 @@ def printable(text: str) -> str:
 def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
     """Return a line with how many first answers were rejected for misreporting themselves; no line where none was.
 
-    Args:
-        rejected: reasons with counts of first answers; a reason may come once for each stage.
+    Reasons come with counts of first answers, each perhaps once for each stage.
     """
     counts = {reason.value: 0 for reason in MISREPORTING}
     for reason, count in rejected:

@@ -10,6 +10,7 @@ from functools import cache
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, GetPydanticSchema, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
 from tacevo.errors import TacevoError
 from tacevo.records import Json
@@ -18,8 +19,11 @@ T = TypeVar("T")
 
 
 def _finite(value: Json) -> Json:
-    """Return JSON as it is; raises ValueError where a number is NaN or infinite, which Pydantic lets through."""
-    json.dumps(value, allow_nan=False)
+    """Return JSON as it is, unless a number is NaN or infinite, which Pydantic lets through."""
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError as error:
+        raise PydanticCustomError("not_finite", "Input should be JSON of finite numbers") from error
     return value
 
 

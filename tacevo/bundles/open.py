@@ -44,10 +44,7 @@ class Opened:
         return (self.folder,) if self.jobs is None else tuple(self.folder / job for job in self.jobs)
 
     def one_run(self, remedy: str) -> Path:
-        """Return the directory of its only run.
-
-        Args:
-            remedy: what a user who gave a sweep can do instead.
+        """Return the directory of its only run; `remedy` is what a user who gave a sweep can do instead.
 
         Raises:
             RunError: it is a sweep.

@@ -171,7 +171,7 @@ def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[Study
 def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
     """Choose the studies of a run: those that were named, or all that are finished."""
     every = studies_of(run)
-    whole = [study for study in every if _is_finished(study, digest)]
+    whole = [study for study in every if (found := study.read()).digest is not None and found.run == digest]
     if not chosen:
         for study in every:
             if study not in whole:
@@ -183,11 +183,6 @@ def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> 
             finished = ", ".join(str(study.path) for study in whole) or "none"
             raise RunError(str(path), expected=f"the directory of a finished study of {run}: {finished}")
     return [by_place[place] for place in sorted({path.resolve() for path in chosen})]
-
-
-def _is_finished(study: StudyDirectory, digest: str) -> bool:
-    recorded = study.read()
-    return recorded.digest is not None and recorded.run == digest
 
 
 def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:

@@ -27,9 +27,6 @@ from tacevo.studies.directory import name_study, studies_of
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
-#: Makes every table, from the directories of a run or a sweep and of its stores; returns contents by file name.
-MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
-
 #: What to do about a miss in a bundle, whose user has no other store and records nothing.
 _INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
@@ -65,8 +62,10 @@ class Verified:
     figures: int
 
 
-def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
+def verify(bundle: Opened, make_tables: Callable[[Path, Path], Mapping[str, bytes]], view: Progress) -> Verified:
     """Replay a bundle from its own store entries, and compare everything that follows from them.
+
+    Tables, by their file names, are made from the directories of a run or a sweep and of its stores.
 
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
@@ -166,11 +165,7 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
-    """Compare tables with those that were made again.
-
-    Raises:
-        DivergenceError: the first difference, with table, row and column.
-    """
+    """Compare tables with those that were made again; the error names table, row and column of the first difference."""
     there = {path.name for path in folder.glob("*")}
     for name in sorted(there ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"

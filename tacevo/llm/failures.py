@@ -112,10 +112,7 @@ class Failures:
         ]
 
     def raise_rest(self, requests: int) -> None:
-        """Raise what remains of the failures.
-
-        Args:
-            requests: how many the round held, for the message.
+        """Raise what remains of the failures of a round of so many requests.
 
         Raises:
             ConfigError: the key, the model, a setting or the payment is refused; asking again cannot help.
@@ -212,12 +209,7 @@ class Notices:
     reported: set[str] = field(default_factory=set)
 
     def report(self, fault: Fault, wait: float) -> None:
-        """Report a fault, unless one of its kind was reported before.
-
-        Args:
-            fault: its message holds no secrets.
-            wait: seconds until the next try.
-        """
+        """Report a fault, which holds no secrets, and the seconds until the next try; each kind of fault once."""
         kind = fault.message.partition(":")[0]
         if kind not in self.reported:
             self.reported.add(kind)

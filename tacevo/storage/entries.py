@@ -59,7 +59,7 @@ class _Header(Record):
 
 
 class Budget:
-    """Counts unpacked bytes, and stops at a limit."""
+    """Counts the bytes that a file of a size unpacks to, and stops at a limit."""
 
     def __init__(self, source: Path, size: int) -> None:
         self._source = source

@@ -129,12 +129,10 @@ def sealed_text(lines: Sequence[object]) -> tuple[str, str]:
     return "".join(texts), digest
 
 
-def _by_number(lines: Sequence[object]) -> str:
-    return f"line {len(lines) + 1}"
-
-
 def read_lines(
-    path: Path, kind_of: KindOf[L_co], name_line: Callable[[Sequence[L_co]], str] = _by_number
+    path: Path,
+    kind_of: KindOf[L_co],
+    name_line: Callable[[Sequence[L_co]], str] = lambda lines: f"line {len(lines) + 1}",
 ) -> Sealed[L_co]:
     """Read a ledger as records and check its chain; a last line torn by a crash is left out, and so is a missing file.
 

@@ -142,9 +142,8 @@ def _completion(place: Path, entry: Entry) -> tuple[str, Completion | None]:
     if entry.kind != "completions":
         return "", None
     answer = convert(Completion, entry.answer, place=f"{place}, answer", error=StoreError, remedy="delete it")
-    return convert(
-        Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it"
-    ).model, answer
+    request = convert(Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it")
+    return request.model, answer
 
 
 def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[str]:
@@ -174,10 +173,15 @@ def _find(root: Path, prefix: str) -> Path:
 
 def _asked(path: Path) -> tuple[str, Json]:
     """Read a request from a file: the request alone, or a mapping with its kind, such as a store's entry."""
-    value = parse(dict[str, FreeJson], path.read_bytes(), place=str(path), error=ConfigError)
+    expected = "a JSON object with a request"
+    try:
+        value = parse(dict[str, FreeJson], path.read_bytes(), place=str(path), error=ConfigError)
+    except ConfigError as error:
+        error.expected = expected
+        raise
     kind, request = value.get("kind", "completions"), value.get("request", value)
     if not isinstance(request, dict):
-        raise ConfigError(_brief(request), place=f"{path}, request", expected="an object")
+        raise ConfigError(_brief(request), place=str(path), expected=expected)
     if kind not in KINDS:
         raise ConfigError(repr(kind), place=f"{path}, kind", expected=f"one of {', '.join(KINDS)}")
     return str(kind), request

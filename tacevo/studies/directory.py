@@ -50,11 +50,9 @@ class StudyDirectory:
         return f"delete {self.path}; `tacevo study` writes it again from the store"
 
     def begin(self, header: StudyHeader, **circumstances: Any) -> None:
-        """Write study.json, unless it describes this very study already, whatever the circumstances then.
+        """Write study.json, unless it describes this very study already, whatever its circumstances.
 
-        Args:
-            header: what decides the scores.
-            circumstances: the other fields of a `StudyRecord`: scale, units, versions and machine.
+        These are the fields of a `StudyRecord` that do not decide the scores: scale, units, versions and machine.
         """
         sweep(self.path)
         with contextlib.suppress(RunError):

@@ -13,12 +13,9 @@ from tacevo.rounding import rounded
 
 
 def fewest_seeds(alpha: float) -> int:
-    """Return the least S for which a two-sided rank test of S values against S can be significant at all.
+    """Return the least S for which a two-sided rank test of S values against S can be significant at a level alpha.
 
     Of the C(2S, S) orders, which are equally likely without a difference, the two extreme ones have the smallest p.
-
-    Args:
-        alpha: level of the test, in (0, 1).
     """
     return next(seeds for seeds in itertools.count(1) if rounded(2 / math.comb(2 * seeds, seeds)) <= alpha)
 

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from tacevo.config.compose import compose, spread
 from tacevo.config.identity import config_hash
-from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
@@ -27,7 +26,7 @@ from tacevo.runs.session import require_means
 from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
-from tacevo.sweeps.status import Standing, Status, status_of
+from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
 from tacevo.text import counted
 
 #: What distinguishes jobs even if it has one value only, so that more can be added.
@@ -239,17 +238,11 @@ def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Stat
     begun = bool(read_ledger(run).lines)
     if not begun or not (run.path / "run.json").exists():
         return status_of(directory, job)
-    recorded, task, facts = read_run(run)
-    if config_hash(recorded) != job.config:
+    check_is_run_of(job, run)
+    record = run.read_run()
+    if load_task(config, record.data) != record.task:
         raise RunError(
-            "another configuration's run",
-            place=str(run.path),
-            expected="a run of the job",
-            remedy="move that directory away, or choose another --into",
-        )
-    if load_task(config, facts) != task:
-        raise RunError(
-            f"a run with other texts of task {task.name}",
+            f"a run with other texts of task {record.task.name}",
             place=str(run.path),
             expected="a run with the texts in conf/",
             remedy="choose another --into",

@@ -67,6 +67,16 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
     """Return the digest of a finished job; empty if it is not finished."""
     if not lines:
         return ""
+    check_is_run_of(job, run)
+    return finished_digest(run) or ""
+
+
+def check_is_run_of(job: Job, run: RunDirectory) -> None:
+    """Check that a run, begun or finished, has the configuration of a job.
+
+    Raises:
+        RunError: it has another one; or as `RunDirectory.read_run`.
+    """
     if config_hash(from_plain(run.read_run().config)) != job.config:
         raise RunError(
             "another configuration's run",
@@ -74,7 +84,6 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
             expected=f"a run of the job {job.name}",
             remedy="move that directory away, or choose another --into",
         )
-    return finished_digest(run) or ""
 
 
 def describe(statuses: Sequence[Status]) -> str:

@@ -91,15 +91,15 @@ def find_runs(path: Path) -> tuple[Path, ...]:
 def _mirror(path: Path, given: str) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
     directory = RunDirectory(path)
-    tracking = read_settings(directory.read_run(), f"{path}/run.json").tracking
+    settings = read_settings(directory.read_run(), f"{path}/run.json")
     read_ledger(directory)  # checks the chain
-    uri = given or ("" if "***" in tracking.uri else tracking.uri)  # earlier versions hid passwords so
+    uri = given or ("" if "***" in settings.uri else settings.uri)  # earlier versions hid passwords so
     address = store_address(uri)
     try:
         from tacevo.tracking.mirror import mirror
 
         logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
-        mirror(path, uri=address, experiment=tracking.experiment, finished=None)
+        mirror(path, uri=address, experiment=settings.experiment, finished=None)
     except TacevoError:
         raise
     except LookupError as error:  # lines that name what there is not

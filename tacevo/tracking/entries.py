@@ -121,9 +121,7 @@ def shown_address(uri: str) -> str:
 def viewing(uri: str, mlflow: str = "mlflow") -> str:
     """Return how to look at a store: a server's own page, or a command that serves one.
 
-    Args:
-        uri: the tracking URI; empty for the one in MLFLOW_TRACKING_URI.
-        mlflow: how MLflow's command is spelt here.
+    An empty URI is the one in MLFLOW_TRACKING_URI; `mlflow` is how that command is spelt here.
     """
     is_page = uri.startswith(("http://", "https://"))
     return uri if is_page else f"{mlflow} ui --backend-store-uri {shown_address(uri)}"

@@ -2,6 +2,9 @@
 
 import json
 from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import AliasPath, Field
 
 from tacevo.environment import Code
 from tacevo.errors import RunError
@@ -20,33 +23,15 @@ _PART = {**STRICT, "extra": "ignore"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Data:
-    """Where the images come from."""
-
-    __pydantic_config__ = _PART
-
-    source: str
-    root: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tracking:
-    """Where a run was mirrored."""
-
-    __pydantic_config__ = _PART
-
-    uri: str
-    experiment: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """The settings of a run that the mirror acts on."""
+    """The settings of a run that the mirror acts on, out of its whole configuration."""
 
     __pydantic_config__ = _PART
 
-    data: _Data
-    tracking: _Tracking
+    source: Annotated[str, Field(validation_alias=AliasPath("data", "source"))]
+    root: Annotated[str | None, Field(validation_alias=AliasPath("data", "root"))]
+    uri: Annotated[str, Field(validation_alias=AliasPath("tracking", "uri"))]
+    experiment: Annotated[str, Field(validation_alias=AliasPath("tracking", "experiment"))]
 
 
 def read_settings(run: RunRecord, place: str = "run.json") -> Settings:
@@ -84,7 +69,7 @@ def data_set(run: RunRecord) -> DataSet:
     The digest is the beginning of the fingerprint, as much as MLflow keeps; the profile has all of it, and how many
     images each part of the split has.
     """
-    facts, origin = run.data, read_settings(run).data
+    facts, origin = run.data, read_settings(run)
     is_simulated = origin.source == "simulated"
     source = {"tags": _SIMULATION} if is_simulated else {"uri": origin.root or ""}
     labels = facts.names if facts.kind is Kind.regression else ("class",)

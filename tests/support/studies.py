@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
 
-from ledger_lines import FACTS
+from hand_runs import FACTS
 
 from analysis.studies.scores import Study
 from analysis.table import Table

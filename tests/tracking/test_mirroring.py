@@ -185,4 +185,4 @@ def test_run_without_a_setting_that_mlflow_needs_is_named(tmp_path: Path, uri: s
     path.write_text(json.dumps(run))
     tracked = track(tmp_path, uri, quietly)
     assert tracked.done == {uri: 1}
-    assert "a/run.json, config, tracking: expected a value" in tracked.failed[0]
+    assert "a/run.json, config, tracking.uri: expected a value" in tracked.failed[0]

@@ -55,20 +55,19 @@ def read_call(node: ast.AST) -> Call:
 class _Plain(ast.NodeTransformer):
     """Rewrites a tree into its plain form, from the leaves up."""
 
-    def visit_Module(self, node: ast.Module) -> ast.Module:
-        self.generic_visit(node)
-        kept = [statement for statement in node.body if not isinstance(statement, ast.Import | ast.ImportFrom)]
-        node.body = _without_docstring(kept)
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        super().generic_visit(node)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            node.body = [statement for statement in node.body if not _is_docstring(statement)]
         return node
 
-    def visit_ClassDef(self, node: ast.ClassDef) -> ast.ClassDef:
+    def visit_Module(self, node: ast.Module) -> ast.Module:
         self.generic_visit(node)
-        node.body = _without_docstring(node.body)
+        node.body = [each for each in node.body if not isinstance(each, ast.Import | ast.ImportFrom)]
         return node
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
         self.generic_visit(node)
-        node.body = _without_docstring(node.body)
         node.returns = None
         for argument in node.args.args:
             argument.annotation = None
@@ -111,13 +110,8 @@ class _Plain(ast.NodeTransformer):
         return node
 
 
-def _without_docstring(body: Sequence[ast.stmt]) -> list[ast.stmt]:
-    """Drop statements that are only a string."""
-    return [
-        statement
-        for statement in body
-        if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant))
-    ]
+def _is_docstring(statement: ast.stmt) -> bool:
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
 
 
 _Member = TypeVar("_Member", bound=StrEnum)
