@@ -97,11 +97,8 @@ def test_replay_tells_every_digest_and_the_sweeps(
 
 
 @pytest.mark.slow
-def test_retraining_draws_from_all_runs(
-    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two of all evaluations, each counted once; every one is told with its job."""
-    monkeypatch.chdir(tmp_path)
     assert main(["replay", str(swept / "sweep.zip"), "--retrain", "2"]) == 0
     said = capsys.readouterr()
     assert "retrained: 2 of" in said.out

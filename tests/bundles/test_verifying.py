@@ -74,11 +74,8 @@ def changed(entries: list[dict[str, Json]], kind: str, change: Callable[[Json], 
     return entries
 
 
-def test_replay_needs_nothing_but_the_bundle(
-    published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_replay_needs_nothing_but_the_bundle(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """In an empty folder, it says what was compared, and ends with the run's digest."""
-    monkeypatch.chdir(tmp_path)
     assert main(["replay", str(published / "run.zip")]) == 0
     said = capsys.readouterr().out
     digest = json.loads((published / "run" / "run.json").read_text())["digest"]
@@ -91,14 +88,11 @@ def test_replay_needs_nothing_but_the_bundle(
         "bundle digest: ",
     ):
         assert words in said
-    assert {path.name for path in tmp_path.iterdir()} == {"temporary"}
+    assert {path.name for path in place.iterdir()} == {"temporary"}
 
 
-def test_retraining_works_on_a_bundle(
-    published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_retraining_works_on_a_bundle(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The data set is made as for a run folder, and a training comes out bit for bit."""
-    monkeypatch.chdir(tmp_path)
     assert main(["replay", str(published / "run.zip"), "--retrain", "1"]) == 0
     assert "retrained: 1 of" in capsys.readouterr().out
 
