@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bundles import Members, Refused, entries_of, members_of, resealed, with_entries
+from bundles import Members, Refused, entries_of, members_of, resealed
 from tiny_sweep import OWN, edited, jobs_text
 
 from tacevo.bundles.format import JOBS, STORE
@@ -216,12 +216,6 @@ def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) ->
     header, row, *rest = whole[name].decode().split("\r\n")
     text = "\r\n".join([header, ",".join(["mine", *row.split(",")[1:]]), *rest])
     refused({**whole, name: text.encode()}, f"table {name.removeprefix('tables/')}: row 1, column ")
-
-
-def test_foreign_entry_is_found(whole: Members, refused: Refused) -> None:
-    """What no run of the sweep reads has no place in it."""
-    entries = [*entries_of(whole), {"kind": "probes", "request": "of another run", "answer": {}}]
-    refused(with_entries(whole, entries), "expected only entries that the replay reads")
 
 
 def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:

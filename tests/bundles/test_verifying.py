@@ -185,18 +185,6 @@ def test_edited_or_added_file_is_found(edit: tuple[str, bytes, bytes, str], whol
     refused(edited, words)
 
 
-def test_edited_table_is_found(whole: Members, refused: Refused) -> None:
-    """A cell of a CSV file with row and column."""
-    name = "tables/generations_force.csv"
-    header, row, *rest = whole[name].decode().split("\r\n")
-    cells = row.split(",")
-    edited = "\r\n".join([header, ",".join([cells[0], "777", *cells[2:]]), *rest])
-    words = (
-        f"table generations_force.csv: row 1, column '{header.split(',')[1]}': recorded '777', replayed '{cells[1]}'"
-    )
-    refused({**whole, name: edited.encode()}, words)
-
-
 def test_missing_table_is_found(whole: Members, refused: Refused) -> None:
     """All that follow from the records are there."""
     less = {name: data for name, data in whole.items() if name != "tables/gate_force.md"}

@@ -228,33 +228,6 @@ def is_at_work(pid: int) -> bool:
     return b"tacevo.sandbox.zygote" in command and state not in "TZX"
 
 
-def warning_of(search: subprocess.Popen[str], digest: str) -> str:
-    """Let a search end well; give its one line of warning about MLflow."""
-    out, errors = search.communicate()
-    assert search.returncode == 0, errors
-    assert out.splitlines()[-1] == f"digest: {digest}"
-    (warning,) = [line for line in errors.splitlines() if "MLflow mirror" in line]
-    return warning
-
-
-def expect_nothing_lost(folder: Path, digest: str) -> None:
-    """Bring MLflow up to date, and expect the whole search there once."""
-    tacevo("track", "run", "--uri", f"sqlite:///{folder}/later.db", cwd=folder)
-    assert mirrored(folder / "later.db") == (1 + CANDIDATES, digest)
-
-
-@pytest.mark.long
-def test_server_of_mlflow_that_was_never_there_is_a_warning(
-    whole_search: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No server answers: the search has its usual results and a warning; the run can be tracked elsewhere later."""
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")  # else the mirror hopes for a minute, and holds the run
-    warning = warning_of(start(tmp_path, "tracking.uri=http://127.0.0.1:9"), whole_search[1])
-    assert "http://127.0.0.1:9" in warning
-    assert results(tmp_path) == results(whole_search[0])
-    expect_nothing_lost(tmp_path, whole_search[1])
-
-
 @pytest.mark.slow
 def test_database_of_mlflow_that_goes_away_in_the_middle_is_a_warning(whole_search: Whole, tmp_path: Path) -> None:
     """The database is lost once the mirror has begun with it: the search is as ever, and nothing of it is lost."""
