@@ -36,6 +36,7 @@ def run_of(members: Members, job: str) -> Members:
     return {name.removeprefix(place): data for name, data in members.items() if name.startswith(place)}
 
 
+@pytest.mark.slow
 def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
     """Another folder and name of the sweep, other stores, and more in them."""
     shutil.copytree(swept / "sweep", tmp_path / "elsewhere")

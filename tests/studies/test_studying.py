@@ -208,7 +208,8 @@ def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) ->
     assert trainings(folder) == 4
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder: Path) -> None:
     """Stopped after its first training: that one is kept, and the same command does the rest."""
     before = files(folder)
