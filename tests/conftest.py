@@ -134,15 +134,14 @@ def _publish_run(folder: Path) -> None:
 
 
 @pytest.fixture
-def folder(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(published: Path, place: Path) -> Path:
     """Work in a directory with a copy of that run, its study and its stores (`run`, `cache`), to be damaged."""
     for name in ("run", "cache"):
-        shutil.copytree(published / name, tmp_path / name)
-    described = json.loads((tmp_path / "run" / "run.json").read_text())
+        shutil.copytree(published / name, place / name)
+    described = json.loads((place / "run" / "run.json").read_text())
     described["config"]["run"]["dir"], described["config"]["store"]["root"] = "run", "cache"
-    (tmp_path / "run" / "run.json").write_text(json.dumps(described))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    (place / "run" / "run.json").write_text(json.dumps(described))
+    return place
 
 
 @pytest.fixture(scope="session")

@@ -117,8 +117,13 @@ def test_alarm_of_one_axis_names_that_axis() -> None:
     assert "constant ArchDiv" not in told
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", ["no_qd", "arch_div_only", "random_parents_only_baseline"])
+@pytest.mark.parametrize(
+    "arm",
+    [
+        pytest.param("no_qd", marks=pytest.mark.slow),
+        *(pytest.param(arm, marks=pytest.mark.long) for arm in ("arch_div_only", "random_parents_only_baseline")),
+    ],
+)
 def test_every_command_reads_a_run_of_an_arm(arm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Search, replay, show, tables, figures and report all end well on a real run."""
     sizes = ["search.generations=1", "search.candidates=2", "search.initial=1", f"ablation={arm}"]

@@ -1,6 +1,7 @@
 """Promise: a published run is continued by its own lines and under its own settings, and is itself left as it is."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,9 +91,11 @@ def test_published_folder_is_no_place_for_the_new_run(
     assert "run.dir: expected another directory than that of the published run" in capsys.readouterr().err
 
 
-def test_folder_of_another_run_is_refused(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_of_another_run_is_refused(
+    published: Path, swept: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A run directory that holds another run is not written to."""
-    assert main(["search", *TINY, "search.generations=0", "seed=7", "run.dir=mine"]) == 0
+    shutil.copytree(swept / "sweep" / "none-seed1", place / "mine")
     before = content(place / "mine")
     assert main(["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 2
     assert "got another run" in capsys.readouterr().err

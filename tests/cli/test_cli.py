@@ -137,17 +137,15 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
 def test_users_mistake_is_one_line_and_status_2(
     arguments: list[str],
     message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    place: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """No traceback for a user's mistake, and nothing is left behind by it."""
-    monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     errors = capsys.readouterr().err
     assert message in errors
     assert "Traceback" not in errors
-    assert not (tmp_path / "runs").exists()
+    assert not (place / "runs").exists()
 
 
 def test_help_is_complete_without_any_library() -> None:
@@ -170,11 +168,8 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
     assert re.search(r"^  task +force, grating, hardness$", capsys.readouterr().out, re.MULTILINE)
 
 
-def test_check_judges_raw_answers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_judges_raw_answers(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One JSON object a line, with the fields that other tools rely on."""
-    monkeypatch.chdir(tmp_path)
     network = "class ImageRegressionCNN(nn.Module):\n    def __init__(self, num_outputs=3):\n"
     network += "        super().__init__()\n        self.fc = nn.Linear(3 * 32 * 32, num_outputs)\n\n"
     network += "    def forward(self, x):\n        return self.fc(x.flatten(1))\n"

@@ -14,10 +14,9 @@ from tacevo.cli.app import main
 
 
 @pytest.fixture
-def run(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(published: Path, place: Path) -> Path:
     """Give a copy of the run, to be spoilt, and work beside it."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(published / "run", tmp_path / "run")
+    shutil.copytree(published / "run", place / "run")
     return Path("run")
 
 
@@ -149,6 +148,7 @@ def test_report_is_one_file(run: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr().out == "report: run/report.html\n"
 
 
+@pytest.mark.slow
 def test_paper_without_latex_is_a_document(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,9 +19,8 @@ SMALL = ["task=force", "data.images=40", "data.image_size=16"]
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _elsewhere(place: Path) -> None:
     """Work in a folder of the test's own."""
-    monkeypatch.chdir(tmp_path)
 
 
 def write_classes(root: Path, *, leaking: bool) -> list[str]:

@@ -1,6 +1,5 @@
 """Promise: every shipped config composes, and a wrong setting is refused with the key as the user wrote it."""
 
-import functools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 from refusals import refused
+from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
 from tacevo.config.compose import compose, from_plain, to_plain
@@ -64,12 +64,6 @@ GROUPS = {
     "tracking",
     "training",
 }
-
-
-@functools.cache
-def composed(*overrides: str) -> RunConfig:
-    """Compose once what several tests look at."""
-    return compose(overrides)
 
 
 def facts_of(config: RunConfig) -> DataFacts:

@@ -211,7 +211,7 @@ print(recorded(sys.argv[1], Path(sys.argv[2])))
 """
 
 
-@pytest.mark.parametrize("stall", ["polled", "results"])
+@pytest.mark.parametrize("stall", ["polled", pytest.param("results", marks=pytest.mark.slow)])
 def test_killed_run_submits_nothing_twice(stall: str, tmp_path: Path) -> None:
     """SIGKILL while it waits for the batch, and while it reads."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -183,10 +183,19 @@ def test_request_that_can_never_be_answered_stops_no_run(fault: str, stop_reason
 
 
 @both
-def test_settings_with_which_no_request_is_answered_are_at_fault(provider: str) -> None:
+@pytest.mark.parametrize(
+    ("fault", "fields"),
+    [
+        ("too_long", {"got": "too long", "remedy": "set llm.max_tokens or llm.model"}),
+        ("invalid", {"got": "this is not understood"}),
+    ],
+)
+def test_settings_with_which_no_request_is_answered_are_at_fault(
+    fault: str, fields: dict[str, str], provider: str
+) -> None:
     """A token limit that the model does not have would else be recorded as a generation of empty answers."""
-    with serving() as server, refused(ConfigError, got="too long", remedy="set llm.max_tokens or llm.model"):
-        texts(hosted(server.url, provider), "a [fault too_long]", "b [fault too_long]")
+    with serving() as server, refused(ConfigError, **fields):
+        texts(hosted(server.url, provider), f"a [fault {fault}]", f"b [fault {fault}]")
 
 
 @both
@@ -218,13 +227,6 @@ def test_doubtful_refusal_is_about_the_request_where_others_are_answered(provide
         asked = [request(text) for text in ("a", "b [fault invalid]", "c")]
         answers = dict(hosted(server.url, provider).complete(asked))
         assert [answers[position].stop_reason for position in range(3)] == ["end_turn", "invalid_request", "end_turn"]
-
-
-@both
-def test_doubtful_refusal_of_everything_is_about_the_settings(provider: str) -> None:
-    """Where the model answers nothing at all, nothing is recorded: the configuration is at fault."""
-    with serving() as server, refused(ConfigError, got="this is not understood"):
-        texts(hosted(server.url, provider), "a [fault invalid]", "b [fault invalid]")
 
 
 @both

@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hosted import PROVIDERS, hosted, request
+from hosted import hosted, request
 from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 
@@ -46,7 +46,7 @@ def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count
     assert server.most <= 64
 
 
-@pytest.mark.parametrize("provider", PROVIDERS)
+@pytest.mark.parametrize("provider", ["anthropic", pytest.param("openai", marks=pytest.mark.slow)])
 def test_small_storm(provider: str, tmp_path: Path) -> None:
     """400 requests, 30 % faults, 64 in flight."""
     with serving(Script(rate=0.3, seed=1)) as server:

@@ -67,15 +67,12 @@ def test_import_into_nothing_is_enough_for_a_replay(exported: Path, tmp_path: Pa
     assert import_file(exported / "run.jsonl.xz", tmp_path / "cache") == (0, written)
 
 
-def test_export_has_the_same_bytes_from_anywhere(
-    exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_export_has_the_same_bytes_from_anywhere(exported: Path, place: Path) -> None:
     """Another day, folder and set of stores give the same file."""
-    shutil.copytree(exported / "run", tmp_path / "elsewhere")
-    import_file(exported / "run.jsonl.xz", tmp_path / "stores")
-    monkeypatch.chdir(tmp_path)
+    shutil.copytree(exported / "run", place / "elsewhere")
+    import_file(exported / "run.jsonl.xz", place / "stores")
     assert main(["cache", "export", "elsewhere", "-o", "again.jsonl.xz", "--store", "stores"]) == 0
-    assert (tmp_path / "again.jsonl.xz").read_bytes() == (exported / "run.jsonl.xz").read_bytes()
+    assert (place / "again.jsonl.xz").read_bytes() == (exported / "run.jsonl.xz").read_bytes()
 
 
 def test_run_that_its_stores_do_not_give_is_not_exported(exported: Path, tmp_path: Path) -> None:

@@ -98,18 +98,6 @@ def test_every_kept_file_is_compared(copied: Path, capsys: pytest.CaptureFixture
     assert main(["replay", "run"]) == 0
 
 
-@pytest.mark.parametrize("override", ["store.root=file/store", "run.dir=file/run"])
-def test_place_that_cannot_be_written_is_one_line(
-    override: str, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A file where a folder should be is the user's mistake, and is named."""
-    (place / "file").write_text("mine")
-    assert main(["search", *TINY, override]) == 2
-    errors = capsys.readouterr().err
-    assert "file" in errors
-    assert "Traceback" not in errors
-
-
 def test_changed_image_cache_is_refused(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The fingerprint in the ledger is that of the images that are trained on, every time."""
     shutil.copytree(published / "cache", place / "cache")

@@ -466,7 +466,7 @@ with Sandbox(
 """
 
 
-@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_ended_search_leaves_no_orphan(end: signal.Signals) -> None:
     """However the search ends, its zygote, its supervisors and its candidates end too."""
     command = [sys.executable, "-c", HANGING_SEARCH]

@@ -58,11 +58,10 @@ def studied(published: Path, once: Once) -> Path:
 
 
 @pytest.fixture
-def folder(studied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(studied: Path, place: Path) -> Path:
     """Work in a copy of the finished search and study."""
-    shutil.copytree(studied, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    shutil.copytree(studied, place, dirs_exist_ok=True)
+    return place
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -211,7 +210,8 @@ def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) ->
     assert trainings(folder) == 4
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder: Path) -> None:
     """Stopped after its first training: that one is kept, and the same command does the rest."""
     before = files(folder)
@@ -331,8 +331,6 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
         ([], "run: expected the directory of a finished run, as in run=runs/NAME"),
         (["run=nowhere"], "nowhere: expected the directory of a run"),
         (["run=run", "seed=1"], "seed: not a setting; did you mean seeds?"),
-        (["run=run", "seeds=many"], 'seeds: expected an integer; got "many"'),
-        (["run=run", "elites=0"], "elites: expected an integer of at least 1; got 0"),
     ],
 )
 def test_users_mistake_is_one_line(
@@ -371,9 +369,8 @@ def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]
     assert "restore the data set of the run" in capsys.readouterr().err
 
 
-def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_selection_never_sees_the_test_images(place: Path) -> None:
     """Two data sets that differ in all test images and labels give one search, but for what names the data."""
-    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)
     images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
     np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
@@ -385,11 +382,11 @@ def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytes
     for name in ("a", "b"):
         assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
         header: Any
-        header, *lines = map(written, read_ledger(RunDirectory(tmp_path / name)).lines)
+        header, *lines = map(written, read_ledger(RunDirectory(place / name)).lines)
         del header["data"]["fingerprint"]
         decisions.append([header["data"], *({**line, "evaluation": None} for line in lines)])  # its key holds it, too
-    first, second = (json.loads((tmp_path / name / "run.json").read_text())["data"] for name in ("a", "b"))
+    first, second = (json.loads((place / name / "run.json").read_text())["data"] for name in ("a", "b"))
     assert first["fingerprint"] != second["fingerprint"]
     assert len(rows) == 4
     assert decisions[0] == decisions[1]
-    assert (tmp_path / "a" / "archive.json").read_text() == (tmp_path / "b" / "archive.json").read_text()
+    assert (place / "a" / "archive.json").read_text() == (place / "b" / "archive.json").read_text()

@@ -38,10 +38,6 @@ class Data:
     #: For all images; float32 (136, 2), or int64 (136,).
     targets: NDArray[Any]
 
-    def enlarged(self, factor: int) -> "Data":
-        """Return the same task with every pixel repeated."""
-        return replace(self, images=self.images.repeat(factor, axis=2).repeat(factor, axis=3))
-
 
 def examples(*, classes: bool = False) -> Data:
     """Make the task, always the same."""

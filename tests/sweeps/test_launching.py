@@ -160,7 +160,8 @@ def test_failed_job_stops_no_other_and_is_repeated(
     assert statuses(place)[NONE].digest == digest
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, published: Path, tmp_path: Path) -> None:
     """However the command ends, its job ends with it and keeps what it has; the next call continues to the end."""
     sweep = start(tmp_path, ONE_BY_ONE)

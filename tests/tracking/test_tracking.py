@@ -194,14 +194,6 @@ def test_finished_search_carries_its_digest(tmp_path: Path, uri: str) -> None:
     assert contents(uri)["parent"][3]["tacevo.digest"] == digest
 
 
-def test_mirroring_twice_changes_nothing(run_dir: Path, uri: str) -> None:
-    """A second mirror finds everything there."""
-    mirror_once(run_dir, uri)
-    first = contents(uri)
-    mirror_once(run_dir, uri)
-    assert contents(uri) == first
-
-
 @pytest.mark.parametrize("length", range(1, len(LINES)))
 def test_interrupted_search_is_completed(
     length: int, run_dir: Path, uri: str, tmp_path: Path, empty_store: Path

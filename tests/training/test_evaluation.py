@@ -124,6 +124,7 @@ def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> No
     assert (seen["capability"], seen["threads"]) == ("AVX2", 1)
 
 
+@pytest.mark.slow
 def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
     """A confined process cannot read what the CPU can do, so it has been read before."""
     command = [sys.executable, "-c", "import torch; print(torch.backends.cpu.get_cpu_capability())"]
