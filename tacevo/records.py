@@ -350,7 +350,7 @@ def to_json(record: Any) -> Json:
     """
     if type(record) in _SCALARS:  # most values; what follows takes ten times as long
         return record
-    if fields := _fields(type(record)):
+    if fields := _fields(record.__class__):
         return {field.name: to_json(getattr(record, field.name)) for field in fields}
     if isinstance(record, StrEnum):
         return record.value
@@ -366,7 +366,7 @@ def written(record: Any) -> Json:
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    if fields := _fields(type(record)):
+    if fields := _fields(record.__class__):
         values = ((field, getattr(record, field.name)) for field in fields)
         return {field.name: written(value) for field, value in values if field.name == "kind" or value != field.default}
     if isinstance(record, tuple):
@@ -378,6 +378,6 @@ _SCALARS = frozenset({str, int, float, bool, type(None)})
 
 
 @cache
-def _fields(kind: type) -> tuple[dataclasses.Field[Any], ...]:
+def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
     """Return the fields of a dataclass; none of another type."""
     return dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()

@@ -10,8 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from scipy.stats import spearmanr
-
 from tacevo.choices import ArchiveKind
 from tacevo.config.recorded import read_recorded
 from tacevo.records import Json
@@ -177,6 +175,8 @@ def agreement(one: Mapping[str, float], other: Mapping[str, float]) -> Agreement
         one: fitness by source.
         other: the same, of the other run.
     """
+    from scipy.stats import spearmanr  # a second to import, which a replay would wait for
+
     shared = sorted(one.keys() & other.keys())
     first, second = [one[source] for source in shared], [other[source] for source in shared]
     apart = [abs(a - b) for a, b in zip(first, second, strict=True)]
