@@ -338,7 +338,7 @@ def to_json(record: Any) -> Any:
     """
     if type(record) in _SCALARS:  # most values; what follows takes ten times as long
         return record
-    if fields := _fields(type(record)):
+    if fields := _fields(record.__class__):
         return {field.name: to_json(getattr(record, field.name)) for field in fields}
     if isinstance(record, StrEnum):
         return record.value
@@ -368,6 +368,6 @@ _SCALARS = frozenset({str, int, float, bool, type(None)})
 
 
 @cache
-def _fields(kind: type) -> tuple[dataclasses.Field[Any], ...]:
+def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
     """Return the fields of a dataclass; none of another type."""
     return dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()

@@ -61,13 +61,13 @@ def continue_run(
     eras = _eras(recorded.eras, recorded.config.search.generations, mix_rules, view)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
-    require_means(config)
+    llm = require_means(config)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
     lines = counted(len(recorded.ledger.lines), "ledger line")
     view.say(f"{lines} replayed; {written} of {len(read)} store entries were new here")
-    return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras)
+    return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras, llm=llm)
 
 
 def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: Progress) -> tuple[RulesLine, ...]:

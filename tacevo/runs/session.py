@@ -22,11 +22,12 @@ from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import Workbench, build_plan
-from tacevo.sandbox.client import Run
+from tacevo.runs.wiring import Workbench, build_plan, start_zygote
+from tacevo.sandbox.client import Run, Zygote
 from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome
+from tacevo.search.effects import LLM
 from tacevo.search.files import read_ledger, write_archives
 from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
 from tacevo.storage.canonical import content_hash
@@ -59,13 +60,14 @@ def search(config: RunConfig, view: Progress) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    require_means(config)
-    data = load_data(config, view)
-    return record(config, load_task(config, data.facts), data, view)
+    llm = require_means(config)
+    with start_zygote(config) as zygote:
+        data = load_data(config, view)
+        return record(config, load_task(config, data.facts), data, view, zygote=zygote, llm=llm)
 
 
-def require_means(config: RunConfig) -> None:
-    """Check, before anything is made, that this machine has what a search needs.
+def require_means(config: RunConfig) -> LLM:
+    """Check, before anything is made, that this machine has what a search needs; return its model.
 
     Raises:
         SandboxError: candidates cannot be confined as the configuration asks.
@@ -73,7 +75,7 @@ def require_means(config: RunConfig) -> None:
     """
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
-    build_llm(config, Mode.record)
+    return build_llm(config, Mode.record)
 
 
 def record(
@@ -85,6 +87,8 @@ def record(
     begun: Sealed[Line] | None = None,
     eras: Sequence[RulesLine] = (RulesLine(generation=0, rules=CURRENT),),
     run: Run | None = None,
+    zygote: Zygote | None = None,
+    llm: LLM | None = None,
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
@@ -97,6 +101,8 @@ def record(
             of a stopped run.
         eras: the rules to search under, from which generation on.
         run: what runs candidates in place of a sandbox.
+        zygote: for the sandbox, where one was started before.
+        llm: what `require_means` returned, where it was asked.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
@@ -113,7 +119,9 @@ def record(
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view):
             observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
-            with Workbench(config, task, facts, Mode.record, data=data, notice=walls.note, run=run) as bench:
+            with Workbench(
+                config, task, facts, Mode.record, data=data, notice=walls.note, run=run, zygote=zygote, llm=llm
+            ) as bench:
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)

@@ -16,11 +16,12 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Notice, Run, Sandbox
+from tacevo.sandbox.client import Notice, Run, Sandbox, Zygote
 from tacevo.search.algorithm import Plan
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
 from tacevo.search.development import Tools
+from tacevo.search.effects import LLM
 from tacevo.search.proposals import Settings
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
@@ -102,6 +103,11 @@ def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, s
     return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
 
 
+def start_zygote(config: RunConfig) -> Zygote:
+    """Start the process that imports torch: that takes seconds, in which the search can load its data and plan."""
+    return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
+
+
 class Workbench:
     """The gate, the trainings and the model of a run, over one sandbox and the threads that wait for it.
 
@@ -116,6 +122,8 @@ class Workbench:
         seen: called with every store entry that is read.
         notice: called with the measures that confine a candidate, before its answer is kept.
         run: what runs jobs in place of a sandbox.
+        zygote: of `start_zygote`, for the sandbox; one starts with the first job where there is none.
+        llm: of `build_llm`, in the mode of the workbench; built where it is needed if there is none.
     """
 
     def __init__(
@@ -129,6 +137,8 @@ class Workbench:
         seen: Seen | None = None,
         notice: Notice | None = None,
         run: Run | None = None,
+        zygote: Zygote | None = None,
+        llm: LLM | None = None,
     ) -> None:
         self._config = config
         self._task = task
@@ -138,6 +148,8 @@ class Workbench:
         self._seen = seen
         self._notice = notice
         self._run = run
+        self._zygote = zygote
+        self._llm = llm
         self._stack = contextlib.ExitStack()
         #: The threads that wait for the sandbox.
         self.executor = _executor(config.executor)
@@ -156,9 +168,10 @@ class Workbench:
     def tools(self, rules: Rules) -> Tools:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed = derived_seed(self._config.seed, "training")
+        seed, mode = derived_seed(self._config.seed, "training"), self._mode_under(rules)
+        llm = self._llm if mode is self._mode else None
         return Tools(
-            llm=build_llm(self._config, self._mode_under(rules), seen=self._seen),
+            llm=llm or build_llm(self._config, mode, seen=self._seen),
             admit=gate.admit,
             inspect=gate.inspect,
             evaluate=lambda source: evaluator.evaluate(source, seed),
@@ -222,6 +235,7 @@ class Workbench:
                 arrays={} if self._data is None else {"images": self._data.images},
                 strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
                 notice=self._notice,
+                zygote=self._zygote,
             )
             self._run = self._stack.enter_context(sandbox).run
         return self._run

@@ -51,8 +51,10 @@ CHILD = Bounds(total_bytes=64 * 2**20, header_bytes=2 * 2**20, messages=10_000)
 class Sort(IntEnum):
     """What a message is."""
 
-    #: Search to zygote, once: imports, entries and arrays. Zygote to search: that it is ready, or why not.
+    #: Search to zygote, once: entries and imports. Zygote to search: that it is ready, or why not.
     setup = 1
+    #: Search to zygote, once: the files of the arrays, which are not known when it starts.
+    arrays = 11
     #: Search to supervisor: one job, with its limits.
     job = 2
     #: Supervisor to search: its process id.

@@ -30,7 +30,11 @@ def main(descriptor: int) -> None:
     become_subreaper()
     search = Channel(socket.socket(fileno=descriptor))
     try:
-        entries, arrays = _prepare(search.receive().read_header())
+        try:
+            entries = _prepare(search.receive().read_header())
+        finally:  # the search, which sends them when it has them, reads no answer before
+            files = search.receive().read_header()
+        arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in files.items()}
     except Exception as error:
         search.send(Message.of(Sort.setup, {"error": describe(error)}))
         return
@@ -40,8 +44,8 @@ def main(descriptor: int) -> None:
     os._exit(0)  # freeing torch object by object would take half a second
 
 
-def _prepare(setup: Header) -> tuple[dict[str, Entry], Arrays]:
-    """Import the entries and map the arrays, as the search names them.
+def _prepare(setup: Header) -> dict[str, Entry]:
+    """Import the entries that the search names.
 
     Raises:
         SandboxError: an import started threads, which a fork would lose.
@@ -49,7 +53,6 @@ def _prepare(setup: Header) -> tuple[dict[str, Entry], Arrays]:
     entries = {name: _import(place) for name, place in setup["entries"].items()}
     for name in setup["imports"]:
         importlib.import_module(name)
-    arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in setup["arrays"].items()}
     threads = len(os.listdir("/proc/self/task"))
     if threads > 1:
         raise SandboxError(
@@ -58,7 +61,7 @@ def _prepare(setup: Header) -> tuple[dict[str, Entry], Arrays]:
     gc.collect()
     gc.enable()
     gc.freeze()  # so that no garbage collection in a child writes to these shared pages
-    return entries, arrays
+    return entries
 
 
 def _import(place: str) -> Entry:

@@ -8,6 +8,7 @@ which writer lives.
 """
 
 import contextlib
+import hashlib
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import Literal
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
-from tacevo.storage.canonical import Field, content_hash, differences, readable, shown
+from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
 from tacevo.storage.files import sweep, write_durably
 from tacevo.typed import FreeJson, parse
 
@@ -60,10 +61,18 @@ class Entry(Record):
 
     def sealed(self) -> dict[str, Json]:
         """Return all that its file holds."""
-        entry: dict[str, Json] = {
-            "schema": SCHEMA, "kind": self.kind, "key": self.key, "request": self.request, "answer": self.answer
-        }  # fmt: skip
-        return {**entry, "checksum": content_hash(entry)}
+        # The canonical form of an object is made of those of its values, so that a long request is written once.
+        kind, request, answer = map(canonical, (self.kind, self.request, self.answer))
+        key = _sha256(f'{{"kind":{kind},"request":{request},"schema":{SCHEMA}}}')
+        checksum = _sha256(f'{{"answer":{answer},"key":"{key}","kind":{kind},"request":{request},"schema":{SCHEMA}}}')
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "key": key,
+            "request": self.request,
+            "answer": self.answer,
+            "checksum": checksum,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,6 +213,10 @@ def sweep_stores(root: Path) -> None:
     """Remove what killed writers left in the stores, and in the records of batches, below `root`."""
     for kind in (*KINDS, "batches"):
         sweep(root / kind)
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _key(kind: str, request: Json) -> str:

@@ -1,5 +1,6 @@
 """The settings of a run reach their source, and data that do not suit the task are refused before they are decoded."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.errors import ConfigError, DataError
+from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Completion, Mode, Request, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
@@ -123,6 +125,22 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     with Workbench(config, task, facts, Mode.record, notice=told.append) as bench:
         bench.gate(CURRENT).inspect(task.baseline)
     assert [in_force(measures)["level"] for measures in told] == [Confinement.none]
+
+
+def test_model_is_not_built_in_a_replay_nor_twice_in_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stores answer a replay, which needs no key of a provider; a search uses the model that was checked for it."""
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    config = compose([f"store.root={tmp_path}", "archive.samples=100", "llm=openai", "llm.model=m"])
+    facts = facts_without_data(config)
+    task = load_task(config, facts)
+    with Workbench(config, task, facts, Mode.replay) as bench:
+        assert isinstance(bench.tools(CURRENT).llm, RecordingLLM)
+    with pytest.raises(ConfigError), Workbench(config, task, facts, Mode.record) as bench:
+        bench.tools(CURRENT)
+    given = RecordingLLM(None, Store(tmp_path, "completions"))
+    with Workbench(config, task, facts, Mode.record, llm=given) as bench:
+        assert bench.tools(CURRENT).llm is given
+        assert bench.tools(replace(CURRENT, static=0)).llm is not given  # under other rules, stores answer all
 
 
 @pytest.mark.parametrize("other", ["llm.thinking_tokens=null", "llm.max_tokens=2048", "llm.model=another"])
