@@ -93,7 +93,7 @@ def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
     return report("a candidate's process", found, unit="candidates", per_second=forks)
 
 
-def pictures(*, images: int = 70, rounds: int = 5) -> Iterator[Figure]:
+def pictures(*, images: int = 30, rounds: int = 5) -> Iterator[Figure]:
     """Draw 256 pixel images in one process; the peer decodes the same images from PNG files."""
     return (_pictures(task, images, rounds) for task in SensorTask)
 
