@@ -4,7 +4,7 @@
 
 Both get the same work. One server on this machine gives the same answers, each once and in the same order: the first
 distinct networks of the published force run. Each contender trains each of them, and the same baseline, with two
-workers, for five epochs on the same 420 images of 32 pixels, and validates every epoch; after each round it is checked
+workers, for five epochs on the same 480 images of 32 pixels, and validates every epoch; after each round it is checked
 that it trained exactly these sources. The contenders are whole commands, timed from start to end, imports included.
 They take turns, after a short round that does not count. The data set is there before; all other stores are empty.
 
