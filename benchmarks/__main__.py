@@ -6,7 +6,6 @@
 import argparse
 import datetime
 import io
-import json
 import subprocess
 import sys
 import tempfile
@@ -23,8 +22,8 @@ from benchmarks import confinement
 from benchmarks.commits import commits
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.peers import REQUIREMENT, peers
-from benchmarks.record import record, table, with_table
-from benchmarks.replay import synthetic_replays
+from benchmarks.record import record, write
+from benchmarks.replay import cost_of, synthetic_replays
 from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
@@ -94,7 +93,7 @@ def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
     return report("a candidate's process", found, unit="candidates", per_second=forks)
 
 
-def pictures(*, images: int = 70, rounds: int = 5) -> Iterator[Figure]:
+def pictures(*, images: int = 30, rounds: int = 5) -> Iterator[Figure]:
     """Draw 256 pixel images in one process; the peer decodes the same images from PNG files."""
     return (_pictures(task, images, rounds) for task in SensorTask)
 
@@ -170,17 +169,11 @@ def _mirror(run: Path, uri: str) -> None:
         raise RuntimeError(warning)
 
 
-def memory(*, settings: Sequence[str] = TINY) -> Figure:
-    """Return the peak resident memory of a process that searches, and whether it imported torch."""
-    script = (
-        "import resource, sys; from tacevo.cli.app import main; main(sys.argv[1:]); "
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, 'torch' in sys.modules)"
-    )
+def memory(*, settings: Sequence[str] = SMALL) -> Figure:
+    """Return the peak resident memory of the process that searches."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-c", script, "search", *settings]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    peak, torch = done.stdout.split()[-2:]
-    return Figure(title="peak memory", name=f"searching process (torch: {torch})", value=float(peak), unit="MiB")
+        cost = cost_of("search", *settings, f"run.dir={folder}/run", f"store.root={folder}/cache")
+    return Figure(title="peak memory", name="the process that searches", value=cost.memory, unit="MB")
 
 
 def _silent() -> Progress:
@@ -201,7 +194,7 @@ BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]]
     synthetic_replays: {"generations": [0]},
     tracking: {"settings": TINY, "rounds": 1},
     asking: {"count": 10, "rounds": 1},
-    memory: {},
+    memory: {"settings": TINY},
     memory_of_many: {"many": 10},
 }
 
@@ -218,10 +211,7 @@ def main() -> None:
             print(figure, flush=True)
             figures.append(figure)
     if not quick:
-        measured = record(figures, datetime.date.today().isoformat(), REQUIREMENT.partition("==")[2])
-        RESULTS.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
-        page = README.read_text(encoding="utf-8")
-        README.write_text(with_table(page, list(table(measured))), encoding="utf-8")
+        write(record(figures, datetime.date.today().isoformat(), REQUIREMENT.partition("==")[2]), RESULTS, README)
 
 
 if __name__ == "__main__":

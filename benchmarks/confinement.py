@@ -36,7 +36,7 @@ def walls(*, rounds: int = 9) -> Figure:
     return report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
 
 
-def training(*, epochs: int = 10, rounds: int = 5) -> Figure:
+def training(*, epochs: int = 10, rounds: int = 3) -> Figure:
     """Train a baseline, confined and with portable numerics; the peer is a textbook's loop in an ordinary process."""
     _, task = task_without_data("force", plain.SIZE)
     with tempfile.TemporaryDirectory() as folder:

@@ -30,7 +30,7 @@ DELAY = 0.25
 _SERVER = Path(__file__).parents[1] / "tests" / "support" / "llm_server.py"
 
 
-def asking(*, count: int = 1_000, rounds: int = 5) -> Figure:
+def asking(*, count: int = 1_000, rounds: int = 3) -> Figure:
     """Ask 1,000 things, 64 at once, and store each answer durably; the peer is the plain SDK, which stores nothing."""
     with _serving() as url, tempfile.TemporaryDirectory() as folder:
         stores = (Store(Path(folder) / str(number), "completions") for number in itertools.count())

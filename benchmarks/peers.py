@@ -4,7 +4,7 @@
 
 Both get the same work. One server on this machine gives the same answers, each once and in the same order: the first
 distinct networks of the published force run. Each contender trains each of them, and the same baseline, with two
-workers, for five epochs on the same 420 images of 32 pixels, and validates every epoch; after each round it is checked
+workers, for five epochs on the same 480 images of 32 pixels, and validates every epoch; after each round it is checked
 that it trained exactly these sources. The contenders are whole commands, timed from start to end, imports included.
 They take turns, after a short round that does not count. The data set is there before; all other stores are empty.
 
@@ -42,6 +42,7 @@ import yaml
 from rich.console import Console
 
 from analysis.runs.run import load_run
+from benchmarks.replay import Cost
 from benchmarks.timing import Figure, children_seconds
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
@@ -62,17 +63,6 @@ PUBLISHED = Path("cache/published/force-grammar.zip")
 #: Candidates of a generation, and generations after the first; other settings of ours are those of the published run.
 GENERATION, GENERATIONS = 10, 3
 SETTINGS = ("experiment=published_force", "tracking=none", "executor.workers=2")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
-    """What one search took."""
-
-    seconds: float
-    #: Of all its processes.
-    processor_seconds: float
-    #: Peak of the memory of all its processes at once, in MB (1,000,000 bytes); what they share counts once.
-    memory: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,7 +230,7 @@ def serving(answers: Sequence[str]) -> Iterator[str]:
 
 
 def cost_of(search: Search) -> Cost:
-    """Run a contender's command to its end.
+    """Run a contender's command to its end; its memory is the peak of all its processes together.
 
     Raises:
         RuntimeError: it failed; with its output.

@@ -1,8 +1,10 @@
 """What `make bench` leaves: one JSON file of figures, and the table of them in the project's README."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from benchmarks.timing import Figure, number
@@ -27,6 +29,16 @@ def record(figures: Sequence[Figure], date: str, peer: str) -> dict[str, Any]:
         "versions": {**versions(), "ribs": version("ribs"), "openevolve": peer},
         "figures": [{**asdict(figure), "ratio": figure.ratio} for figure in figures],
     }
+
+
+def write(measured: Mapping[str, Any], results: Path, page: Path) -> None:
+    """Write a record as JSON, and its table into a page.
+
+    Raises:
+        ValueError: the page has no place for it; the record is written.
+    """
+    results.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    page.write_text(with_table(page.read_text(encoding="utf-8"), list(table(measured))), encoding="utf-8")
 
 
 def table(measured: Mapping[str, Any]) -> Iterator[str]:
@@ -56,4 +68,4 @@ def with_table(page: str, lines: Sequence[str]) -> str:
     before, after = page.split(BEGIN), page.split(END)
     if len(before) != 2 or len(after) != 2:
         raise ValueError(f"the page needs the lines {BEGIN!r} and {END!r}, each once")
-    return "\n".join([f"{before[0]}{BEGIN}\n", *lines, f"\n{END}{after[1]}"])
+    return "\n".join([f"{before[0]}{BEGIN}", "", *lines, "", f"{END}{after[1]}"])

@@ -1,4 +1,4 @@
-"""How long a replay takes and what memory it needs: of 1,000 and of 3,000 candidates."""
+"""How long a replay takes and what memory it needs: of 1,000 and of 2,000 candidates."""
 
 import io
 import json
@@ -16,8 +16,8 @@ from benchmarks.synthetic import record_synthetic
 from benchmarks.timing import Figure
 from tacevo.runs.progress import Progress
 
-#: Generations of 50 candidates: the paper's size, and three times that; ten times would take a third of `make bench`.
-GENERATIONS = (20, 60)
+#: Generations of 50 candidates: the paper's size, and twice that; ten times would take a third of `make bench`.
+GENERATIONS = (20, 40)
 
 #: A command in a process of its own, which prints its processor seconds and the peak of its resident memory last.
 _SCRIPT = """

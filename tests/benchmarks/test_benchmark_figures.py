@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.__main__ import BENCHMARKS, RESULTS
-from benchmarks.record import BEGIN, END, record, table, with_table
+from benchmarks.record import BEGIN, END, record, table, with_table, write
 from benchmarks.timing import Figure, medians, report
 
 ROOT = Path(__file__).parents[2]
@@ -42,16 +42,19 @@ def test_rivals_take_turns() -> None:
     assert order == ["ours", "theirs", "ours", "theirs"]
 
 
-def test_table_has_a_row_for_each_figure_with_a_peer() -> None:
-    """A record that went through JSON gives the rows, and the date and machine above them."""
+def test_record_and_table_hold_what_was_found(tmp_path: Path) -> None:
+    """The JSON has every figure; the page gets a row for each with a peer, and the date and machine above them."""
     figures = [report("a search", {"ours": 2.0, "theirs": 4.0}, unit="s"), LONELY]
-    measured = json.loads(json.dumps(record(figures, "2026-01-31", "1.2.3")))
-    head, *_, row = table(measured)
+    results, page = tmp_path / "bench.json", tmp_path / "README.md"
+    page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
+    write(record(figures, "2026-01-31", "1.2.3"), results, page)
+    measured = json.loads(results.read_text(encoding="utf-8"))
+    assert [(figure["title"], figure["ratio"]) for figure in measured["figures"]] == [("a search", 2), ("memory", None)]
+    assert measured["versions"]["openevolve"] == "1.2.3"
+    _, _, head, *_, row, _, _ = page.read_text(encoding="utf-8").splitlines()
     assert "2026-01-31" in head
     assert measured["machine"]["cpu"] in head
     assert row == "| a search | ours: 2 s | theirs: 4 s | 2.00 |"
-    assert [figure["title"] for figure in measured["figures"]] == ["a search", "memory"]
-    assert measured["versions"]["openevolve"] == "1.2.3"
 
 
 def test_only_the_lines_between_the_markers_are_replaced() -> None:
@@ -70,10 +73,10 @@ def test_page_without_its_two_markers_is_refused(page: str) -> None:
 
 
 def test_readme_holds_the_table_of_the_results() -> None:
-    """Nobody has typed a figure."""
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
-    measured = json.loads((ROOT / RESULTS).read_text(encoding="utf-8"))
-    assert with_table(page, list(table(measured))) == page
+    """Nobody has typed a figure; before the first measurement there is none."""
+    page, results = (ROOT / "README.md").read_text(encoding="utf-8"), ROOT / RESULTS
+    lines = list(table(json.loads(results.read_text(encoding="utf-8")))) if results.exists() else []
+    assert with_table(page, lines) == page
 
 
 @pytest.mark.parametrize("measure", BENCHMARKS)
