@@ -283,6 +283,17 @@ def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
     assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
 
 
+def test_layout_of_an_older_run_is_sent_and_in_no_key(tmp_path: Path) -> None:
+    """The number of the rules, which the key has, says the same."""
+    new, old = Recorder(), Recorder()
+    first, second = evaluator(new.run, tmp_path), evaluator(old.run, tmp_path, contiguous=True)
+    first.retrain(SOURCE, 0)
+    second.retrain(SOURCE, 0)
+    ((header, payload),) = new.sent
+    assert old.sent == [({**header, "contiguous": True}, payload)]
+    assert second.key(SOURCE, 0) == first.key(SOURCE, 0)
+
+
 def test_broken_sandbox_is_never_stored(tmp_path: Path) -> None:
     """No verdict follows from a sandbox that failed."""
     with pytest.raises(SandboxError, match="nothing may be trained here"):
