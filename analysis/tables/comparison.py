@@ -10,6 +10,7 @@ from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
 from analysis.studies.metrics import SHARES, metric_name, named_metrics
 from analysis.studies.scores import LOWER_IS_BETTER, Study
+from analysis.studies.trivial import trivial_score
 from analysis.studies.warnings import caution_notes
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.choices import MarginKind
@@ -40,19 +41,23 @@ def scores_table(study: Study) -> Table:
         name=f"scores_{study.task}",
         caption=f"Test {metric_name(study.primary)} of the networks of {study.task}.",
         columns=("network", "candidate", "parameters", "FLOPs", *spread, "chosen epoch"),
-        rows=tuple(
-            (
-                network.name,
-                network.id,
-                network.parameters,
-                network.flops,
-                *_scores(study, network),
-                _epochs(study, network),
-            )
-            for network in study.networks
+        rows=(
+            *(
+                (
+                    network.name,
+                    network.id,
+                    network.parameters,
+                    network.flops,
+                    *_scores(study, network),
+                    _epochs(study, network),
+                )
+                for network in study.networks
+            ),
+            *_trivial_row(study),
         ),
         notes=(
             *_scale_note(study),
+            *_trivial_note(study),
             "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",
             _training(study),
         ),
@@ -195,6 +200,12 @@ def _unit(metric: str) -> str:
 
 def _scores(study: Study, network: Network) -> tuple[Cell, ...]:
     return tuple(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary)))
+
+
+def _trivial_row(study: Study) -> tuple[tuple[Cell, ...], ...]:
+    """Return the row of the predictor that looks at no image, where its score is known."""
+    score = trivial_score(study)
+    return () if score is None else (("trivial", None, 0, 0, _value(study.primary, score), *(None,) * 5),)
 
 
 def _epochs(study: Study, network: Network) -> Between:

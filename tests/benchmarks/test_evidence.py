@@ -14,7 +14,6 @@ TOO_MANY_ERRORS = {"Mann-Whitney, spreads 1 to 4"}
 TOO_NARROW = {
     "A12 of 0.5, 5 seeds, bootstrap",
     "A12 of 0.95, 20 seeds, bootstrap",
-    "difference of medians, 5 seeds, bootstrap",
 }
 
 #: Four niches, whose centroids need no search.
@@ -48,8 +47,8 @@ def test_choosing_and_testing_by_the_same_seeds_would_err() -> None:
     """Elites chosen by the seeds that test them differ from the baseline too often; with seeds of their own not."""
     rng = np.random.default_rng(0)
     same, fresh = (sum(chosen_differs(rng, fresh=own) for _ in range(TRIALS)) / TRIALS for own in (False, True))
-    assert fresh < 0.09
-    assert same > 2 * 0.05
+    assert fresh < 0.1
+    assert same > 0.2
 
 
 def test_flat_landscape_has_an_improvement_on_record_only() -> None:
