@@ -15,9 +15,9 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.statistics.effects import Interval, effects, median
+from analysis.statistics.effects import Interval, effects, median, superiority
 from analysis.statistics.equivalence import equivalence
-from analysis.statistics.noise import icc, superiority
+from analysis.statistics.noise import icc
 from analysis.statistics.tests import holm, hypergeometric_p, mann_whitney
 from benchmarks.landscape import BASELINE, Floats, Landscape, Searched, Strategy, search
 from tacevo.search.archive import Tessellation, find_centroids

@@ -108,4 +108,4 @@ def _candidate(
         case Strategy.elites:
             elites = list(archive.archive.elites.values())
             parent = int(elites[rng.integers(len(elites))].name)
-    return np.clip(points[parent] + _STEP * rng.normal(size=2), 0.0, 1.0)
+    return np.asarray(np.clip(points[parent] + _STEP * rng.normal(size=2), 0.0, 1.0))

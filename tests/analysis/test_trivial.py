@@ -30,8 +30,9 @@ def test_majority_is_the_most_frequent_class() -> None:
     """Three of nine images in every class of the matrix; and a row of the table, with neither cost nor spread."""
     assert trivial_score(ACCURACIES) == pytest.approx(1 / 3)
     skewed = replace(ACCURACIES, scores=tuple(replace(one, confusion=((1, 0), (2, 6))) for one in ACCURACIES.scores))
-    assert trivial_score(skewed) == pytest.approx(8 / 9)
-    assert scores_table(skewed).rows[-1] == ("trivial", None, 0, 0, Percent(pytest.approx(8 / 9)), *(None,) * 5)
+    share = trivial_score(skewed)
+    assert share == pytest.approx(8 / 9)
+    assert scores_table(skewed).rows[-1] == ("trivial", None, 0, 0, Percent(share or 0), *(None,) * 5)
 
 
 def test_mean_is_scikit_learns_dummy() -> None:
