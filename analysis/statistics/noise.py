@@ -8,11 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
-from scipy.special import ndtri
 from scipy.stats import f, kendalltau
 
-from analysis.statistics.effects import LEVEL, Interval
+from analysis.statistics.effects import LEVEL, Interval, superiority
 from analysis.statistics.samples import Sample
 from tacevo.rounding import rounded
 
@@ -95,33 +93,6 @@ def noise(draws: Draws) -> Noise:
         icc=found,
         agreement=agreement(draws.recorded, medians),
     )
-
-
-def superiority(x: ArrayLike, y: ArrayLike) -> Interval:
-    """Estimate P(x < y) + P(x = y) / 2, the chance that one seed of x is better than one of y.
-
-    The interval is Newcombe's fifth (2006, Statistics in Medicine 25: 559-573): all chances that lie within z standard
-    deviations of the estimate, by the variance of Hanley and McNeil (1982) with both sizes replaced by their mean. It
-    has a width where samples do not overlap, and for one value of each, where a bootstrap has none.
-
-    Args:
-        x: shape (n,), n >= 1.
-        y: shape (m,), m >= 1.
-    """
-    first, second = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    below = first[:, None] < second[None, :]
-    estimate = float((below + 0.5 * (first[:, None] == second[None, :])).mean())
-    pairs, more = len(first) * len(second), (len(first) + len(second)) / 2 - 1
-    z = float(ndtri((1 + LEVEL) / 2))
-
-    def outside(chance: float) -> float:
-        spread = chance * (1 - chance) * (1 + more * ((1 - chance) / (2 - chance) + chance / (1 + chance))) / pairs
-        return float((chance - estimate) ** 2 - z**2 * spread)
-
-    # The estimate itself is a root where it is 0 or 1, and not the one that is looked for.
-    low = 0.0 if estimate == 0 else float(brentq(outside, 0.0, estimate * (1 - 1e-9), xtol=1e-14))
-    high = 1.0 if estimate == 1 else float(brentq(outside, estimate + (1 - estimate) * 1e-9, 1.0, xtol=1e-14))
-    return Interval(estimate=rounded(estimate), low=rounded(low), high=rounded(high))
 
 
 def icc(estimates: ArrayLike) -> Interval | None:

@@ -71,8 +71,9 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         raise RunError(f"{len(rows)} others", place=place, expected="one score for each network and seed")
     ordered, shape = [sound[name] for name in names], (len(header.networks), header.seeds)
     epochs = config.training.epochs
+    found: tuple[Ranking, ...] = ()
     if header.terms is None:
-        fitness, found = np.array([row.validation_loss for row in ordered]).reshape(shape), ()
+        fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
         losses = np.array([_losses(store, row) for row in ordered]).reshape(*shape, -1)
         fitness, found = losses[:, :, epochs - 1], rankings(losses, _tested(header, ordered).reshape(shape))

@@ -252,8 +252,8 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         "arms shows nothing of the arm.",
         f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
-        f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
-        f"resamples, whose {100 * LEVEL:g} % is approximate, and the more so the fewer seeds there are.",
+        f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
+        f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
         f"A12: the chance that a run of the arm has more than one of {REFERENCE}. Differences are arm less "
         f"{REFERENCE}; by seed: of the runs that share a seed, and so their streams.",
     ]

@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import f_oneway, kendalltau, norm, spearmanr
+from scipy.stats import f_oneway, kendalltau, spearmanr
 
-from analysis.statistics.noise import Draws, agreement, expected, icc, noise, rankings, superiority
+from analysis.statistics.noise import Draws, agreement, expected, icc, noise, rankings
 
 #: Six targets by four judges: the example of Shrout and Fleiss (1979), whose ICC(1) is 0.17.
 SHROUT_FLEISS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
-
-SAMPLES = st.lists(st.integers(-3, 3).map(float), min_size=1, max_size=8)
 
 
 def test_recorded_fitness_is_placed_among_its_draws() -> None:
@@ -23,33 +19,6 @@ def test_recorded_fitness_is_placed_among_its_draws() -> None:
     assert winner.beats is not None
     assert winner.beats.estimate == pytest.approx(4 / 9, abs=1e-9)  # 1/2 + 1/2 + 1 + 1 + 1 of nine pairs
     assert (found.seeds, found.agreement) == (3, -1)
-
-
-@given(SAMPLES, SAMPLES)
-def test_chance_lies_in_its_interval_and_mirrors(x: list[float], y: list[float]) -> None:
-    """Low, estimate and high are in order and in [0, 1]; from the other side all three are reflected."""
-    here, there = superiority(x, y), superiority(y, x)
-    assert 0 <= here.low <= here.estimate <= here.high <= 1
-    assert (here.estimate, here.low, here.high) == pytest.approx((1 - there.estimate, 1 - there.high, 1 - there.low))
-
-
-@pytest.mark.parametrize(("n", "m"), [(1, 1), (5, 5), (20, 20), (5, 20)])
-def test_ends_solve_newcombes_equation(n: int, m: int) -> None:
-    """Both ends of an interval are z standard deviations of their own variance away from the estimate."""
-    rng = np.random.default_rng(n)
-    found = superiority(rng.normal(size=n), rng.normal(0.5, size=m))
-    for end in {found.low, found.high} - {0.0, 1.0}:
-        more = (n + m) / 2 - 1
-        variance = end * (1 - end) * (1 + more * (1 - end) / (2 - end) + more * end / (1 + end)) / (n * m)
-        assert abs(end - found.estimate) == pytest.approx(norm.ppf(0.975) * np.sqrt(variance), rel=1e-5)
-
-
-def test_separated_samples_leave_room_for_doubt() -> None:
-    """Five seeds that all beat five others show a chance of 1, and rule out a half only; one seed rules out nothing."""
-    separated = superiority(range(5), range(10, 15))
-    assert (separated.estimate, separated.high) == (1, 1)
-    assert 0.5 < separated.low < 0.8
-    assert superiority([1.0], [2.0]).low < 0.5
 
 
 def test_icc_is_that_of_shrout_and_fleiss() -> None:
