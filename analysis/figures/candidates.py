@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from analysis.figures.axes import on_loss_axis
+from analysis.figures.axes import count_along, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
 from analysis.runs.lineage import Ancestor
@@ -90,8 +90,7 @@ def training_curves(networks: Sequence[CandidateLine]) -> Figure:
         axes.plot(range(1, len(losses) + 1), losses, color=colour, marker=marker, linestyle=dashes, label=label)
         drawn += losses
     on_loss_axis(axes, drawn)
-    axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    count_along(axes, "epoch")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 

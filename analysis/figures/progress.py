@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
+from analysis.figures.axes import count_along, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.runs.dynamics import Productivity, Progress
 from analysis.runs.run import Run
@@ -40,7 +39,7 @@ def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
     axes.plot(generations, _values(medians), color=VERMILLION, linestyle="--", marker="s", label="archive median")
     axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
     on_loss_axis(axes, [*(entry.best for entry in run.generations), *medians, *new])
-    _generations(axes)
+    count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -59,7 +58,7 @@ def trainable(generations: Sequence[Progress]) -> Figure:
         floor = floor + counts
     axes.set_ylabel("candidates")
     axes.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-    _generations(axes)
+    count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -92,7 +91,7 @@ def growth(run: Run, prompt_niches: int, reachable: int) -> Figure:
     lower.set_ylabel("QD-score")
     lower.set_ylim(bottom=0)
     for axes in (upper, lower):
-        _generations(axes)
+        count_along(axes, "generation")
     upper.set_xlabel("")
     upper.tick_params(labelbottom=False)
     return figure
@@ -114,7 +113,7 @@ def temperature(run: Run) -> Figure:
     axes.step(generations, centres, where="mid", color=BLUE, label="$T_g$ of the generation")
     axes.set(ylabel="temperature", ylim=(-0.02, 1.02))
     title_unsent_temperatures(axes, run)
-    _generations(axes)
+    count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=2)
     return figure
 
@@ -145,8 +144,3 @@ def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
 def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
     """Put NaN, which is not drawn, where nothing was trained."""
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-
-
-def _generations(axes: Axes) -> None:
-    axes.set_xlabel("generation")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

@@ -88,8 +88,7 @@ def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
         sides = ConvexHull(points).equations
     except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
         return lattice[:0]
-    inside: NDArray[np.bool_] = (lattice @ sides[:, :2].T + sides[:, 2] <= 0).all(axis=1)
-    return lattice[inside]
+    return lattice[np.all(lattice @ sides[:, :2].T + sides[:, 2] <= 0, axis=1)]
 
 
 def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> float:

@@ -20,10 +20,10 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
         found |= current
-        outcomes = [(before, best) for before in current for best in (0.5, 1.0)]
         current = {
             next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
-            for before, best in outcomes
+            for before in current
+            for best in (0.5, 1.0)
         }
     return frozenset(found)
 

@@ -42,11 +42,8 @@ def scores_table(study: Study) -> Table:
         columns=("network", "candidate", "parameters", "FLOPs", *spread, "chosen epoch"),
         rows=tuple(
             (
-                network.name,
-                network.id,
-                network.parameters,
-                network.flops,
-                *_scores(study, network),
+                *(network.name, network.id, network.parameters, network.flops),
+                *(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
                 _epochs(study, network),
             )
             for network in study.networks
@@ -111,9 +108,9 @@ def effects_table(study: Study, found: Comparisons) -> Table:
         rows=tuple(
             (
                 variant.network,
-                _between(variant.effects.a12),
-                _between(variant.effects.cliffs_delta),
-                _between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
+                between(variant.effects.a12),
+                between(variant.effects.cliffs_delta),
+                between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
             )
             for variant in found.variants
         ),
@@ -159,7 +156,7 @@ def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell
         (name, baseline, median, *(None,) * 7),
         *(
             (
-                *(name, variant.network, variant.median, _between(variant.effects.a12), Halves(variant.test.u)),
+                *(name, variant.network, variant.median, between(variant.effects.a12), Halves(variant.test.u)),
                 *(PValue(variant.test.p), PValue(variant.p_holm)),
                 *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
             )
@@ -193,10 +190,6 @@ def _unit(metric: str) -> str:
     return "percentage points" if metric in SHARES else metric_name(metric)
 
 
-def _scores(study: Study, network: Network) -> tuple[Cell, ...]:
-    return tuple(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary)))
-
-
 def _epochs(study: Study, network: Network) -> Between:
     epochs = [score.epoch for score in study.scores if score.network == network.name]
     return Between(*_spread(np.array(epochs, dtype=np.float64))[:3])
@@ -212,7 +205,8 @@ def _median(study: Study, network: Network, metric: str) -> Cell:
     return shape(*_spread(study.values(network.name, metric))[:3])
 
 
-def _between(interval: Interval, factor: int = 1) -> Between:
+def between(interval: Interval, factor: int = 1) -> Between:
+    """Return the cell of an interval, multiplied by a factor."""
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
 

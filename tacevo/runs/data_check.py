@@ -41,21 +41,14 @@ def check(overrides: Sequence[str], output: str | None, console: Console) -> Ins
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
     """
     sheet = None if output is None else _writable(output)
-    config = compose([_NO_MODEL, *overrides])
-    catalogue = source_of(config).catalogue()
-    dataset = _load(config, catalogue, console)
+    config, catalogue, dataset = _loaded(overrides, console)
     units = units_of(catalogue)
     path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
     counts = " / ".join(map(str, dataset.facts.counts))
     title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
     save(contact_sheet(dataset, units=units, title=title), path)
-    return Inspection(
-        config=config,
-        dataset=dataset,
-        survey=survey(dataset, units),
-        catalogue=catalogue,
-        sheet=path,
-    )
+    counted = survey(dataset, units)
+    return Inspection(config=config, dataset=dataset, survey=counted, catalogue=catalogue, sheet=path)
 
 
 def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:
@@ -65,11 +58,8 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
         TacevoError: as `check`.
     """
     path = _writable(output)
-    config = compose([_NO_MODEL, *overrides])
-    catalogue = source_of(config).catalogue()
-    dataset = _load(config, catalogue, console)
-    units = units_of(catalogue)
-    save(sample_figure(dataset, units=units, width=width), path)
+    _, catalogue, dataset = _loaded(overrides, console)
+    save(sample_figure(dataset, units=units_of(catalogue), width=width), path)
     return path
 
 
@@ -116,12 +106,14 @@ def simulate(settings: Sequence[str], console: Console) -> str:
     return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
 
 
-def _load(config: RunConfig, catalogue: Catalogue, console: Console) -> Dataset:
-    """Load a data set from its catalogue, and check that it suits its task, as a search does."""
+def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset]:
+    """Load a data set, and check that it suits its task, as a search does."""
+    config = compose([_NO_MODEL, *overrides])
+    catalogue = source_of(config).catalogue()
     with Progress(console) as view:
         dataset = load_data(config, view, catalogue=catalogue)
     load_task(config, dataset.facts)
-    return dataset
+    return config, catalogue, dataset
 
 
 def _writable(name: str) -> Path:

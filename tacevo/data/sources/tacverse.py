@@ -12,7 +12,6 @@ presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
 import json
 import re
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,8 @@ import numpy.typing as npt
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, listed, refuse, repeats
 from tacevo.data.sources.hints import check_directory, check_file, content
-from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
-from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
+from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.rows import Row, read_rows, row_catalogue
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -87,19 +86,13 @@ class TacVerse:
 
     def _regression(self) -> Catalogue:
         rows, skipped = self._rows()
-        return Catalogue(
-            kind=Kind.regression,
+        return row_catalogue(
+            rows,
+            skipped,
+            self.image_size,
             names=OUTPUTS[self.task],
             units=UNITS[self.task] if self._is_simulated() else None,
-            labels=np.array([row.labels for row in rows], dtype=np.float64),
-            image_size=self.image_size,
-            pictures=pictures(rows, self.image_size),
             release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
-            recorded_size=common_size([(row.place, row.path) for row in rows]),
-            files=[row.path for row in rows],
-            places=[row.place for row in rows],
-            skipped=skipped,
-            ignored=unnamed_images(rows),
         )
 
     def _is_simulated(self) -> bool:
@@ -119,18 +112,17 @@ class TacVerse:
         presses = sorted({(frame.size, frame.group) for frame in frames})
         numbers = {press: number for number, press in enumerate(presses)}
         groups = np.array([numbers[frame.size, frame.group] for frame in frames], dtype=np.int64)
-        return Catalogue(
+        files = [frame.path for frame in frames]
+        return file_catalogue(
+            files,
+            [path.name for path in files],
+            self.image_size,
             kind=Kind.classification,
             names=tuple(f"{size:g} mm" for size in sizes),
             labels=np.array([sizes.index(frame.size) for frame in frames], dtype=np.int64),
-            image_size=self.image_size,
-            pictures=tuple(partial(decode, frame.path, self.image_size) for frame in frames),
             groups=groups,
             release=_split_of_presses(presses, groups),
-            recorded_size=common_size([(frame.path.name, frame.path) for frame in frames]),
-            files=[frame.path for frame in frames],
-            places=[frame.path.name for frame in frames],
-            ignored=other_files(frames[0].path.parent, "*", [frame.path for frame in frames]),
+            ignored=other_files(files[0].parent, "*", files),
         )
 
     def _rows(self) -> tuple[list[Row], int]:
