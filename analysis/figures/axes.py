@@ -47,9 +47,7 @@ def count_along(axes: Axes, label: str) -> None:
 def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
     """Name and scale the upright axis of validation losses.
 
-    Args:
-        axes: where they are drawn.
-        losses: all that is drawn; None, where nothing was trained, is not.
+    A loss of None, where nothing was trained, is not drawn.
     """
     values = [loss for loss in losses if loss is not None]
     axes.set_ylabel("validation loss")

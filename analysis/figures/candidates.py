@@ -49,8 +49,7 @@ _LINES = (
 def lineage(ancestors: Sequence[Ancestor]) -> Figure:
     """Draw a network and its ancestors, one below the other, each with what it was made by and its fitness.
 
-    Args:
-        ancestors: in the order of the search; the network itself is the last.
+    The ancestors stand in the order of the search; the network itself is the last.
     """
     rows = [ancestor.candidate for ancestor in ancestors[-ROWS:]]
     height = _HEAD + _ROW * len(rows) + _FOOT

@@ -27,9 +27,7 @@ _STAGES = {
 def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
     """Draw best and median fitness of the network archive, and the median of each generation's new candidates.
 
-    Args:
-        run: the run.
-        medians: of the archive after each generation; None before anything was trained.
+    The medians are of the archive after each generation; None before anything was trained.
     """
     figure, (axes,) = new_figure("single", 2.2)
     generations = [entry.generation for entry in run.generations]
@@ -122,8 +120,7 @@ def temperature(run: Run) -> Figure:
 def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
     """Draw the share of each instruction's children that entered the network archive, with its Wilson interval.
 
-    Args:
-        prompts: in the order of the library; one that was never tried has its line, and no point on it.
+    One that was never tried has its line, and no point on it.
     """
     figure, (axes,) = new_figure("single", 0.55 + 0.145 * len(prompts))
     for place, prompt in enumerate(prompts):

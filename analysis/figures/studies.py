@@ -23,9 +23,7 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
 
     Whiskers end at the furthest seed within 1.5 quartile ranges; seeds beyond are seen as points like all others.
 
-    Args:
-        study: the study.
-        words: what stands above a network, e.g. its verdict; by the network's name.
+    `words` stand above a network, by its name: its verdict, say.
     """
     figure, (axes,) = new_figure("single", 2.6)
     factor, unit = (100.0, " (%)") if study.primary in SHARES else (1.0, "")

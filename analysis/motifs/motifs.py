@@ -149,10 +149,7 @@ def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anato
 def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
     """Count the motifs of the best networks and of the archive, and test each count against all that was evaluated.
 
-    Args:
-        run: the run.
-        anatomies: of its trained candidates, by id.
-        top: how many of the best networks to count apart; see `Run.best`.
+    The best networks are those of `Run.best`, at most `top`.
     """
     baseline = anatomies[run.baseline.id]
     sources = {candidate.id: candidate.source for candidate in run.candidates}

@@ -31,9 +31,7 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
 def reachable_prompt_niches(run: Run, centroids: NDArray[np.float64]) -> frozenset[int]:
     """Return the niches that hold some instruction at one of `reachable_temperatures`.
 
-    Args:
-        run: a run that keeps a prompt archive.
-        centroids: of its prompt archive, shape (niches, 2), in [0, 1].
+    The centroids are those of the prompt archive, shape (niches, 2), in [0, 1].
     """
     prompts = len(run.instructions)
     points = [

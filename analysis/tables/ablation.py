@@ -46,10 +46,7 @@ _MEANINGS = {
 def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table, ...]:
     """Return all tables of a sweep.
 
-    Args:
-        sweep: what was compared, and what is missing of it.
-        found: what `analysis.sweeps.ablation.compare_arms` says of it.
-        archive: what is to be said of the common archive.
+    `archive` is what is to be said of the common archive.
     """
     metrics = (metric_table(sweep, found, metric, archive) for metric in Metric)
     return arms_table(sweep, found, archive), settings_table(sweep), *metrics, runs_table(sweep, found, archive)

@@ -22,9 +22,7 @@ from tacevo.text import counted, listed
 def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
     """Return all tables of a study.
 
-    Args:
-        study: whole, as `analysis.studies.study.load_study` gives it.
-        found: what `analysis.studies.comparison.compare` says of it; None where it cannot be compared.
+    Without comparisons, where it cannot be compared, these are the tables of its scores only.
     """
     described = scores_table(study), metrics_table(study)
     if found is None:

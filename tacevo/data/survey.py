@@ -81,12 +81,7 @@ class Survey:
 
 
 def survey(dataset: Dataset, units: tuple[str, ...]) -> Survey:
-    """Count a data set; reads every training image three times and every other one twice.
-
-    Args:
-        dataset: the data set.
-        units: one for each output, see `tacevo.data.labels.units_of`.
-    """
+    """Count a data set; reads every training image three times and every other one twice."""
     images: npt.NDArray[np.uint8] = np.load(dataset.images, mmap_mode="r")
     mean, deviation = input_statistics(images, dataset.train, Normalisation.standardise)
     return Survey(

@@ -32,10 +32,7 @@ _NO_MODEL = "llm=grammar"
 def check(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
     """Load a data set as a search would, count it and write a contact sheet.
 
-    Args:
-        overrides: as for a search.
-        output: the sheet's file; None for `contact-sheet-<fingerprint>.png` in the current directory.
-        console: where progress is shown.
+    Without `output`, the sheet is `contact-sheet-<fingerprint>.png` in the current directory.
 
     Raises:
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
@@ -66,10 +63,7 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
 def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
     """Draw the sample pictures of the data set that a run searched with.
 
-    Args:
-        path: the run directory.
-        store: where its stores lie, if not where the run had them; what is simulated again is kept there.
-        console: where progress is shown.
+    What is simulated again is kept in the store, the run's own unless another one is named.
 
     Raises:
         DataError: the data set is missing, or is not the one that the run had.
@@ -85,9 +79,7 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
 def simulate(settings: Sequence[str], console: Console) -> str:
     """Write a simulated data set as files.
 
-    Args:
-        settings: overrides as for a search, and two of its own: `out=DIR`, and `n=IMAGES` for `data.images`.
-        console: where progress is shown.
+    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`.
 
     Returns:
         What was written, and the command that reads it.

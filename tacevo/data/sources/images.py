@@ -39,22 +39,14 @@ def image_files(directory: Path, pattern: str) -> list[Path]:
     Hidden files and directories are left out: editors and systems put copies and stubs there, such as
     `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
 
-    Args:
-        directory: where to look; its own name may begin with a dot.
-        pattern: `*`, or `**/*` for all directories below too.
+    The pattern is `*`, or `**/*` for all directories below too.
     """
     images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
     return sorted(path for path in images if not _hidden(path.relative_to(directory)))
 
 
 def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
-    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder.
-
-    Args:
-        directory: where to look.
-        pattern: as in `image_files`.
-        used: files that belong to the data set, below the directory as `image_files` gives them.
-    """
+    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder."""
     known = set(used)
     files = (path for path in directory.glob(pattern) if path not in known and path.is_file())
     return sorted(path for path in files if not _hidden(path.relative_to(directory)))

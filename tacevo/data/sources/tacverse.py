@@ -13,6 +13,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +47,16 @@ OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)
 UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
 
 
+class _Frame(NamedTuple):
+    """One picture of one press onto a grating; pictures are in the order of these fields."""
+
+    #: In mm.
+    size: float
+    group: int
+    frame: int
+    path: Path
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TacVerse:
     """One task and one sensor of the release."""
@@ -70,7 +81,7 @@ class TacVerse:
         described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
         if self.task is SensorTask.grating:
             frames = self._frames()
-            presses = [[frame.size, frame.group, frame.frame] for frame in frames]
+            presses = [list(frame[:3]) for frame in frames]
             return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
         rows, _ = self._rows()
         labels = [[row.path.name, list(row.labels)] for row in rows]
@@ -109,9 +120,9 @@ class TacVerse:
     def _gratings(self) -> Catalogue:
         frames = self._frames()
         sizes = sorted({frame.size for frame in frames})
-        presses = sorted({(frame.size, frame.group) for frame in frames})
+        presses = sorted({frame[:2] for frame in frames})
         numbers = {press: number for number, press in enumerate(presses)}
-        groups = np.array([numbers[frame.size, frame.group] for frame in frames], dtype=np.int64)
+        groups = np.array([numbers[frame[:2]] for frame in frames], dtype=np.int64)
         files = [frame.path for frame in frames]
         return file_catalogue(
             files,
@@ -144,7 +155,7 @@ class TacVerse:
         refuse(f"{table.name} names images without a number", faults, "end names with their number, as image_12.png")
         return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
 
-    def _frames(self) -> list["Frame"]:
+    def _frames(self) -> list[_Frame]:
         """Find the images of all presses, ordered by size, press and frame."""
         parent = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
         if self.pattern is None:
@@ -161,33 +172,18 @@ class TacVerse:
             [path.name for path, frame in frames if frame is None],
             "rename or remove them",
         )
-        found = sorted((frame for _, frame in frames if frame is not None), key=_order)
-        twice = repeats((frame.path.name, _order(frame)) for frame in found)
+        found = sorted(frame for _, frame in frames if frame is not None)
+        twice = repeats((frame.path.name, frame[:3]) for frame in found)
         refuse(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
         return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Frame:
-    """One picture of one press onto a grating."""
-
-    path: Path
-    #: In mm.
-    size: float
-    group: int
-    frame: int
-
-
-def _order(frame: Frame) -> tuple[float, int, int]:
-    return frame.size, frame.group, frame.frame
-
-
-def _frame(path: Path) -> Frame | None:
+def _frame(path: Path) -> _Frame | None:
     """Read a file name; None where it is not such a name."""
     parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
     if parts is None:
         return None
-    return Frame(path=path, size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0))
+    return _Frame(size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0), path=path)
 
 
 def _number(row: Row) -> int | None:
