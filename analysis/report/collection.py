@@ -122,9 +122,7 @@ def with_one_study(found: Collection) -> Collection:
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables end in its own.
 
-    Args:
-        found: the run.
-        profiles: of its trained candidates, by id; None where they are missing; then there are no tables of motifs.
+    Without the profiles of its trained candidates, by id, there are no tables of motifs.
     """
     run = found.run
     tables = [

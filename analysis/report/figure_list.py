@@ -50,11 +50,7 @@ OnDrawn = Callable[[str], object]
 def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:
     """Draw pictures into files, each written whole; older ones of the same names are replaced.
 
-    Args:
-        pictures: what to draw.
-        directory: where to.
-        endings: `.pdf`, `.svg`, `.png`: the formats.
-        on_drawn: called after each picture.
+    The endings, of `.pdf`, `.svg` and `.png`, are the formats.
 
     Raises:
         StoreError: a file cannot be written.

@@ -63,11 +63,7 @@ def drawn(picture: Picture, on_drawn: OnDrawn) -> Image:
 def as_html(run: Run, tables: Sequence[Table], images: Sequence[Image], remarks: Sequence[str]) -> str:
     """Write the report of a run.
 
-    Args:
-        run: the run.
-        tables: rounded by the rule of `analysis.rounding`.
-        images: its figures.
-        remarks: sentences above all, e.g. what is missing.
+    Tables are rounded by the rule of `analysis.rounding`; remarks, e.g. on what is missing, stand above all.
     """
     parts = [
         f"<p>{html.escape(_origin(run))}</p>",

@@ -13,10 +13,7 @@ from tacevo.studies.directory import NAME
 def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "") -> None:
     """Write tables in every format, each file whole; older ones of the same names are replaced.
 
-    Args:
-        tables: what to write.
-        directory: where to.
-        prefix: of their labels in LaTeX.
+    The prefix is that of their labels in LaTeX.
 
     Raises:
         StoreError: a file cannot be written.

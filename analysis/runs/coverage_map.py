@@ -35,9 +35,7 @@ class Occupation:
 def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
     """Place the trained candidates of a run.
 
-    Args:
-        run: a run with at least one trained candidate.
-        centroids: of its network archive, shape (niches, axes), in [0, 1].
+    The centroids are those of its network archive, shape (niches, axes), in [0, 1].
 
     Raises:
         ValueError: nothing was trained, or its archive has no niches.
@@ -70,9 +68,7 @@ def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[in
     convex hull of the candidates; with one axis, between the lowest and the highest. The hull is a generous guess, as
     mixtures of two networks need not exist; what lies outside of it, no network of the run suggests.
 
-    Args:
-        found: the candidates.
-        centroids: shape (niches, axes), in [0, 1].
+    The centroids have the shape (niches, axes), in [0, 1].
     """
     return frozenset(found.niches.tolist()).union(Tessellation(centroids).niches_of(_between(found.points).tolist()))
 
@@ -88,8 +84,7 @@ def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
         sides = ConvexHull(points).equations
     except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
         return lattice[:0]
-    inside: NDArray[np.bool_] = (lattice @ sides[:, :2].T + sides[:, 2] <= 0).all(axis=1)
-    return lattice[inside]
+    return lattice[np.all(lattice @ sides[:, :2].T + sides[:, 2] <= 0, axis=1)]
 
 
 def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> float:

@@ -82,9 +82,7 @@ class Comparisons:
 def compare(study: Study, *, seed: int = 0) -> Comparisons:
     """Compare every variant of a study with its baseline, on the study's own terms.
 
-    Args:
-        study: whole, as `analysis.studies.study.load_study` gives it.
-        seed: of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
+    The seed is that of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
 
     Raises:
         RunError: there is no variant, the margin is 0, or there are so few seeds that no outcome at all could be

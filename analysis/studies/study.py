@@ -51,8 +51,7 @@ def load_study(path: Path) -> Study:
 def check_alike(studies: Sequence[Study]) -> None:
     """Check that studies of one task were trained alike and on the same data.
 
-    Args:
-        studies: of one task or of several; each task is compared with itself.
+    Each task is compared with itself.
 
     Raises:
         RunError: recipe, numerics, data fingerprint or number of seeds differ; the message names the rows.

@@ -23,9 +23,7 @@ from tacevo.text import counted, listed
 def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
     """Return all tables of a study.
 
-    Args:
-        study: whole, as `analysis.studies.study.load_study` gives it.
-        found: what `analysis.studies.comparison.compare` says of it; None where it cannot be compared.
+    Without comparisons, where it cannot be compared, these are the tables of its scores only.
     """
     described = scores_table(study), metrics_table(study)
     if found is None:
@@ -44,11 +42,8 @@ def scores_table(study: Study) -> Table:
         rows=(
             *(
                 (
-                    network.name,
-                    network.id,
-                    network.parameters,
-                    network.flops,
-                    *_scores(study, network),
+                    *(network.name, network.id, network.parameters, network.flops),
+                    *(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
                     _epochs(study, network),
                 )
                 for network in study.networks
@@ -116,9 +111,9 @@ def effects_table(study: Study, found: Comparisons) -> Table:
         rows=tuple(
             (
                 variant.network,
-                _between(variant.effects.a12),
-                _between(variant.effects.cliffs_delta),
-                _between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
+                between(variant.effects.a12),
+                between(variant.effects.cliffs_delta),
+                between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
             )
             for variant in found.variants
         ),
@@ -165,7 +160,7 @@ def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell
         (name, baseline, median, *(None,) * 7),
         *(
             (
-                *(name, variant.network, variant.median, _between(variant.effects.a12), Halves(variant.test.u)),
+                *(name, variant.network, variant.median, between(variant.effects.a12), Halves(variant.test.u)),
                 *(PValue(variant.test.p), PValue(variant.p_holm)),
                 *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
             )
@@ -199,10 +194,6 @@ def _unit(metric: str) -> str:
     return "percentage points" if metric in SHARES else metric_name(metric)
 
 
-def _scores(study: Study, network: Network) -> tuple[Cell, ...]:
-    return tuple(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary)))
-
-
 def _trivial_row(study: Study) -> tuple[tuple[Cell, ...], ...]:
     """Return the row of the predictor that looks at no image, where its score is known."""
     score = trivial_score(study)
@@ -231,7 +222,8 @@ def _median(study: Study, network: Network, metric: str) -> Cell:
     return shape(*_spread(study.values(network.name, metric))[:3])
 
 
-def _between(interval: Interval, factor: int = 1) -> Between:
+def between(interval: Interval, factor: int = 1) -> Between:
+    """Return the cell of an interval, multiplied by a factor."""
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
 

@@ -35,12 +35,7 @@ ONE_DRAW = (
 
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
-    """Show every generation of a run.
-
-    Args:
-        run: the run.
-        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
-    """
+    """Show every generation of a run."""
     rows = tuple(
         (
             entry.line.generation,

@@ -246,7 +246,7 @@ def examine() -> tuple[str, bool]:
     """
     held: list[tuple[str, ...]] = []
     checks: dict[str, Callable[[], str]] = {
-        "configs": _configs,
+        "configs": lambda: str(conf_root()),
         "sandbox": partial(_sandbox, held.append),
         "current directory": _directory,
     }
@@ -268,10 +268,6 @@ def _tried(check: Callable[[], str]) -> tuple[bool, str]:
         return True, check()
     except (TacevoError, OSError) as error:
         return False, str(error)
-
-
-def _configs() -> str:
-    return str(conf_root())
 
 
 def _sandbox(notice: Notice) -> str:

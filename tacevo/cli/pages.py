@@ -18,10 +18,7 @@ from tacevo.storage.sweep_directory import SweepDirectory
 def table_files(directory: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
     """Make every table of a run or a sweep from its records and recorded probes; return contents by file name.
 
-    Args:
-        directory: of the run or the sweep.
-        store: of its stores.
-        say: called with the reason if a sweep has no tables of its arms.
+    `say` is called with the reason if a sweep has no tables of its arms.
     """
     if SweepDirectory(directory).is_one:
         return _of_sweep(directory, store, say)[0]

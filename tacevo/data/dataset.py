@@ -6,7 +6,6 @@ fingerprint. It does not check the images again on reading: that is what compari
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -82,8 +81,8 @@ def fingerprint(dataset: Dataset) -> str:
         **{name: to_json(getattr(dataset, name)) for name in STATISTICS},
     }
     digest = hashlib.sha256(canonical(header).encode())
-    for block in _blocks(images):
-        digest.update(block.tobytes())
+    for start in range(0, len(images), BLOCK):
+        digest.update(images[start : start + BLOCK].tobytes())
     for array in arrays.values():
         digest.update(array.astype(array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
@@ -118,9 +117,3 @@ def read(directory: Path) -> Dataset:
     found = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
     statistics = {name: getattr(found, name) for name in STATISTICS}
     return Dataset(facts=found.facts, images=images, **arrays, **statistics)
-
-
-def _blocks(images: npt.NDArray[np.uint8]) -> Iterator[npt.NDArray[np.uint8]]:
-    """Cut memory-mapped images into blocks of whole images, in order."""
-    for start in range(0, len(images), BLOCK):
-        yield images[start : start + BLOCK]

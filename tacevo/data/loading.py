@@ -170,17 +170,16 @@ def _assemble(
     pixels = np.load(images, mmap_mode="r")
     mean, deviation = input_statistics(pixels, parts.train, normalisation)
     targets, offset, scale = scaled
-    facts = DataFacts(
-        fingerprint="",
-        kind=catalogue.kind,
-        counts=(len(parts.train), len(parts.validation), len(parts.test)),
-        in_channels=pixels.shape[1],
-        image_size=catalogue.image_size,
-        outputs=len(catalogue.names),
-        names=catalogue.names,
-    )
     unsigned = Dataset(
-        facts=facts,
+        facts=DataFacts(
+            fingerprint="",
+            kind=catalogue.kind,
+            counts=(len(parts.train), len(parts.validation), len(parts.test)),
+            in_channels=pixels.shape[1],
+            image_size=catalogue.image_size,
+            outputs=len(catalogue.names),
+            names=catalogue.names,
+        ),
         images=images,
         targets=targets,
         train=parts.train,

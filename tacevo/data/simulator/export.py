@@ -71,7 +71,9 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
         if source.task is not SensorTask.grating:
             _write_table(directory / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
         (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
-        (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
+        overrides = shlex.join(overrides_for(source, Path(out.name)))
+        text = _README.format(images=len(names), task=source.task, size=source.image_size, overrides=overrides)
+        (stage / "README.md").write_text(text, encoding="utf-8")
     return len(names)
 
 
@@ -159,13 +161,3 @@ def _write_table(path: Path, columns: Sequence[str], names: Sequence[str], catal
         writer.writerow([IMAGE_COLUMN, *columns])
         for name, labels in zip(names, catalogue.labels.tolist(), strict=True):
             writer.writerow([name, *map(repr, labels)])
-
-
-def _readme(source: Simulated, catalogue: Catalogue, out: Path) -> str:
-    """Return the README of an exported directory."""
-    return _README.format(
-        images=len(catalogue.labels),
-        task=source.task,
-        size=source.image_size,
-        overrides=shlex.join(overrides_for(source, Path(out.name))),
-    )

@@ -3,15 +3,18 @@
 import csv
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-from tacevo.data.source import Picture, listed, refuse, repeats, shortened
+import numpy as np
+
+from tacevo.data.source import Catalogue, listed, refuse, repeats, shortened
 from tacevo.data.sources.hints import number_in
-from tacevo.data.sources.images import decode, image_files
+from tacevo.data.sources.images import file_catalogue, image_files
 from tacevo.errors import DataError
+from tacevo.records import Kind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +43,21 @@ class Row:
         return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
 
 
-def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture], ...]:
-    """Offer the picture of each row, not yet decoded."""
-    return tuple(partial(decode, row.path, image_size) for row in rows)
+def row_catalogue(rows: Sequence[Row], skipped: int, image_size: int, **fields: Any) -> Catalogue:
+    """List the images and values of a table's rows; `fields` are the other fields of the catalogue."""
+    return file_catalogue(
+        [row.path for row in rows],
+        [row.place for row in rows],
+        image_size,
+        kind=Kind.regression,
+        labels=np.array([row.labels for row in rows], dtype=np.float64),
+        skipped=skipped,
+        ignored=_unnamed_images(rows),
+        **fields,
+    )
 
 
-def unnamed_images(rows: Sequence[Row]) -> list[Path]:
+def _unnamed_images(rows: Sequence[Row]) -> list[Path]:
     """Find the images that lie beside those of the rows, and that no row names."""
     named = {row.path for row in rows}
     directories = {row.directory.resolve(): row.directory for row in rows}  # a directory may be written in several ways
