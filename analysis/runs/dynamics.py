@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from math import sqrt
-from statistics import NormalDist
+
+from statsmodels.stats.proportion import proportion_confint
 
 from analysis.runs.run import Run, was_inserted
 from tacevo.costs import Spending, total
@@ -265,10 +265,8 @@ def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
 
 def _wilson(found: int, tried: int) -> tuple[float, float]:
     """Return the ends of Wilson's (1927) score interval of found / tried."""
-    z = NormalDist().inv_cdf((1 + LEVEL) / 2)
-    centre = (found + z * z / 2) / (tried + z * z)
-    half = z / (tried + z * z) * sqrt(found * (tried - found) / tried + z * z / 4)
-    return round(centre - half, DIGITS) + 0.0, round(centre + half, DIGITS)  # as computed, an end at 0 is off by 1e-17
+    low, high = proportion_confint(found, tried, alpha=1 - LEVEL, method="wilson")
+    return round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
 
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:

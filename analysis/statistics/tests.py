@@ -1,8 +1,7 @@
 """Is there a difference: the tests of Mann and Whitney (1947) and of a hypergeometric count, Holm's (1979) correction.
 
 Pure functions; docs/statistics.md says why these. The distribution of U is exact where it can be counted, with
-ties too; the result says how its p came about. Tests compare all of them with SciPy and statsmodels, neither of which
-is imported to count: the import takes longer than every test of a study.
+ties too; the result says how its p came about. Tests compare what is counted here with SciPy.
 """
 
 import math
@@ -13,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from statsmodels.stats.multitest import multipletests
 
 from analysis.statistics.samples import Sample, checked
 from tacevo.rounding import rounded
@@ -72,7 +72,7 @@ def mann_whitney(x: ArrayLike, y: ArrayLike, *, alternative: Alternative = "two-
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
-    """Correct a family of p-values for their number, after Holm (1979).
+    """Correct a family of p-values for their number, after Holm (1979), by statsmodels.
 
     The k-th smallest of m is multiplied by m - k + 1, and is at least as large as every smaller one's result.
 
@@ -84,11 +84,7 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """
     if not p_values or not all(0 <= p <= 1 for p in p_values):
         raise ValueError(f"Holm's correction needs one or more p-values in [0, 1]; got {list(p_values)}")
-    order = np.argsort(p_values)
-    multiplied = np.take(p_values, order) * np.arange(len(order), 0, -1)
-    adjusted = np.empty(len(order))
-    adjusted[order] = np.minimum(np.maximum.accumulate(multiplied), 1)
-    return tuple(map(rounded, adjusted.tolist()))
+    return tuple(rounded(p) for p in multipletests(p_values, method="holm")[1])
 
 
 def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) -> float:
