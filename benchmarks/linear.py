@@ -1,5 +1,7 @@
 """Whether a candidate costs the same late in a search as early: one fold of 100,000, recorded and then replayed.
 
+    python -m benchmarks.linear
+
 Models, gate and trainings are made up and cost nothing; what is timed is the search's own work: propose, offer, commit,
 the ledger. It is processor time, and the ledger lies in memory, because it waits for a disk at every line.
 """
@@ -127,3 +129,7 @@ def _trained(source: str) -> Training:
 
 def _bytes_of(source: str) -> np.ndarray:
     return np.frombuffer(hashlib.sha256(source.encode()).digest(), np.uint8)
+
+
+if __name__ == "__main__":
+    print(linear())
