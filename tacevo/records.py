@@ -354,12 +354,12 @@ def written(record: Any) -> dict[str, Json]:
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    values = ((field, getattr(record, field.name)) for field in _fields(type(record)))
+    values = ((field, getattr(record, field.name)) for field in _fields(record.__class__))
     return {field.name: _written(value) for field, value in values if field.name == "kind" or value != field.default}
 
 
 def _written(value: Any) -> Json:
-    if _fields(type(value)):
+    if _fields(value.__class__):
         return written(value)
     return [_written(part) for part in value] if isinstance(value, tuple) else to_json(value)
 

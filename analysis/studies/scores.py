@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tacevo.records import Kind
 from tacevo.studies.lines import Design, ScoreLine
+from tacevo.studies.terms import Terms
 
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
@@ -18,6 +19,8 @@ LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 class Study(Design):
     """A finished study: what it was to find out, and its scores."""
 
+    #: A noise run, which has none, is not a study.
+    terms: Terms
     #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
     #: Each is of the weights of the epoch with the lowest validation loss. Metrics are those of the test split, by

@@ -23,7 +23,7 @@ def regression(labels: np.ndarray, predictions: np.ndarray) -> Study:
     names = ("Fx", "Fy", "Fz")
     metrics = regression_metrics(predictions, labels, names=names, scale=(1.0, 2.0, 3.0))
     study = study_of({"baseline": [metrics["mse"]] * 2})
-    return replace(study, names=names, scores=tuple(replace(score, metrics=metrics) for score in study.scores))
+    return replace(study, scores=tuple(replace(score, metrics=metrics) for score in study.scores))
 
 
 def test_majority_is_the_most_frequent_class() -> None:

@@ -347,7 +347,7 @@ def test_data_of_the_wrong_kind_are_refused(task: str, kind: Kind) -> None:
 
 def test_configuration_of_an_older_run_is_read() -> None:
     """A run.json from before there were prices, budgets, repairs and axes stands for a run without them."""
-    plain = to_plain(composed())
+    plain: Any = to_plain(composed())
     later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
     later |= {"repair_attempts", "operator_for", "axes"}
     older = {
@@ -382,7 +382,7 @@ def test_recorded_configuration_asks_nothing_of_its_reader() -> None:
 )
 def test_recorded_configuration_has_one_spelling(key: str, value: Any) -> None:
     """What was edited, or reads as a setting to one reader and as another to the next, is refused by its key."""
-    recorded = to_plain(composed())
+    recorded: Any = to_plain(composed())
     *above, name = key.split(".")
     inner = recorded[above[0]] if above else recorded
     inner[name] = value

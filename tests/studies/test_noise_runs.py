@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import pytest
 from refusals import refused
@@ -75,10 +76,12 @@ def test_noise_run_is_the_searchs_training_under_other_seeds(noisy: Path) -> Non
     header, rows = directory.read_scores().header, rows_of(directory)
     assert (header.terms, header.seeds, header.recipe.epochs) == (None, 2, run.config.training.epochs)
     assert all((row.metrics, row.confusion, row.epoch) == ({}, None, header.recipe.epochs) for row in rows)
-    asked = {entry.key: (entry.request, entry.answer) for entry in Store(noisy / "cache", "evaluations").entries()}
+    asked: dict[str, Any] = {
+        entry.key: (entry.request, entry.answer) for entry in Store(noisy / "cache", "evaluations").entries()
+    }
     again = {row.evaluation for row in rows}
     searched = next(request for key, (request, _) in asked.items() if key not in again)
-    seeds = set()
+    seeds: set[int] = set()
     for row in rows:
         request, answer = asked[row.evaluation]
         seeds.add(request["seed"])
@@ -86,7 +89,8 @@ def test_noise_run_is_the_searchs_training_under_other_seeds(noisy: Path) -> Non
         assert answer["training"]["validation_losses"][-1] == row.validation_loss
     assert len(seeds) == 2
     assert searched["seed"] not in seeds
-    assert not seeds & {entry.request["seed"] for entry in Store(noisy / "cache", "studies").entries()}
+    studied: list[Any] = list(Store(noisy / "cache", "studies").entries())
+    assert not seeds & {entry.request["seed"] for entry in studied}
 
 
 def test_every_elite_is_trained_again_unless_fewer_are_asked_for(
@@ -179,9 +183,8 @@ def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None
     assert main(["study", "run=run", "elites=1", "seeds=1", "epochs=2"]) == 0
     run = read_recorded(folder / "run")
     task, facts = run.record.task, run.record.data
-    full = next(
-        entry for entry in Store(folder / "cache", "studies").entries() if entry.request["recipe"]["epochs"] == 2
-    )
+    studied: list[Any] = list(Store(folder / "cache", "studies").entries())
+    full = next(entry for entry in studied if entry.request["recipe"]["epochs"] == 2)
     data = load_same(run.config, facts, Progress(), catalogue=source_of(run.config).catalogue())
     with Workbench(run.config, task, facts, Mode.live, data=data) as bench:
         short = bench.evaluator(CURRENT).evaluate(full.request["source"], full.request["seed"])
