@@ -88,8 +88,7 @@ def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str]) -> 
         f"{_number(first)}, the baseline {_number(baseline.fitness)}. Fitness is the validation loss after the short "
         "training; lower wins. Each is one draw, the loss of one training seed, and the best is the lowest of many: "
         "`tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
-        "improvement.\n\n"
-        + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
+        "improvement.\n\n" + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
     )
 
 
