@@ -45,7 +45,7 @@ def test_choosing_and_testing_by_the_same_seeds_would_err() -> None:
     rng = np.random.default_rng(0)
     same, fresh = (sum(chosen_differs(rng, fresh=own) for _ in range(TRIALS)) / TRIALS for own in (False, True))
     assert fresh < 0.1
-    assert same > 0.2
+    assert same > 0.12
 
 
 def test_flat_landscape_has_an_improvement_on_record_only() -> None:
