@@ -1,6 +1,6 @@
-"""Whether a candidate costs the same late in a search as early: one fold of 100,000, recorded and then replayed.
+"""Whether a candidate costs the same late in a search as early: one fold, recorded and then replayed.
 
-    python -m benchmarks.linear
+    python -m benchmarks.linear    # 100,000 candidates, with 1,000 and 10,000 niches: ten minutes
 
 Models, gate and trainings are made up and cost nothing; what is timed is the search's own work: propose, offer, commit,
 the ledger. It is processor time, and the ledger lies in memory, because it waits for a disk at every line.
@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.commits import profile
+from benchmarks.timing import Figure
 from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
-from tacevo.profile import Admitted
+from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import Completion, Mode, Request, Training, to_json
 from tacevo.runs.wiring import build_plan
 from tacevo.search.algorithm import Plan, SearchState, run_search
@@ -29,36 +29,39 @@ from tacevo.search.lines import SearchLine, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 
-NICHES = (1_000, 10_000)
 
-#: Where the time of a candidate is taken: over the tenth of the candidates before it.
-MARKS = (1_000, 10_000, 100_000)
+def linear(*, marks: Sequence[int] = (1_000, 20_000), niches: Sequence[int] = (1_000,)) -> Iterator[Figure]:
+    """Fold made-up candidates, in the paper's settings; the time of one should not depend on how many there were.
 
-
-def linear() -> str:
-    """Fold made-up candidates, in the paper's settings; the time of one should not depend on how many there were."""
-    return "\n".join(line for niches in NICHES for line in _lines(niches))
-
-
-def _lines(niches: int) -> Iterator[str]:
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
-        plan, path = _plan(Path(folder), niches), Path(folder) / "ledger.jsonl"
-        for what in ("recorded", "replayed"):
-            watch = _Watch()
-            with Ledger.open(path, line_kind) as ledger:
-                run_search(plan, _tools(), ledger, watch)
-            figures = ", ".join(f"{1e6 * watch.seconds[mark]:.0f} us at {mark:,}" for mark in MARKS)
-            ratio = watch.seconds[MARKS[-1]] / watch.seconds[MARKS[0]]
-            yield f"a candidate {what} with {niches:,} niches: {figures}; ratio {ratio:.2f}"
+    Args:
+        marks: numbers of candidates, multiples of 500; the time of one is taken over the tenth before each mark.
+        niches: of the archives to try.
+    """
+    for count in niches:
+        with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+            plan, path = _plan(Path(folder), count, marks[-1]), Path(folder) / "ledger.jsonl"
+            for what in ("recorded", "replayed"):
+                watch = _Watch(marks)
+                with Ledger.open(path, line_kind) as ledger:
+                    run_search(plan, _tools(), ledger, watch)
+                for mark in marks[1:]:
+                    yield Figure(
+                        title=f"a candidate {what}, {count:,} niches",
+                        name=f"after {mark:,}",
+                        value=1e6 * watch.seconds[mark],
+                        unit="us",
+                        peer=f"after {marks[0]:,}",
+                        peer_value=1e6 * watch.seconds[marks[0]],
+                    )
 
 
 class _Watch:
     """Takes the processor time of a candidate at each mark."""
 
-    def __init__(self) -> None:
+    def __init__(self, marks: Sequence[int]) -> None:
         #: Of one candidate, by mark.
         self.seconds: dict[int, float] = {}
-        self._since = {mark - mark // 10: mark for mark in MARKS}
+        self._marks, self._starts = set(marks), {mark - mark // 10 for mark in marks}
         self._count = 0
         self._began = 0.0
 
@@ -69,19 +72,19 @@ class _Watch:
         """Begin or end a time at the end of a generation."""
         if line.kind == "candidate":
             self._count += 1
-        elif self._count in self._since:
+        elif self._count in self._starts:
             self._began = time.process_time()
-        elif self._count in MARKS:
+        elif self._count in self._marks:
             self.seconds[self._count] = (time.process_time() - self._began) / (self._count // 10)
 
 
-def _plan(folder: Path, niches: int) -> Plan:
+def _plan(folder: Path, niches: int, candidates: int) -> Plan:
     """Return the plan of a search of the paper's, with 50 candidates a generation, generation 0 included."""
     size = ["search.candidates=50", "search.initial=49"]
     config = compose(["experiment=paper_force", "llm=grammar", f"store.root={folder}", *size])
     plan = build_plan(config, load_task(config, facts_without_data(config)), Mode.record)
     centroids = np.random.default_rng(0).random((niches, 2))
-    return replace(plan, networks=Tessellation(centroids), generations=MARKS[-1] // 50 - 1)
+    return replace(plan, networks=Tessellation(centroids), generations=candidates // 50 - 1)
 
 
 def _tools() -> Tools:
@@ -117,7 +120,20 @@ class _Here(Executor):
 
 
 def _admitted(source: str) -> Admitted:
-    return Admitted(source=source, profile=profile(8 + _bytes_of(source)[:3].astype(int)))
+    return Admitted(source=source, profile=_profile(8 + _bytes_of(source)[:3].astype(int)))
+
+
+def _profile(sizes: np.ndarray) -> Profile:
+    """Return the profile of a chain of layers with these widths."""
+    widths = tuple(int(size) for size in sizes)
+    graph = Graph(
+        nodes=tuple(Node(op="conv", weighted=True, width=width) for width in widths),
+        edges=tuple((index, index + 1) for index in range(len(widths) - 1)),
+        channels=widths,
+        kernels=(3.0,) * len(widths),
+        hidden=(),
+    )
+    return Profile(parameters=100 * sum(widths), flops=10_000 * sum(widths), modules=len(widths), graph=graph)
 
 
 def _trained(source: str) -> Training:
@@ -132,4 +148,5 @@ def _bytes_of(source: str) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    print(linear())
+    for figure in linear(marks=(1_000, 10_000, 100_000), niches=(1_000, 10_000)):
+        print(figure, flush=True)
