@@ -1,7 +1,6 @@
 """From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
-import threading
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Died, Finished, Notice, Run, Sandbox, Zygote
+from tacevo.sandbox.client import Notice, Run, Sandbox, Zygote
 from tacevo.search.algorithm import Plan
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
@@ -148,7 +147,7 @@ class Workbench:
         self._data = data
         self._seen = seen
         self._notice = notice
-        self._run = None if run is None else _at_most(config.executor.workers, run)
+        self._run = run
         self._zygote = zygote
         self._llm = llm
         self._stack = contextlib.ExitStack()
@@ -238,7 +237,7 @@ class Workbench:
                 notice=self._notice,
                 zygote=self._zygote,
             )
-            self._run = _at_most(self._config.executor.workers, self._stack.enter_context(sandbox).run)
+            self._run = self._stack.enter_context(sandbox).run
         return self._run
 
     def _store(self, kind: str, mode: Mode) -> Store:
@@ -260,21 +259,10 @@ def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> 
     )
 
 
-def _at_most(jobs: int, run: Run) -> Run:
-    """Run no more jobs at once than that; the others wait."""
-    free = threading.Semaphore(jobs)
-
-    def limited(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
-        with free:
-            return run(entry, header, payload, limits)
-
-    return limited
-
-
 def _executor(executor: ExecutorConfig) -> Executor:
     match executor.kind:
-        case ExecutorKind.local:  # while a thread waits for the disk, another one keeps its processor busy
-            return ThreadPoolExecutor(2 * executor.workers, "worker")
+        case ExecutorKind.local:
+            return ThreadPoolExecutor(executor.workers, "worker")
 
 
 def recipe_of(config: RunConfig) -> Recipe:
