@@ -56,7 +56,7 @@ format: $(READY) ## format the code
 bench: $(PEERS)/.ready ## measure speed and memory beside a peer, in the same run (15 minutes on two quiet cores)
 	$(BIN)/python -m benchmarks
 
-bench-quick: $(PEERS)/.ready ## run every benchmark once on next to nothing, to see that it runs
+bench-quick: $(PEERS)/.ready ## run each of its benchmarks once on next to nothing, to see that it runs
 	$(BIN)/python -m benchmarks --quick
 
 # The peer's own environment; the packages of ours are seen in it, so that both train with one torch.

@@ -37,12 +37,13 @@ def walls(*, rounds: int = 9) -> Figure:
 
 
 def training(*, epochs: int = 10, rounds: int = 3) -> Figure:
-    """Train a baseline, confined and with portable numerics; the peer is a textbook's loop in an ordinary process."""
+    """Train a baseline, confined and with portable numerics; the peer is the best bare loop in an ordinary process."""
     _, task = task_without_data("force", plain.SIZE)
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
-        order = {"OMP_NUM_THREADS": "1", "PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+        path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+        order = environment(Numerics.fast) | path  # one thread, memory that is kept, any instruction set
         command = [sys.executable, "-m", plain.__name__, str(source), str(epochs)]
         with (
             _sandbox(Path(folder), Confinement.kernel) as sandbox,

@@ -127,7 +127,7 @@ def build(source: str) -> nn.Module:
 
 
 def train(job: Job) -> dict[str, Any]:
-    """Train one network; give its validation losses and the test score of its best epoch."""
+    """Train one network; return its validation losses and the test score of its best epoch."""
     torch.set_num_threads(1)
     data = simulated(job.task, job.size, workers=1)
     source = networks(job.task, job.network + 1)[job.network]

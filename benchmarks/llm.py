@@ -63,7 +63,7 @@ def memory_of_many(*, many: int = 10_000) -> Figure:
 
 
 def peak_of_many(first: str, url: str, root: Path, many: int) -> tuple[float, float]:
-    """Ask very many things at once; give the resident memory before, and its peak, in MB (1,000,000 bytes).
+    """Ask very many things at once; return the resident memory before, and its peak, in MB (1,000,000 bytes).
 
     Args:
         first: a server that is asked one thing, so that everything is loaded.

@@ -1,7 +1,7 @@
-"""A training as a textbook writes it, in an ordinary process: the peer of a confined one.
+"""The best bare training loop, in an ordinary process: the peer of a confined one.
 
-Run as a program, it prints a line when it is ready, and trains once for every line that it reads. Torch chooses its
-kernels by the CPU, in one thread.
+Run as a program, it prints a line when it is ready, and trains once for every line that it reads. Images are
+standardised once and lie in channels_last, Adam is fused, and torch chooses its kernels by the CPU, in one thread.
 """
 
 import sys
@@ -18,31 +18,27 @@ MEAN, DEVIATION = 127.5, 74.0
 
 
 def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int) -> Tensor:
-    """Train a new network; give its last predictions.
+    """Train a new network; return its last predictions.
 
     Args:
         network: makes itself without arguments.
-        images: uint8, shape (IMAGES, 3, SIZE, SIZE).
+        images: standardised, float32, shape (IMAGES, 3, SIZE, SIZE).
         targets: float32, shape (TRAINED, 3).
         epochs: at least 1.
     """
-    model = network()
-    optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE)
+    model = network().to(memory_format=torch.channels_last)
+    optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE, fused=True)
     for _ in range(epochs):
         model.train()
         for rows in torch.split(torch.randperm(TRAINED), BATCH):
-            loss = mse_loss(model(_standardised(images[rows])), targets[rows])
+            loss = mse_loss(model(images[rows]), targets[rows])
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
         model.eval()
         with torch.no_grad():
-            predictions = [model(_standardised(part)) for part in torch.split(images[TRAINED:], BATCH)]
+            predictions = [model(part) for part in torch.split(images[TRAINED:], BATCH)]
     return torch.cat(predictions)
-
-
-def _standardised(images: Tensor) -> Tensor:
-    return images.to(torch.float32).sub_(MEAN).div_(DEVIATION)
 
 
 def main(source: Path, epochs: int) -> None:
@@ -50,7 +46,8 @@ def main(source: Path, epochs: int) -> None:
     names: dict[str, type[nn.Module]] = {}
     exec(source.read_text(encoding="utf-8"), names)
     torch.manual_seed(0)
-    images = torch.randint(0, 256, (IMAGES, 3, SIZE, SIZE), dtype=torch.uint8)
+    stored = torch.randint(0, 256, (IMAGES, 3, SIZE, SIZE), dtype=torch.uint8)
+    images = stored.to(torch.float32, memory_format=torch.channels_last).sub_(MEAN).div_(DEVIATION)
     targets = torch.rand(TRAINED, 3)
     print("ready", flush=True)
     for _ in sys.stdin:

@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmarks.timing import Figure, number
 from tacevo.environment import checked_out, machine, versions
+from tacevo.records import to_json
 
 #: Between these lines of the README stands the table.
 BEGIN, END = "<!-- make bench writes this table -->", "<!-- end of the table -->"
@@ -25,7 +26,7 @@ def record(figures: Sequence[Figure], date: str, peer: str) -> dict[str, Any]:
     return {
         "date": date,
         "machine": machine(),
-        "checkout": checked_out(),
+        "checkout": to_json(checked_out()),
         "versions": {**versions(), "ribs": version("ribs"), "openevolve": peer},
         "figures": [{**asdict(figure), "ratio": figure.ratio} for figure in figures],
     }

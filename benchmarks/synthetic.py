@@ -72,7 +72,7 @@ def _sandbox(baseline: Profile, epochs: int, outputs: int) -> Run:
 
 
 def _resized(profile: Profile, rng: np.random.Generator) -> Profile:
-    """Return a profile other sizes, so that candidates spread over the archive."""
+    """Return a profile with other sizes, so that candidates spread over the archive."""
     channels = tuple(int(value) for value in rng.integers(8, 256, size=len(profile.graph.channels)))
     return replace(
         profile,

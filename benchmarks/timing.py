@@ -43,7 +43,7 @@ def number(value: float) -> str:
 
 
 def medians(rivals: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[str, float]:
-    """Time rivals in turn, round by round; give each one's median in seconds."""
+    """Time rivals in turn, round by round; return each one's median in seconds."""
     seconds: dict[str, list[float]] = {name: [] for name in rivals}
     for _ in range(rounds):
         for name, work in rivals.items():

@@ -349,12 +349,12 @@ def to_json(record: Any) -> Any:
     return record
 
 
-def written(record: Any) -> dict[str, Json]:
+def written(record: DataclassInstance) -> dict[str, Json]:
     """Turn a record into JSON as `to_json` does, without the fields that are at their defaults; `kind` always stays.
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    values = ((field, getattr(record, field.name)) for field in _fields(record.__class__))
+    values = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
     return {field.name: _written(value) for field, value in values if field.name == "kind" or value != field.default}
 
 

@@ -1,7 +1,7 @@
 """JSON from outside, checked once and turned into records.
 
-A record is a frozen dataclass whose class sets `__pydantic_config__ = STRICT`: an unknown key, a number as text, or NaN
-is an error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`. What a record keeps as JSON is `FreeJson`.
+A record is a frozen dataclass that extends `tacevo.records.Record`: an unknown key, a number as text, or NaN is an
+error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`. What a record keeps as JSON is `FreeJson`.
 """
 
 import json

@@ -116,8 +116,8 @@ def icc(estimates: ArrayLike) -> Interval | None:
     logs = np.log(losses)
     between = seeds * float(logs.mean(axis=1).var(ddof=1))
     within = float(logs.var(axis=1, ddof=1).mean())
-    if (np.ptp(losses, axis=1) == 0).all():
-        return Interval(estimate=1.0, low=1.0, high=1.0)
+    if within == 0:
+        return Interval(estimate=1.0, low=1.0, high=1.0) if between > 0 else None
     ratio, tail = between / within, (1 + LEVEL) / 2
     free = networks - 1, networks * (seeds - 1)
     low, high = ratio / float(f.ppf(tail, *free)), ratio * float(f.ppf(tail, *reversed(free)))

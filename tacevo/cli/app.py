@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import gc
 import importlib
 import signal
 import sys
@@ -56,7 +55,6 @@ examples:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     signal.signal(signal.SIGTERM, _interrupt)
-    gc.set_threshold(100_000, 20, 100)  # figures and tables make many objects that live on; a tenth of their time
     options = argparse.Namespace(interrupted="nothing was begun")
     try:
         options = _parsed(sys.argv[1:] if arguments is None else arguments)

@@ -99,6 +99,10 @@ class _LostError(SandboxError):
     """A job was lost before any code of the candidate ran."""
 
 
+class _StartError(SandboxError):
+    """A zygote did not start."""
+
+
 class _UnpreparedError(SandboxError):
     """A job's process tried to import a module that its zygote has not imported."""
 
@@ -211,20 +215,26 @@ class Sandbox:
         with self._lock:
             if self._closed:
                 raise SandboxError("the sandbox is closed", remedy="open another one")
-            zygote = self._zygotes.get(prepared)
-            if zygote is not None:
+            if prepared in self._zygotes:
                 with contextlib.suppress(_LostError):  # it is dying, which may not show yet
-                    zygote.submit(job, self._arrays)
-                    return zygote
-                self._zygotes.pop(prepared).close()
-            zygote = Zygote(self._entries, self._environment, imports=_LATE_IMPORTS if prepared else ())
-            self._zygotes[prepared] = zygote
+                    return self._submit_to(prepared, job)
+            imports = _LATE_IMPORTS if prepared else ()
+            self._zygotes[prepared] = Zygote(self._entries, self._environment, imports=imports)
+            return self._submit_to(prepared, job)
+
+    def _submit_to(self, prepared: bool, job: socket.socket) -> "Zygote":
+        """Pass the socket of a job to a zygote; one that cannot is ended, so that the next job starts another."""
+        zygote = self._zygotes[prepared]
+        try:
             zygote.submit(job, self._arrays)
-            return zygote
+        except (_LostError, _StartError):
+            self._zygotes.pop(prepared).close()
+            raise
+        return zygote
 
 
 class Zygote:
-    """A process that imports the entries, and with them torch, and then takes jobs; nothing here waits for it to start.
+    """A process that imports the entries, and with them torch, while its maker does other things, and then takes jobs.
 
     Args:
         entries: as of `Sandbox`.
@@ -269,9 +279,9 @@ class Zygote:
             problem = channel.receive().read_header()["error"]
         except (OSError, EOFError) as error:
             said = _last_line(self._errors) or "nothing"
-            raise SandboxError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
+            raise _StartError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
         if problem is not None:
-            raise SandboxError(problem, expected="a zygote that imports its entries and maps its arrays")
+            raise _StartError(problem, expected="a zygote that imports its entries and maps its arrays")
         self._errors.close()
         self._has_started = True
 

@@ -47,7 +47,7 @@ class StudyDirectory:
 
     @property
     def _remedy(self) -> str:
-        return f"delete {self.path}; `tacevo study` writes it again from the store"
+        return f"delete {self.path}; `tacevo study` or `tacevo noise`, which made it, writes it again from the store"
 
     def begin(self, header: StudyHeader, **circumstances: Any) -> None:
         """Write study.json, unless it describes this very study already, whatever its circumstances.

@@ -20,12 +20,7 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import provider_settings, require_temperature
 from tacevo.runs.wiring import Workbench
-<<<<<<< HEAD
-from tacevo.sandbox.client import Died
 from tacevo.sandbox.confinement import in_force
-=======
-from tacevo.sandbox.confinement import available, in_force
->>>>>>> parent of 7012b66 (Keep the processors busy while a worker waits for the disk)
 from tacevo.storage.store import Store
 
 
