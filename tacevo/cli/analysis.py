@@ -15,7 +15,7 @@ from analysis.report import sweep_collection
 from analysis.report.collection import Collection, collect, pictures_of, tables_of, with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_document
 from analysis.report.figure_list import Picture, undrawn
-from analysis.report.page import as_html, drawn
+from analysis.report.plain_page import as_html, drawn
 from analysis.report.writing import remove_outdated, write_chapter, write_pictures, write_tables
 from analysis.runs.run import Run, load_run
 from analysis.studies.study import check_alike

@@ -8,7 +8,7 @@ from hand_runs import closed, configured, run, trained
 from matplotlib.figure import Figure
 
 from analysis.report.figure_list import Picture
-from analysis.report.page import Image, as_html, drawn
+from analysis.report.plain_page import Image, as_html, drawn
 from analysis.table import PValue, Table
 
 TABLE = Table(name="t", caption="a < b", columns=("name", "p"), rows=(("<script>", PValue(0.0001)),), notes=("R & D",))
