@@ -1,8 +1,10 @@
 """The commands that show what runs found: `tacevo tables | figures | report | paper | ablations`."""
 
 import argparse
+import base64
 import contextlib
 import itertools
+import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,20 +13,25 @@ from pathlib import Path
 
 from rich.console import Console
 
+from analysis.figures.style import render
 from analysis.report import sweep_collection
 from analysis.report.collection import Collection, collect, pictures_of, tables_of, with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_document
 from analysis.report.figure_list import Picture, undrawn
-from analysis.report.plain_page import as_html, drawn
+from analysis.report.page.contents import PageContents
+from analysis.report.page.html import as_html
+from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.of_sweep import sweep_contents
+from analysis.report.page.whole import page_contents
 from analysis.report.writing import remove_outdated, write_chapter, write_pictures, write_tables
 from analysis.runs.run import Run, load_run
 from analysis.studies.study import check_alike
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown
-from tacevo.bundles.open import opened
+from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
-from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
+from tacevo.errors import CacheMissError, ConfigError, DataError, IncomparableError, RunError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
@@ -78,8 +85,10 @@ def add_figures(parser: Parser) -> None:
 
 def add_report(parser: Parser) -> None:
     """Describe `tacevo report`."""
-    parser.description = "Write one HTML file that holds every table and figure of a finished run and its studies."
-    parser.add_argument("run", metavar="RUN", help=_RUN)
+    parser.description = (
+        "Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into."
+    )
+    parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run or a sweep")
     parser.add_argument("-o", "--output", metavar="FILE", help="default for a directory: RUN/report.html")
     _finish(parser, _report)
 
@@ -168,17 +177,66 @@ def _figures(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    path = _place(options, "report.html")
-    with _collected(options.run, options.store) as gathered:
-        found = gathered.found
-        tables, missing = _own_tables(gathered)
-        pictures, undrawn = _pictures(gathered)
-    with _shown("figures", len(pictures)) as on_drawn:
-        images = [drawn(picture, on_drawn) for picture in pictures]
-    write_durably(path, as_html(found.run, tables, images, [*_remarks(gathered), *missing, *undrawn]))
-    _say([*missing, *undrawn])
+    path, source = _place(options, "report.html"), Path(options.run)
+    store = existing_store(options.store)
+    with opened(source) as place:
+        gathered = [_gathered(run, place, store) for run in place.runs]
+        if place.jobs is None:
+            page, missing = _page_of_run(gathered[0], place, source.name)
+        else:
+            page, missing = _page_of_sweep(gathered, place, source.name)
+    write_durably(path, as_html(page))
+    _say(missing)
     print(f"report: {path}")
-    return _status([found])
+    return _status([one.found for one in gathered])
+
+
+def _page_of_run(gathered: _Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a run shows, and what is missing of it."""
+    found = gathered.found
+    tables, missing = _own_tables(gathered)
+    samples, unseen = _samples(gathered)
+    missing += unseen
+    remarks = [*_remarks(gathered), *missing]
+    shown = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks, samples=samples)
+    return page_contents([shown], title=name, checked=_checked(place, name), commands=_commands(name)), missing
+
+
+def _page_of_sweep(gathered: Sequence[_Gathered], place: Opened, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a sweep shows, and why its arms are not compared, if they are not."""
+    shown = [RunMaterial(found=one.found, recorded=read_recorded(one.found.run)) for one in gathered]
+    sweep, missing = None, []
+    try:
+        sweep = sweep_contents(sweep_collection.collect_sweep(place.folder, place.store))
+    except IncomparableError as error:
+        missing.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
+    return page_contents(
+        shown, sweep=sweep, title=name, state="".join(missing), checked=_checked(place, name), commands=_commands(name)
+    ), missing
+
+
+def _checked(place: Opened, name: str) -> list[str]:
+    """Say what reading a run or a sweep has checked of it."""
+    sealed = [f"Every byte of {name} is what its manifest says (bundle digest {place.digest})."] if place.digest else []
+    return [
+        *sealed,
+        "The ledger is a whole chain that ends with the digest, both archives are those of its last generation, and "
+        "every source shown has the hash of its line.",
+        "Nothing was computed again; the commands above do that.",
+    ]
+
+
+def _commands(name: str) -> list[str]:
+    return [f"tacevo replay {shlex.quote(name)}", f"tacevo replay {shlex.quote(name)} --retrain 5"]
+
+
+def _samples(gathered: _Gathered) -> tuple[str | None, list[str]]:
+    """Draw the sample images of a run as a `data:` address; or the reason why they are missing."""
+    try:
+        figure = samples_of_run(gathered.found.run.path, gathered.store, Console(stderr=True))
+    except (ConfigError, DataError) as error:
+        return None, [f"no sample images: {error}"]
+    return f"data:image/png;base64,{base64.b64encode(render(figure, '.png')).decode('ascii')}", []
 
 
 def _paper(options: argparse.Namespace) -> int:
@@ -236,12 +294,16 @@ def _collected(run: str, store: str | None) -> Iterator[_Gathered]:
     """Read a run and its studies from a directory or a bundle, and print what is missing."""
     named = existing_store(store)
     with opened(Path(run)) as place:
-        is_bundle = place.root is not None
-        used = str(place.store) if is_bundle and named is None else named
-        found = collect(place.one_run(_ONE), None if used is None else Path(used))
-        gathered = _Gathered(found=found, store=used, is_bundle=is_bundle)
+        gathered = _gathered(place.one_run(_ONE), place, named)
         _say(_remarks(gathered))
         yield gathered
+
+
+def _gathered(run: Path, place: Opened, store: str | None) -> _Gathered:
+    """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
+    is_bundle = place.root is not None
+    used = str(place.store) if is_bundle and store is None else store
+    return _Gathered(found=collect(run, None if used is None else Path(used)), store=used, is_bundle=is_bundle)
 
 
 def _place(options: argparse.Namespace, name: str) -> Path:

@@ -24,7 +24,7 @@ COMMANDS = {
     "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
     "tables": ("analysis", "write every table of a run, in LaTeX, Markdown and CSV"),
     "figures": ("analysis", "draw every figure of a run, for a paper"),
-    "report": ("analysis", "write one page with every table and figure of a run"),
+    "report": ("analysis", "write one page to look into a run or a sweep"),
     "paper": ("analysis", "write the pages of a paper: every table and figure of several runs"),
     "ablations": ("analysis", "compare the arms of a sweep: tables and figures"),
     "show": ("inspect", "show what a run found, or one candidate of it"),

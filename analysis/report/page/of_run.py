@@ -29,6 +29,7 @@ from analysis.runs.dynamics import Productivity, by_prompt, by_temperature, prog
 from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.runs.run import Run
+from analysis.studies.metrics import metric_name
 from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
 from analysis.tables.rendering import numeric_columns
@@ -63,23 +64,23 @@ def read_recorded(run: Run) -> Recorded:
     return Recorded(record=directory.read_run(), texts=own)
 
 
-def run_contents(
-    found: Collection,
-    recorded: Recorded,
-    *,
-    tables: Sequence[Table] = (),
-    remarks: Sequence[str] = (),
-    samples: str | None = None,
-) -> RunContents:
-    """Return all that the page shows of a run but its sources (`run_sources`).
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMaterial:
+    """What the page of a run is made from."""
 
-    Args:
-        found: the run with its studies.
-        recorded: as `read_recorded` gives it.
-        tables: of the run; those of its studies come with the studies.
-        remarks: sentences that stand above all.
-        samples: its sample images, as a `data:` address.
-    """
+    found: Collection
+    recorded: Recorded
+    #: Of the run and its studies.
+    tables: Sequence[Table] = ()
+    #: Sentences that stand above all.
+    remarks: Sequence[str] = ()
+    #: Sample images, as a `data:` address.
+    samples: str | None = None
+
+
+def run_contents(given: RunMaterial) -> RunContents:
+    """Return all that the page shows of a run but its sources (`run_sources`)."""
+    found, recorded, tables = given.found, given.recorded, given.tables
     run, task = found.run, recorded.record.task
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, found.niches.prompts) if has_prompts else frozenset()
@@ -88,7 +89,7 @@ def run_contents(
     return RunContents(
         name=run.name,
         headlines=_headlines(run),
-        remarks=(*remarks, *missing),
+        remarks=(*given.remarks, *missing),
         axes=tuple(_axis_name(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
         places=run.places,
@@ -112,7 +113,7 @@ def run_contents(
         by_temperature=tuple(map(_yield, by_temperature(run))),
         studies=tuple(_study(compared, tables) for compared in found.studies),
         tables=tuple(table_contents(table) for table in tables if not _of_study(table, found.studies)),
-        samples=samples,
+        samples=given.samples,
         provenance=_provenance(run, recorded.record),
         settings=identity(run.config),
     )
@@ -266,7 +267,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> StudyContents:
     is_classification = study.kind is Kind.classification
     return StudyContents(
         name=compared.name,
-        metric=study.primary,
+        metric=metric_name(study.primary),
         lower_is_better=LOWER_IS_BETTER[study.primary],
         names=study.names,
         networks=tuple(
