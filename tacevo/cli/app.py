@@ -25,6 +25,7 @@ COMMANDS = {
     "tables": ("analysis", "write every table of a run, in LaTeX, Markdown and CSV"),
     "figures": ("analysis", "draw every figure of a run, for a paper"),
     "report": ("analysis", "write one page to look into a run or a sweep"),
+    "watch": ("watch", "serve that page, live, for a search that runs"),
     "paper": ("analysis", "write the pages of a paper: every table and figure of several runs"),
     "ablations": ("analysis", "compare the arms of a sweep: tables and figures"),
     "show": ("inspect", "show what a run found, or one candidate of it"),

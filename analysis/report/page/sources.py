@@ -1,7 +1,7 @@
 """Source texts for the page: which letters are what, and which lines a child kept of a parent."""
 
 from difflib import SequenceMatcher
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import groupby
 
 from pygments.lexers.python import PythonLexer
@@ -37,6 +37,7 @@ def kept_lines(parent: str, child: str) -> tuple[tuple[int, int, int], ...]:
     return tuple((match.a, match.b, match.size) for match in matcher.get_matching_blocks() if match.size)
 
 
+@cache
 def _class_of(token: _TokenType) -> str:
     return next((name for name, kinds in CLASSES.items() if any(token in kind for kind in kinds)), "t")
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from analysis.report.page.contents import PageContents, SweepContents
+from analysis.report.page.contents import PageContents, Source, SweepContents
 from analysis.report.page.of_run import RunMaterial, run_contents, run_sources
 
 
@@ -17,7 +17,7 @@ def page_contents(
     live: bool = False,
 ) -> PageContents:
     """Return all that the page shows; the arguments are the fields of `PageContents`."""
-    sources = {}
+    sources: dict[str, Source] = {}
     for one in runs:
         sources |= run_sources(one.found.run, one.recorded.texts)
     return PageContents(
