@@ -5,16 +5,19 @@ Skipped without Chromium, unless TACEVO_BROWSER=1 insists on it, as the gate doe
 
 import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pages import HOSTILE, page_of_shipped_run, poisoned
-from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+from pages import HOSTILE, SHIPPED, page_of_shipped_run, poisoned
+from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
 
 from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
+from tacevo.bundles.open import opened
+from tacevo.cli.watch import LivePage, Server
 
 #: What `open_page` takes, and what it found wrong until now: errors, and requests that left the page.
 Opener = Callable[..., tuple[Page, list[str]]]
@@ -106,7 +109,7 @@ def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: 
     run = shipped.runs[0]
     for one in run.candidates[:: len(run.candidates) // 12]:
         page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
-        page.wait_for_function("id => document.querySelector('#candidate-name').textContent.endsWith(id)", arg=one.id)
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
         assert page.locator("#candidate figure").count() == bool(one.validation_losses)
     for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", f"#/{run.name}/g99s99", "#/"):
         page.evaluate("hash => { location.hash = hash }", address)
@@ -177,7 +180,7 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
         page.keyboard.press(key)
     assert page.evaluate("document.activeElement.href.baseVal") != before
     page.keyboard.press("Enter")
-    page.wait_for_function("document.querySelector('#candidate-name').textContent !== 'Candidate'")
+    expect(page.locator("#candidate-name")).not_to_have_text("Candidate")
     assert page.evaluate("document.activeElement.id") == "candidate-name"
     assert wrong == []
 
@@ -187,7 +190,7 @@ def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page:
     page, wrong = open_page(poisoned(shipped))
     for row in (0, 12):
         page.locator("#candidates-table tbody tr a").nth(row).click()
-        page.wait_for_function("document.querySelector('#candidate-name').textContent !== 'Candidate'")
+        expect(page.locator("#candidate-name")).not_to_have_text("Candidate")
     page.locator("#source-choice").select_option("")
     assert page.locator("#title").text_content() == f"{shipped.title}{HOSTILE}"
     assert HOSTILE.split("\x00")[0] in (page.locator("pre.source").text_content() or "")
@@ -200,20 +203,23 @@ def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page:
 def test_policy_stops_what_would_become_markup(shipped: PageContents, open_page: Opener) -> None:
     """Even markup that got into the page runs nothing and sends nothing."""
     page, _ = open_page(shipped)
-    page.evaluate(
-        """() => {
-        window.refused = 0;
-        document.addEventListener("securitypolicyviolation", () => window.refused++);
-        const markup = "<img src='https://example.org/x' onerror='window.hurt = 1'><iframe src='https://example.org'></iframe>";
-        document.body.insertAdjacentHTML("beforeend", markup + "<form action='https://example.org'></form>");
-        document.forms[0].submit();
+    refused = page.evaluate(
+        """() => new Promise((resolve) => {
+        const refused = new Set();
+        document.addEventListener("securitypolicyviolation", (event) => {
+            refused.add(event.effectiveDirective);
+            if (refused.size === 5) resolve([...refused].sort());
+        });
+        const markup = "<img src='https://example.org/x' onerror='window.hurt = 1'>";
+        document.body.insertAdjacentHTML("beforeend", `${markup}<iframe src='https://example.org'></iframe>`);
         const script = document.createElement("script");
         script.textContent = "window.hurt = 2";
         document.body.append(script);
         fetch("https://example.org").catch(() => {});
-        }"""
+        setTimeout(() => resolve([...refused].sort()), 20_000);
+        })"""
     )
-    page.wait_for_function("window.refused >= 5")
+    assert refused == ["connect-src", "frame-src", "img-src", "script-src-attr", "script-src-elem"]
     assert page.evaluate("window.hurt") is None
 
 
@@ -253,3 +259,28 @@ def test_print_shows_tables_and_no_controls(shipped: PageContents, open_page: Op
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert not page.locator("#generation").is_visible()
     assert page.locator("details:not([open])").count() == 0
+
+
+def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: Path) -> None:
+    """The page shows what was added to the run without a reload, keeps the choice, and says that nobody answers."""
+    with opened(SHIPPED) as place:
+        run = Path(shutil.copytree(place.folder, tmp_path / "run"))
+        store = Path(shutil.copytree(place.store / "centroids", tmp_path / "store" / "centroids")).parent
+    whole = (run / "ledger.jsonl").read_text().splitlines(keepends=True)
+    ends = [number for number, line in enumerate(whole, start=1) if '"kind":"generation"' in line]
+    (run / "ledger.jsonl").write_text("".join(whole[: ends[3]]))
+    page = browser.new_page()
+    with Server(LivePage(run, store), 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        page.goto(f"{server.address}#/run/g01s06")
+        page.wait_for_selector(".elites a")
+        assert page.get_attribute("#generation", "max") == "3"
+        (run / "ledger.jsonl").write_text("".join(whole))
+        expect(page.locator("#generation")).to_have_attribute("max", "20", timeout=60_000)
+        assert page.locator("#candidate-name").inner_text() == "Candidate g01s06"
+        assert page.locator("#state").inner_text().startswith("1 of 1 run finished")
+        server.shutdown()
+        thread.join()
+    expect(page.locator("#state")).to_contain_text("No answer from")
+    page.close()

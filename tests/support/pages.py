@@ -4,7 +4,6 @@ import dataclasses
 import enum
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
 from analysis.report.collection import collect, tables_of
 from analysis.report.page.contents import PageContents, Source
@@ -12,8 +11,6 @@ from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.sources import marked
 from analysis.report.page.whole import page_contents
 from tacevo.bundles.open import opened
-
-T = TypeVar("T")
 
 #: What would do harm as markup, and what could end the element that holds the contents; `hurt` is set if it runs.
 HOSTILE = (
@@ -32,9 +29,11 @@ def page_of_shipped_run() -> PageContents:
         return page_contents([material], title="force-grammar.zip", checked=["sealed"], commands=["tacevo replay it"])
 
 
-def poisoned(value: T) -> T:
+def poisoned(page: PageContents) -> PageContents:
     """Return contents with `HOSTILE` behind every text: ids, names, sources, answers, table cells, keys of mappings."""
-    return _poisoned(value)  # type: ignore[no-any-return]
+    found = _poisoned(page)
+    assert isinstance(found, PageContents)
+    return found
 
 
 def _poisoned(value: object) -> object:
