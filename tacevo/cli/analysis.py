@@ -204,7 +204,10 @@ def _page_of_run(gathered: _Gathered, place: Opened, name: str) -> tuple[PageCon
 
 def _page_of_sweep(gathered: Sequence[_Gathered], place: Opened, name: str) -> tuple[PageContents, list[str]]:
     """Return all that the page of a sweep shows, and why its arms are not compared, if they are not."""
-    shown = [RunMaterial(found=one.found, recorded=read_recorded(one.found.run)) for one in gathered]
+    shown = [
+        RunMaterial(found=one.found, recorded=read_recorded(one.found.run), remarks=[*one.found.run.not_sent.values()])
+        for one in gathered
+    ]
     sweep, missing = None, []
     try:
         sweep = sweep_contents(sweep_collection.collect_sweep(place.folder, place.store))

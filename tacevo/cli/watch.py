@@ -110,7 +110,12 @@ class LivePage:
         sweep, reason = self._compared() if is_sweep else (None, "")
         return page_contents(
             [
-                RunMaterial(found=one, recorded=read_recorded(one.run), tables=() if is_sweep else tables_of(one, None))
+                RunMaterial(
+                    found=one,
+                    recorded=read_recorded(one.run),
+                    tables=() if is_sweep else tables_of(one, None),
+                    remarks=[*one.run.not_sent.values(), *one.left_out],
+                )
                 for one in found
             ],
             sweep=sweep,

@@ -4,7 +4,7 @@ const DASHES = [null, "6 3", "2 3", "8 3 2 3", "4 2"];
 
 const WIDTH = 440;
 const HEIGHT = 240;
-const INSET = { left: 58, right: 14, top: 10, bottom: 36 };
+const INSET = { left: 64, right: 14, top: 10, bottom: 36 };
 
 // Okabe and Ito's colours, as classes of the style.
 const colourClass = (place) => `hue${place % 8}`;
@@ -19,18 +19,19 @@ function drawing(words, height = HEIGHT, width = WIDTH) {
 function lossScale(values, range) {
     const [low, high] = d3.extent(values);
     return low > 0 && high / low >= 10
-        ? d3.scaleLog([low, high], range).nice()
+        ? d3.scaleLog([low / 1.1, high * 1.1], range)
         : d3.scaleLinear(low === high ? [low - 0.5, high + 0.5] : [low, high], range).nice();
 }
 
 const scaleFromZero = (values, range) =>
     d3.scaleLinear([Math.min(0, d3.min(values)), d3.max(values) || 1], range).nice();
 
+// Return the ticks of a scale as (value, text); of a logarithmic one those that begin with 1, or with 1, 2 and 5.
 function ticksOf(scale, count, format) {
     const all = scale.ticks(count);
-    const some =
-        all.length > 9 ? all.filter((tick) => Number.isInteger(Math.round(1e6 * Math.log10(tick)) / 1e6)) : all;
-    return (some.length > 1 ? some : all).map((tick) => [tick, format(tick)]);
+    const beginning = (digits) => all.filter((tick) => digits.includes(tick.toExponential(0)[0]));
+    const few = scale.base ? [beginning("1"), beginning("125"), all].find((some) => some.length > 2) : all;
+    return (few ?? all).map((tick) => [tick, format(tick)]);
 }
 
 const shortly = (value) => (value !== 0 && Math.abs(value) < 1e-3 ? d3.format(".0e")(value) : d3.format("~r")(value));

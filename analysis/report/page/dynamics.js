@@ -99,7 +99,7 @@ function promptMap(run) {
         const [left, top] = [x(trial.prompt / last), y(trial.temperature)];
         const kind = trial.inserted ? d3.symbolCircle : d3.symbolTimes;
         svg.append("path")
-            .attr("class", "point")
+            .attr("class", trial.inserted ? "point" : "point is-cross")
             .attr("transform", `translate(${left},${top})`)
             .attr("d", d3.symbol(kind, 22)());
     }
