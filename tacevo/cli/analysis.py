@@ -1,10 +1,8 @@
 """The commands that show what runs found: `tacevo tables | figures | report | paper | ablations`."""
 
 import argparse
-import base64
 import contextlib
 import itertools
-import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,7 +11,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from analysis.figures.style import render
 from analysis.report import sweep_collection
 from analysis.report.collection import Collection, collect, pictures_of, tables_of, with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_document
@@ -21,7 +18,6 @@ from analysis.report.figure_list import Picture, undrawn
 from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
 from analysis.report.page.of_run import RunMaterial, read_recorded
-from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents
 from analysis.report.writing import remove_outdated, write_chapter, write_pictures, write_tables
 from analysis.runs.run import Run, load_run
@@ -31,7 +27,8 @@ from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown
 from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_folder, place_of_results
-from tacevo.errors import CacheMissError, ConfigError, DataError, IncomparableError, RunError
+from tacevo.cli.report_page import checked, commands, page_of_sweep, samples_of
+from tacevo.errors import CacheMissError, ConfigError, DataError, RunError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
@@ -184,7 +181,7 @@ def _report(options: argparse.Namespace) -> int:
         if place.jobs is None:
             page, missing = _page_of_run(gathered[0], place, source.name)
         else:
-            page, missing = _page_of_sweep(gathered, place, source.name)
+            page, missing = page_of_sweep([one.found for one in gathered], place, source.name)
     write_durably(path, as_html(page))
     _say(missing)
     print(f"report: {path}")
@@ -195,51 +192,11 @@ def _page_of_run(gathered: _Gathered, place: Opened, name: str) -> tuple[PageCon
     """Return all that the page of a run shows, and what is missing of it."""
     found = gathered.found
     tables, missing = _own_tables(gathered)
-    samples, unseen = _samples(gathered)
+    samples, unseen = samples_of(found.run.path, gathered.store)
     missing += unseen
     remarks = [*_remarks(gathered), *missing]
     shown = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks, samples=samples)
-    return page_contents([shown], title=name, checked=_checked(place, name), commands=_commands(name)), missing
-
-
-def _page_of_sweep(gathered: Sequence[_Gathered], place: Opened, name: str) -> tuple[PageContents, list[str]]:
-    """Return all that the page of a sweep shows, and why its arms are not compared, if they are not."""
-    shown = [
-        RunMaterial(found=one.found, recorded=read_recorded(one.found.run), remarks=[*one.found.run.not_sent.values()])
-        for one in gathered
-    ]
-    sweep, missing = None, []
-    try:
-        sweep = sweep_contents(sweep_collection.collect_sweep(place.folder, place.store))
-    except IncomparableError as error:
-        missing.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
-    return page_contents(
-        shown, sweep=sweep, title=name, state="".join(missing), checked=_checked(place, name), commands=_commands(name)
-    ), missing
-
-
-def _checked(place: Opened, name: str) -> list[str]:
-    """Say what reading a run or a sweep has checked of it."""
-    sealed = [f"Every byte of {name} is what its manifest says (bundle digest {place.digest})."] if place.digest else []
-    return [
-        *sealed,
-        "The ledger is a whole chain that ends with the digest, both archives are those of its last generation, and "
-        "every source shown has the hash of its line.",
-        "Nothing was computed again; the commands above do that.",
-    ]
-
-
-def _commands(name: str) -> list[str]:
-    return [f"tacevo replay {shlex.quote(name)}", f"tacevo replay {shlex.quote(name)} --retrain 5"]
-
-
-def _samples(gathered: _Gathered) -> tuple[str | None, list[str]]:
-    """Draw the sample images of a run as a `data:` address; or the reason why they are missing."""
-    try:
-        figure = samples_of_run(gathered.found.run.path, gathered.store, Console(stderr=True))
-    except (ConfigError, DataError) as error:
-        return None, [f"no sample images: {error}"]
-    return f"data:image/png;base64,{base64.b64encode(render(figure, '.png')).decode('ascii')}", []
+    return page_contents([shown], title=name, checked=checked(place, name), commands=commands(name)), missing
 
 
 def _paper(options: argparse.Namespace) -> int:
