@@ -3,12 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PEERS := build/peers
 
-# Two tests at a time; a worker that is done takes over tests of the other.
+# Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
+test test-slow test-all coverage: export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-portable coverage check format bench replay paper lock clean
+.PHONY: help setup demo test test-slow test-all test-portable coverage check format bench bench-quick replay paper lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 14
@@ -26,14 +28,14 @@ $(READY): requirements.lock pyproject.toml
 demo: $(READY) ## run a small search, and print what it found and where to look
 	$(BIN)/tacevo search experiment=demo
 
-test: $(READY) ## run the tests, two at a time (nine minutes)
+test: $(READY) ## run the tests, two at a time (six minutes)
 	$(BIN)/pytest $(TWO)
 
-test-slow: $(READY) ## run the tests that attack each promise further (ten minutes)
+test-slow: $(READY) ## run the tests that attack each promise further (seven minutes)
 	$(BIN)/pytest $(TWO) -m slow
 
 test-all: $(READY) ## run all tests, brute force too (hours)
-	$(BIN)/pytest $(TWO) -m "not portable"
+	$(BIN)/pytest $(TWO) -m "not portable" --hypothesis-profile thorough
 
 test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)
 	$(BIN)/pytest -m portable
@@ -51,8 +53,19 @@ format: $(READY) ## format the code
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-bench: $(READY) ## measure speed and memory beside a peer, in the same run
+bench: $(PEERS)/.ready ## measure speed and memory beside a peer, in the same run (15 minutes on two quiet cores)
 	$(BIN)/python -m benchmarks
+
+bench-quick: $(PEERS)/.ready ## run every benchmark once on next to nothing, to see that it runs
+	$(BIN)/python -m benchmarks --quick
+
+# The peer's own environment; the packages of ours are seen in it, so that both train with one torch.
+$(PEERS)/.ready: $(READY) benchmarks/peers.txt
+	$(BIN)/python -m venv --without-pip $(PEERS)
+	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+		> "$$($(PEERS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth"
+	$(BIN)/pip --python $(PEERS)/bin/python install --quiet --disable-pip-version-check --requirement benchmarks/peers.txt
+	@touch $@
 
 replay: $(READY) ## replay the published runs that come with the project, and compare everything
 	@for run in cache/published/*.zip; do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done

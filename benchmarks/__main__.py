@@ -1,12 +1,17 @@
-"""`make bench`: speed and memory beside a peer, measured in the same run; README.md says how to read a figure."""
+"""`make bench`: speed and memory beside a peer, measured in the same run; README.md says how to read a figure.
 
+`make bench-quick` runs every benchmark once on next to nothing: it shows that they run, and its figures mean nothing.
+"""
+
+import argparse
+import datetime
 import io
-import itertools
-import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -16,15 +21,17 @@ from rich.console import Console
 from benchmarks import confinement
 from benchmarks.commits import commits
 from benchmarks.llm import asking, memory_of_many
-from benchmarks.replay import synthetic_replays
-from benchmarks.timing import medians, report
+from benchmarks.peers import REQUIREMENT, peers
+from benchmarks.record import record, write
+from benchmarks.replay import cost_of, synthetic_replays
+from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
 from tacevo.config.recorded import read_recorded
 from tacevo.data.sources.images import decode
 from tacevo.randomness import stream
-from tacevo.records import Limits, to_json
+from tacevo.records import Json, Limits, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
@@ -34,37 +41,40 @@ from tacevo.search.archive import Archive, Elite, Tessellation, insert
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import environment
 
-INSERTIONS = 5_000
-FORKS = 8
-PICTURES = 70
+README = Path("README.md")
+RESULTS = Path("benchmarks/results/bench.json")
+
+#: Settings of a search that is soon over.
+SMALL = ("experiment=demo", "tracking=none", "search.generations=1", "data.images=240", "training.epochs=2")
+TINY = (*SMALL, "search.generations=0", "search.initial=1", "data.images=40", "training.epochs=1")
 
 
-def archive_insertions() -> str:
+def archive_insertions(*, insertions: int = 5_000, rounds: int = 5) -> Figure:
     """Insert one by one into 100 niches, as a search does; the peer is pyribs."""
     rng = stream(0, "bench")
-    centroids, points, objectives = rng.random((100, 2)), rng.random((INSERTIONS, 2)), rng.random(INSERTIONS)
+    centroids, points, objectives = rng.random((100, 2)), rng.random((insertions, 2)), rng.random(insertions)
     tessellation = Tessellation(centroids)
 
     def ours() -> None:
         archive = Archive()
-        for index in range(INSERTIONS):
+        for index in range(insertions):
             elite = Elite(name=str(index), objective=float(objectives[index]))
             archive, _ = insert(archive, tessellation.niche_of(points[index]), elite)
 
     def peer() -> None:
         archive = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
-        for index in range(INSERTIONS):
+        for index in range(insertions):
             archive.add_single(np.zeros(1), objectives[index], points[index])
 
-    found = medians({"tacevo": ours, "pyribs": peer}, rounds=5)
-    return report("archive, one insertion at a time", found, unit="insertions", per_second=INSERTIONS)
+    found = medians({"tacevo": ours, "pyribs": peer}, rounds=rounds)
+    return report("archive, one insertion at a time", found, unit="insertions", per_second=insertions)
 
 
-def candidate_processes() -> str:
+def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
     """Judge a baseline in a confined fork; the peer starts an interpreter and imports torch, as usual elsewhere."""
     _, task = task_without_data("force", 32)
     sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
-    header = {"source": task.baseline, "contract": to_json(task.contract), "limits": sizes}
+    header: Json = {"source": task.baseline, "contract": to_json(task.contract), "limits": sizes}
     limits = Limits(seconds=60, memory_mib=2048)
     with Sandbox(
         entries={"probe": "tacevo.gate.probe:run"}, environment=environment(Numerics.portable), arrays={}
@@ -72,80 +82,82 @@ def candidate_processes() -> str:
         sandbox.run("probe", header, b"", limits)  # the zygote starts with the first job
 
         def ours() -> None:
-            for _ in range(FORKS):
+            for _ in range(forks):
                 sandbox.run("probe", header, b"", limits)
 
         def peer() -> None:
-            for _ in range(FORKS):
+            for _ in range(forks):
                 subprocess.run([sys.executable, "-c", "import torch"], check=True)
 
-        found = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=3)
-    return report("a candidate's process", found, unit="candidates", per_second=FORKS)
+        found = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=rounds)
+    return report("a candidate's process", found, unit="candidates", per_second=forks)
 
 
-def pictures() -> str:
+def pictures(*, images: int = 30, rounds: int = 5) -> Iterator[Figure]:
     """Draw 256 pixel images in one process; the peer decodes the same images from PNG files."""
-    return "\n".join(_pictures(task) for task in SensorTask)
+    return (_pictures(task, images, rounds) for task in SensorTask)
 
 
-def _pictures(task: SensorTask) -> str:
-    pictures = source_of(compose([f"task={task}", f"data.images={PICTURES}"])).catalogue().pictures
+def _pictures(task: SensorTask, images: int, rounds: int) -> Figure:
+    pictures = source_of(compose([f"task={task}", f"data.images={images}"])).catalogue().pictures
     drawn = [draw() for draw in pictures]
     with tempfile.TemporaryDirectory() as folder:
-        files = [Path(folder) / f"{index}.png" for index in range(PICTURES)]
+        files = [Path(folder) / f"{index}.png" for index in range(images)]
         for file, image in zip(files, drawn, strict=True):
             Image.fromarray(image.transpose(1, 2, 0)).save(file)
         rivals = {
             "drawn": lambda: [draw() for draw in pictures],
             "decoded": lambda: [decode(file, 256) for file in files],
         }
-        return report(f"{task} images of 256 px", medians(rivals, rounds=5), unit="images", per_second=PICTURES)
+        return report(f"{task} images of 256 px", medians(rivals, rounds=rounds), unit="images", per_second=images)
 
 
-def replaying() -> str:
-    """Replay a small search from its stores; the peer is its recording."""
-    small = ["experiment=demo", "tracking=none", "search.generations=2", "data.images=120", "training.epochs=1"]
+def replaying(*, settings: Sequence[str] = SMALL, rounds: int = 5) -> Figure:
+    """Replay a small search from its stores; the peer is its recording, timed once, because it comes first."""
     with tempfile.TemporaryDirectory() as folder:
-        places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
-        view = _silent()
-        recorded = medians({"recording": lambda: search(compose([*small, *places]), view)}, rounds=1)
-        replayed = medians({"replay": lambda: replay(read_recorded(Path(folder) / "run"), view)}, rounds=5)
-    return report("replay of 21 candidates", {**replayed, **recorded}, unit="s")
+        recorded = medians({"recording": lambda: _search(Path(folder), *settings)}, rounds=1)
+        run = Path(folder) / "run"
+        replayed = medians({"replay": lambda: replay(read_recorded(run), _silent())}, rounds=rounds)
+    return report("replay of a small search", {**replayed, **recorded}, unit="s")
 
 
-def workers() -> str:
+def workers(*, settings: Sequence[str] = SMALL, rounds: int = 3) -> Figure:
     """Search with two workers; the peer is one worker."""
-    small = ["experiment=demo", "tracking=none", "search.generations=1", "data.images=240", "training.epochs=2"]
 
     def with_workers(count: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            places = [f"run.dir={folder}/run", f"store.root={folder}/cache", f"executor.workers={count}"]
-            search(compose([*small, *places]), _silent())
+            _search(Path(folder), *settings, f"executor.workers={count}")
 
-    found = medians({"two workers": lambda: with_workers(2), "one worker": lambda: with_workers(1)}, rounds=3)
-    return report("a search of 13 candidates", found, unit="s")
+    found = medians({"two workers": lambda: with_workers(2), "one worker": lambda: with_workers(1)}, rounds=rounds)
+    return report("a small search", found, unit="s")
 
 
-def tracking() -> str:
+def tracking(*, settings: Sequence[str] = SMALL, rounds: int = 3) -> Iterator[Figure]:
     """Search with MLflow as its mirror, in a database that exists already; the peer is tracking=none."""
-    small = ["experiment=demo", "search.generations=2", "data.images=240", "training.epochs=2"]
     with tempfile.TemporaryDirectory() as folder:
         uri = f"sqlite:///{folder}/mlflow.db"
-        places = (Path(folder) / f"run{number}" for number in itertools.count())
+        places: list[Path] = []
 
-        def with_tracking(*choice: str) -> Path:
-            place = next(places)
-            search(compose([*small, *choice, f"run.dir={place}", f"store.root={place}-cache"]), _silent())
-            return place
+        def tracked(*choice: str) -> None:
+            places.append(Path(folder) / str(len(places)))
+            _search(places[-1], *settings, *choice)
 
-        untracked = with_tracking("tracking=none")
-        _mirror(untracked, uri)  # makes the database
+        tracked()
+        _mirror(places[-1] / "run", uri)  # makes the database
         rivals = {
-            "with MLflow": lambda: with_tracking("tracking=mlflow", f"tracking.uri={uri}"),
-            "without": lambda: with_tracking("tracking=none"),
+            "with MLflow": lambda: tracked("tracking=mlflow", f"tracking.uri={uri}"),
+            "without": tracked,
         }
-        figures = report("tracking of 21 candidates", medians(rivals, rounds=3), unit="s")
-        return f"{figures}; the mirror alone takes {_mirror_cpu_seconds(with_tracking('tracking=none'), uri):.1f} CPU s"
+        yield report("tracking of a small search", medians(rivals, rounds=rounds), unit="s")
+        before = children_seconds()
+        _mirror(places[-1] / "run", uri)
+        seconds = children_seconds() - before
+    yield Figure(title="tracking of a finished search", name="the mirror's process", value=seconds, unit="CPU s")
+
+
+def _search(place: Path, *settings: str) -> None:
+    """Search in a folder, with stores of its own."""
+    search(compose([*settings, f"run.dir={place}/run", f"store.root={place}/cache"]), _silent())
 
 
 def _mirror(run: Path, uri: str) -> None:
@@ -157,50 +169,49 @@ def _mirror(run: Path, uri: str) -> None:
         raise RuntimeError(warning)
 
 
-def _mirror_cpu_seconds(run: Path, uri: str) -> float:
-    """Mirror a finished run; give the processor seconds of the mirror's process, which is the only one to end."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    _mirror(run, uri)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return (after.ru_utime + after.ru_stime) - (before.ru_utime + before.ru_stime)
-
-
-def memory() -> str:
-    """Return the peak resident memory of a process that replays, and whether it imported torch."""
-    script = (
-        "import resource, sys; from tacevo.cli.app import main; main(sys.argv[1:]); "
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, 'torch' in sys.modules)"
-    )
+def memory(*, settings: Sequence[str] = SMALL) -> Figure:
+    """Return the peak resident memory of the process that searches."""
     with tempfile.TemporaryDirectory() as folder:
-        small = ["experiment=demo", "tracking=none", "search.generations=0", "data.images=40", "training.epochs=1"]
-        command = [sys.executable, "-c", script, "search", *small]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    peak, torch = done.stdout.split()[-2:]
-    return f"peak memory of the process that searches: {peak} MiB (torch imported: {torch})"
+        cost = cost_of("search", *settings, f"run.dir={folder}/run", f"store.root={folder}/cache")
+    return Figure(title="peak memory", name="the process that searches", value=cost.memory, unit="MB")
 
 
 def _silent() -> Progress:
     return Progress(Console(file=io.StringIO()))
 
 
+#: What is measured, each with the sizes of `make bench-quick`.
+BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]] = {
+    peers: {"numerics": [Numerics.fast], "answers": 1, "epochs": 1, "rounds": 0},
+    archive_insertions: {"insertions": 50, "rounds": 1},
+    commits: {"candidates": (10, 20), "rounds": 1},
+    candidate_processes: {"forks": 1, "rounds": 1},
+    confinement.walls: {"rounds": 1},
+    confinement.training: {"epochs": 1, "rounds": 1},
+    pictures: {"images": 10, "rounds": 1},
+    workers: {"settings": TINY, "rounds": 1},
+    replaying: {"settings": TINY, "rounds": 1},
+    synthetic_replays: {"generations": [0]},
+    tracking: {"settings": TINY, "rounds": 1},
+    asking: {"count": 10, "rounds": 1},
+    memory: {"settings": TINY},
+    memory_of_many: {"many": 10},
+}
+
+
 def main() -> None:
-    """Print one line a figure."""
-    for measure in (
-        archive_insertions,
-        commits,
-        candidate_processes,
-        confinement.walls,
-        confinement.training,
-        pictures,
-        workers,
-        replaying,
-        synthetic_replays,
-        tracking,
-        asking,
-        memory,
-        memory_of_many,
-    ):
-        print(measure(), flush=True)
+    """Print one line a figure; write all of them down, unless they are quick."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="every benchmark once on next to nothing; write nothing")
+    quick = parser.parse_args().quick
+    figures: list[Figure] = []
+    for measure, tiny in BENCHMARKS.items():
+        found = measure(**(tiny if quick else {}))
+        for figure in [found] if isinstance(found, Figure) else found:
+            print(figure, flush=True)
+            figures.append(figure)
+    if not quick:
+        write(record(figures, datetime.date.today().isoformat(), REQUIREMENT.partition("==")[2]), RESULTS, README)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.timing import medians, report
+from benchmarks.timing import Figure, medians, report
 from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.profile import Admitted, Graph, Node, Profile
@@ -21,18 +21,18 @@ from tacevo.search.proposals import Proposal
 CANDIDATES = (1_000, 20_000)
 
 
-def commits() -> str:
+def commits(*, candidates: tuple[int, int] = CANDIDATES, rounds: int = 3) -> Figure:
     """Commit made-up outcomes, in the paper's settings; the rate should not depend on how many there are."""
     with tempfile.TemporaryDirectory() as folder:
-        config = compose(["experiment=paper_force", f"store.root={folder}"])
+        config = compose(["experiment=paper_force", "llm=grammar", f"store.root={folder}"])
         plan = build_plan(config, load_task(config, facts_without_data(config)), Mode.record)
-    few, many = (list(_outcomes(count)) for count in CANDIDATES)
-    rounds = len(many) // len(few)  # both commit equally many, so that one rate fits both
+    few, many = (list(_outcomes(count)) for count in candidates)
+    runs = len(many) // len(few)  # both commit equally many, so that one rate fits both
     rivals = {
         f"in a run of {len(many):,}": lambda: _fold(plan, many),
-        f"in runs of {len(few):,}": lambda: [_fold(plan, few) for _ in range(rounds)],
+        f"in runs of {len(few):,}": lambda: [_fold(plan, few) for _ in range(runs)],
     }
-    return report("candidates committed", medians(rivals, rounds=3), unit="commits", per_second=len(many))
+    return report("candidates committed", medians(rivals, rounds=rounds), unit="commits", per_second=len(many))
 
 
 def _fold(plan: Plan, outcomes: list[Outcome]) -> SearchState:
@@ -60,7 +60,7 @@ def _outcomes(count: int) -> Iterator[Outcome]:
                 request=None,
             ),
             completion=None,
-            admitted=Admitted(source=hashlib.sha256(str(index).encode()).hexdigest(), profile=_profile(sizes)),
+            admitted=Admitted(source=hashlib.sha256(str(index).encode()).hexdigest(), profile=profile(sizes)),
             result=Training(
                 train_losses=(loss,), validation_losses=(loss,), predictions_sha256="0" * 64, weights_sha256="0" * 64
             ),
@@ -68,7 +68,7 @@ def _outcomes(count: int) -> Iterator[Outcome]:
         )
 
 
-def _profile(sizes: np.ndarray) -> Profile:
+def profile(sizes: np.ndarray) -> Profile:
     """Return the profile of a chain of layers with these widths."""
     widths = tuple(int(size) for size in sizes)
     graph = Graph(

@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from benchmarks import plain_training as plain
-from benchmarks.timing import medians, report
+from benchmarks.timing import Figure, medians, report
 from tacevo.choices import Confinement, Numerics
 from tacevo.cli.inspect import task_without_data
 from tacevo.records import Json, Limits, Recipe, to_json
@@ -24,7 +24,7 @@ JOBS = 10
 _LIMITS = Limits(seconds=60, memory_mib=2048)
 
 
-def walls() -> str:
+def walls(*, rounds: int = 9) -> Figure:
     """Start candidates that do next to nothing behind the kernel's walls; the peer leaves the walls out."""
     with tempfile.TemporaryDirectory() as folder:
         sandboxes = {
@@ -32,20 +32,18 @@ def walls() -> str:
             "without them": _sandbox(Path(folder), Confinement.process),
         }
         with sandboxes["behind the walls"], sandboxes["without them"]:
-            found = medians({name: partial(_starts, sandbox) for name, sandbox in sandboxes.items()}, rounds=9)
-    inside, outside = (1000 * seconds / JOBS for seconds in found.values())
-    figures = report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
-    return f"{figures}; {inside:.2f} ms and {outside:.2f} ms each"
+            found = medians({name: partial(_starts, sandbox) for name, sandbox in sandboxes.items()}, rounds=rounds)
+    return report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
 
 
-def training() -> str:
+def training(*, epochs: int = 10, rounds: int = 3) -> Figure:
     """Train a baseline, confined and with portable numerics; the peer is a textbook's loop in an ordinary process."""
     _, task = task_without_data("force", plain.SIZE)
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
         order = {"OMP_NUM_THREADS": "1", "PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-        command = [sys.executable, "-m", plain.__name__, str(source)]
+        command = [sys.executable, "-m", plain.__name__, str(source), str(epochs)]
         with (
             _sandbox(Path(folder), Confinement.kernel) as sandbox,
             subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer,
@@ -53,16 +51,15 @@ def training() -> str:
             assert peer.stdin is not None
             assert peer.stdout is not None
             peer.stdout.readline()
-            header, payload = _job(task.baseline, to_json(task.contract))
+            header, payload = _job(task.baseline, to_json(task.contract), epochs)
             rivals: dict[str, Callable[[], object]] = {
                 "confined and portable": partial(_train, sandbox, header, payload),
                 "plain torch": partial(_ask, peer.stdin, peer.stdout),
             }
             medians(rivals, rounds=1)  # both have compiled their kernels and touched their memory
-            found = medians(rivals, rounds=5)
+            found = medians(rivals, rounds=rounds)
             peer.stdin.close()
-    steps = plain.EPOCHS * plain.IMAGES
-    return report("training", found, unit="images", per_second=steps)
+    return report("training", found, unit="images", per_second=epochs * plain.IMAGES)
 
 
 def _ask(requests: IO[str], answers: IO[str]) -> None:
@@ -89,10 +86,10 @@ def _starts(sandbox: Sandbox, jobs: int = JOBS) -> None:
         sandbox.run("probe", {}, b"", _LIMITS)
 
 
-def _job(source: str, contract: Json) -> tuple[Json, bytes]:
+def _job(source: str, contract: Json, epochs: int) -> tuple[Json, bytes]:
     """Write the job of a training on the random images."""
     recipe = Recipe(
-        epochs=plain.EPOCHS,
+        epochs=epochs,
         batch_size=plain.BATCH,
         learning_rate=plain.LEARNING_RATE,
         optimiser="adam",

@@ -1,6 +1,6 @@
 """Draw what `benchmarks.difficulty` measured: losses over epochs, and ten-epoch fitness against the test score.
 
-python -m benchmarks.curves benchmarks/results/*.json --out docs/figures/difficulty.svg
+python -m benchmarks.curves benchmarks/results/*-*.json --out docs/figures/difficulty.svg
 """
 
 import argparse

@@ -12,42 +12,37 @@ import subprocess
 import sys
 import tempfile
 import textwrap
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
 import anthropic
 
-from benchmarks.timing import medians, report, resident
+from benchmarks.timing import Figure, medians, report, resident
 from tacevo.llm.anthropic import connect
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Message, Request
 from tacevo.storage.store import Store
 
-REQUESTS = 1_000
 CONCURRENCY = 64
 DELAY = 0.25
-
-#: In flight at once, where memory is measured.
-MANY = 10_000
 
 _SERVER = Path(__file__).parents[1] / "tests" / "support" / "llm_server.py"
 
 
-def asking() -> str:
+def asking(*, count: int = 1_000, rounds: int = 3) -> Figure:
     """Ask 1,000 things, 64 at once, and store each answer durably; the peer is the plain SDK, which stores nothing."""
     with _serving() as url, tempfile.TemporaryDirectory() as folder:
         stores = (Store(Path(folder) / str(number), "completions") for number in itertools.count())
-        requests = [_request(number) for number in range(REQUESTS)]
+        requests = [_request(number) for number in range(count)]
         rivals = {
             f"recorded, {CONCURRENCY} in flight": lambda: _ask(url, next(stores), requests, CONCURRENCY),
             "plain SDK": lambda: asyncio.run(_ask_plainly(url, requests)),
         }
-        return report("asking a model", medians(rivals, rounds=5), unit="requests", per_second=REQUESTS)
+        return report("asking a model", medians(rivals, rounds=rounds), unit="requests", per_second=count)
 
 
-def memory_of_many() -> str:
+def memory_of_many(*, many: int = 10_000) -> Figure:
     """Return the memory that 10,000 requests in flight need, above the process that is about to ask them.
 
     The server answers none of them before it has them all.
@@ -56,32 +51,30 @@ def memory_of_many() -> str:
         import json, sys
         from pathlib import Path
         from benchmarks.llm import peak_of_many
-        print(json.dumps(peak_of_many(*sys.argv[1:3], Path(sys.argv[3]))))
+        print(json.dumps(peak_of_many(*sys.argv[1:3], Path(sys.argv[3]), int(sys.argv[4]))))
     """
-    with _serving() as first, _serving(together=MANY) as url, tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-c", textwrap.dedent(script), first, url, folder]
+    with _serving() as first, _serving(together=many) as url, tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-c", textwrap.dedent(script), first, url, folder, str(many)]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-        with urllib.request.urlopen(f"{url}/counts") as counts:
-            most = json.load(counts)["most"]
     before, peak = json.loads(done.stdout)
-    return (
-        f"memory of {MANY} requests in flight: {peak - before:.0f} MB above {before:.0f} MB "
-        f"(the server had {most} open at once, tries that had timed out among them)"
+    return Figure(
+        title="peak memory", name=f"{many:,} requests in flight, above {before:.0f} MB", value=peak - before, unit="MB"
     )
 
 
-def peak_of_many(first: str, url: str, root: Path) -> tuple[float, float]:
+def peak_of_many(first: str, url: str, root: Path, many: int) -> tuple[float, float]:
     """Ask very many things at once; give the resident memory before, and its peak, in MB (1,000,000 bytes).
 
     Args:
         first: a server that is asked one thing, so that everything is loaded.
         url: the server of the rest.
         root: where the answers are stored.
+        many: how many requests.
     """
-    requests = [_request(number) for number in range(MANY)]
+    requests = [_request(number) for number in range(many)]
     _ask(first, Store(root / "first", "completions"), requests[:1], 1)
     before = resident("VmRSS")
-    _ask(url, Store(root / "rest", "completions"), requests, MANY)
+    _ask(url, Store(root / "rest", "completions"), requests, many)
     return before, resident("VmHWM")
 
 

@@ -13,21 +13,22 @@ from torch.nn.functional import mse_loss
 
 #: Images, of which the first `TRAINED` are trained on and the rest predicted; 3 channels of SIZE x SIZE pixels.
 IMAGES, TRAINED, SIZE = 640, 512, 32
-EPOCHS, BATCH, LEARNING_RATE = 10, 32, 1e-3
+BATCH, LEARNING_RATE = 32, 1e-3
 MEAN, DEVIATION = 127.5, 74.0
 
 
-def train(network: type[nn.Module], images: Tensor, targets: Tensor) -> Tensor:
+def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int) -> Tensor:
     """Train a new network; give its last predictions.
 
     Args:
         network: makes itself without arguments.
         images: uint8, shape (IMAGES, 3, SIZE, SIZE).
         targets: float32, shape (TRAINED, 3).
+        epochs: at least 1.
     """
     model = network()
     optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE)
-    for _ in range(EPOCHS):
+    for _ in range(epochs):
         model.train()
         for rows in torch.split(torch.randperm(TRAINED), BATCH):
             loss = mse_loss(model(_standardised(images[rows])), targets[rows])
@@ -44,7 +45,7 @@ def _standardised(images: Tensor) -> Tensor:
     return images.to(torch.float32).sub_(MEAN).div_(DEVIATION)
 
 
-def main(source: Path) -> None:
+def main(source: Path, epochs: int) -> None:
     """Train the class that a file defines, once for every line."""
     names: dict[str, type[nn.Module]] = {}
     exec(source.read_text(encoding="utf-8"), names)
@@ -53,9 +54,9 @@ def main(source: Path) -> None:
     targets = torch.rand(TRAINED, 3)
     print("ready", flush=True)
     for _ in sys.stdin:
-        train(names["ImageRegressionCNN"], images, targets)
+        train(names["ImageRegressionCNN"], images, targets, epochs)
         print("done", flush=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,4 +1,4 @@
-"""How long a replay takes, what memory it needs and how large its bundle is: 1,000 and 10,000 candidates."""
+"""How long a replay takes and what memory it needs: of 1,000 and of 2,000 candidates."""
 
 import io
 import json
@@ -6,16 +6,18 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
 from benchmarks.synthetic import record_synthetic
+from benchmarks.timing import Figure
 from tacevo.runs.progress import Progress
 
-#: Generations of 50 candidates: the paper's size, and ten times that.
-GENERATIONS = (20, 200)
+#: Generations of 50 candidates: the paper's size, and twice that; ten times would take a third of `make bench`.
+GENERATIONS = (20, 40)
 
 #: A command in a process of its own, which prints its processor seconds and the peak of its resident memory last.
 _SCRIPT = """
@@ -39,46 +41,41 @@ class Cost:
     #: Peak of its resident memory, in MB (1,000,000 bytes).
     memory: float
 
-    def __str__(self) -> str:
-        return f"{self.seconds:.1f} s ({self.processor_seconds:.1f} CPU s), {self.memory:.0f} MB"
 
+def synthetic_replays(*, generations: Sequence[int] = GENERATIONS) -> Iterator[Figure]:
+    """Replay synthetic runs of two sizes as folders, publish them, and replay the bundles.
 
-def synthetic_replays() -> str:
-    """Replay synthetic runs of both sizes as folders, publish them, and replay the bundles."""
-    lines, seconds = [], []
-    for generations in GENERATIONS:
-        with tempfile.TemporaryDirectory() as folder:
-            record_synthetic(Path(folder), generations, Progress(Console(file=io.StringIO())))
-            line, took = measured(Path(folder))
-        lines.append(line)
-        seconds.append(took)
-    folders, bundles = (few_and_many[1] / few_and_many[0] for few_and_many in zip(*seconds, strict=True))
-    ratios = (
-        f"ten times as many candidates: {folders:.1f} times the CPU seconds of a replay, {bundles:.1f} of a bundle's"
-    )
-    return "\n".join([*lines, ratios])
-
-
-def measured(folder: Path) -> tuple[str, tuple[float, float]]:
-    """Measure one synthetic run.
-
-    Args:
-        folder: what `record_synthetic` wrote to.
-
-    Returns:
-        One line, and the processor seconds of the replays of the folder and of the bundle.
+    The peer of the larger run is the smaller one, as often as it takes to have as many candidates: the ratio is 1 where
+    a candidate costs the same in both.
     """
-    run, bundle = str(folder / "run"), str(folder / "run.zip")
-    lines = len((folder / "run" / "ledger.jsonl").read_bytes().splitlines())
-    replayed = cost_of("replay", run)
-    published = cost_of("publish", run, "-o", bundle)
-    verified = cost_of("replay", bundle)
-    size = Path(bundle).stat().st_size / 1e6
-    line = (
-        f"a run of {lines:,} ledger lines: replay {replayed}; publish {published}; bundle {size:.2f} MB; "
-        f"replay of the bundle {verified}"
-    )
-    return line, (replayed.processor_seconds, verified.processor_seconds)
+    costs = [_costs(count) for count in generations]
+    (small, few), (large, many) = costs[0], costs[-1]
+    for what, cost in many.items():
+        yield Figure(
+            title=f"{what}, processor time",
+            name=f"{large:,} candidates",
+            value=cost.processor_seconds,
+            unit="CPU s",
+            peer=f"{large / small:.1f} runs of {small:,}",
+            peer_value=few[what].processor_seconds * large / small,
+        )
+    for what, cost in few.items():
+        title, name = f"{what}, one process", f"{small:,} candidates"
+        yield Figure(title=title, name=name, value=cost.seconds, unit="s")
+        yield Figure(title=f"{title}, peak memory", name=name, value=cost.memory, unit="MB")
+
+
+def _costs(generations: int) -> tuple[int, dict[str, Cost]]:
+    """Record a synthetic run; return the number of its candidates, and what is done with it costs."""
+    with tempfile.TemporaryDirectory() as folder:
+        record_synthetic(Path(folder), generations, Progress(Console(file=io.StringIO())))
+        run, bundle = f"{folder}/run", f"{folder}/run.zip"
+        candidates = Path(run, "ledger.jsonl").read_text(encoding="utf-8").count('"kind":"candidate"')
+        return candidates, {
+            "replay of a run": cost_of("replay", run),
+            "publication": cost_of("publish", run, "-o", bundle),
+            "replay of a bundle": cost_of("replay", bundle),
+        }
 
 
 def cost_of(*arguments: str) -> Cost:

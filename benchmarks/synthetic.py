@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.profile import Profile
-from tacevo.records import DataFacts, Json, Limits, Mode, Task, to_json
+from tacevo.records import DataFacts, Limits, Mode, Task, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record
@@ -61,7 +62,7 @@ def _profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Pro
 def _sandbox(baseline: Profile, epochs: int, outputs: int) -> Run:
     """Answer probes and trainings with frames that follow from the source alone."""
 
-    def run(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
         rng = np.random.default_rng(list(hashlib.sha256(header["source"].encode()).digest()))
         if entry == "probe":
             return Finished((Frame({"profile": to_json(_resized(baseline, rng))}, b""),))

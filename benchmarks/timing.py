@@ -1,9 +1,45 @@
 """How figures are taken on a noisy machine: interleaved, the median of several, compared by ratio."""
 
+import resource
 import statistics
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """One line of `make bench`: a value of ours beside a peer's."""
+
+    title: str
+    #: What was measured, and its value in `unit`.
+    name: str
+    value: float
+    unit: str
+    #: The same of the peer; None where there is none.
+    peer: str | None = None
+    peer_value: float | None = None
+    #: Whether more of the unit is better, as for a rate.
+    more_is_better: bool = False
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times better ours is: 2 means twice the rate, or half the time or memory; None without a peer."""
+        if self.peer_value is None:
+            return None
+        return self.value / self.peer_value if self.more_is_better else self.peer_value / self.value
+
+    def __str__(self) -> str:
+        ours = f"{self.title}: {self.name} {number(self.value)} {self.unit}"
+        if self.ratio is None or self.peer_value is None:
+            return ours
+        return f"{ours}, {self.peer} {number(self.peer_value)} {self.unit}; ratio {self.ratio:.2f}"
+
+
+def number(value: float) -> str:
+    """Write a value with three significant digits, and whole where it has more."""
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
 def medians(rivals: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[str, float]:
@@ -17,8 +53,8 @@ def medians(rivals: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
-def report(title: str, found: Mapping[str, float], *, unit: str, per_second: int | None = None) -> str:
-    """Write one line: ours, the peer's, and how many times faster ours is.
+def report(title: str, found: Mapping[str, float], *, unit: str, per_second: int | None = None) -> Figure:
+    """Return the figure that two medians give.
 
     Args:
         title: what was measured.
@@ -26,11 +62,24 @@ def report(title: str, found: Mapping[str, float], *, unit: str, per_second: int
         unit: what is counted.
         per_second: how many units one measurement holds; None reports seconds.
     """
-    (ours, mine), (peer, theirs) = found.items()
+    (name, mine), (peer, theirs) = found.items()
     if per_second is None:
-        return f"{title}: {ours} {mine:.3f} {unit}, {peer} {theirs:.3f} {unit}; ratio {theirs / mine:.2f}"
-    rates = f"{ours} {per_second / mine:,.4g} {unit}/s, {peer} {per_second / theirs:,.4g} {unit}/s"
-    return f"{title}: {rates}; ratio {theirs / mine:.2f}"
+        return Figure(title=title, name=name, value=mine, unit=unit, peer=peer, peer_value=theirs)
+    return Figure(
+        title=title,
+        name=name,
+        value=per_second / mine,
+        unit=f"{unit}/s",
+        peer=peer,
+        peer_value=per_second / theirs,
+        more_is_better=True,
+    )
+
+
+def children_seconds() -> float:
+    """Return the processor seconds of all processes that this one started, as far as they have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def resident(name: str) -> float:

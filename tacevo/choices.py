@@ -164,6 +164,13 @@ class Confinement(StrEnum):
     kernel = "kernel"
 
 
+class ChosenBy(StrEnum):
+    """What the elites of a study are chosen by: their recorded fitness, or the median of a noise run's re-estimates."""
+
+    fitness = "fitness"
+    reestimated = "reestimated"
+
+
 class MarginKind(StrEnum):
     """What an equivalence margin counts in: parts of the baseline's median, or the unit of the metric."""
 

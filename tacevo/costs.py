@@ -56,11 +56,7 @@ def usd(spending: Spending) -> str:
 
 
 def dollars(amount: float) -> str:
-    """Write US dollars: to the cent from one dollar on, below it to three significant digits.
-
-    Args:
-        amount: at least 0.
-    """
+    """Write US dollars, 0 or more: to the cent from one dollar on, below it to three significant digits."""
     if amount >= 1 or amount == 0:
         return f"{amount:,.2f}"
     return f"{Decimal(f'{amount:#.3g}'):f}"  # an exponent, which :g writes below 0.0001, is hard to compare

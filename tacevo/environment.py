@@ -4,10 +4,11 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from tacevo.records import Json
+from tacevo.records import Json, Record
 
 #: Packages whose version may change a result or a number's meaning.
 PACKAGES = (
@@ -26,15 +27,18 @@ PACKAGES = (
 _ROOT = Path(__file__).resolve().parents[1]
 
 
-def checked_out(root: Path = _ROOT) -> dict[str, Json] | None:
-    """Return the commit that a checkout has, 40 hex digits, and whether a file of it was changed since.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Code(Record):
+    """A checkout of this project."""
 
-    Args:
-        root: the top directory of the checkout.
+    #: 40 hex digits.
+    commit: str
+    #: Whether a file was changed since.
+    dirty: bool
 
-    Returns:
-        `commit` and `dirty`; None where the directory is not the top of a Git checkout, or Git fails.
-    """
+
+def checked_out(root: Path = _ROOT) -> Code | None:
+    """Describe a checkout by its top directory; None where it is not that of a Git checkout, or Git fails."""
     if not (root / ".git").exists():
         return None
     command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
@@ -44,7 +48,7 @@ def checked_out(root: Path = _ROOT) -> dict[str, Json] | None:
     except (OSError, subprocess.CalledProcessError):
         return None
     commit, dirty, _ = said.strip().partition("-dirty")
-    return {"commit": commit, "dirty": bool(dirty)}
+    return Code(commit=commit, dirty=bool(dirty))
 
 
 def versions() -> dict[str, str]:
@@ -59,12 +63,7 @@ def versions() -> dict[str, str]:
 
 
 def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:
-    """Describe the facts of a run's environment that differ here, one line each.
-
-    Args:
-        recorded: facts of the run, of its `versions` or its `machine`.
-        here: those of this environment.
-    """
+    """Describe the facts of a run's environment that differ here, one line each."""
     return tuple(
         f"{name} is {here.get(name)}; the run had {was}" for name, was in recorded.items() if here.get(name) != was
     )

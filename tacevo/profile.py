@@ -11,7 +11,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Le, Lt, MaxLen
 
-from tacevo.records import STRICT
+from tacevo.records import Record
 
 #: How many steps of a pass are recorded, and how many operands of a step: more than any network that a person would
 #: write has, and few enough that a record stays below a megabyte or two.
@@ -36,10 +36,8 @@ class Admitted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Node:
+class Node(Record):
     """One operation of a traced network: one call of a layer or of a functional op."""
-
-    __pydantic_config__ = STRICT
 
     #: Operation type, spelt alike for a layer and its function, e.g. `conv2d`, `max_pool2d`, `add`.
     op: _Name
@@ -51,10 +49,8 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Graph:
+class Graph(Record):
     """A traced network as data: what the descriptors are computed from (see docs/descriptors.md)."""
-
-    __pydantic_config__ = STRICT
 
     nodes: tuple[Node, ...]
     #: Data flows, as pairs (producer, consumer) of indices into `nodes`, each pair once, producer < consumer.
@@ -68,10 +64,8 @@ class Graph:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class Step(Record):
     """One call of a traced network in more detail than a node has: what motifs are found in (see docs/motifs.md)."""
-
-    __pydantic_config__ = STRICT
 
     #: Operation type as in `Node`, or the name of an activation, e.g. `leaky_relu`.
     op: _Name
@@ -94,10 +88,8 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
+class Profile(Record):
     """What the probe measured of an admitted candidate."""
-
-    __pydantic_config__ = STRICT
 
     #: Trainable and frozen parameters, each counted once.
     parameters: Annotated[int, Ge(1), Lt(2**53)]

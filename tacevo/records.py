@@ -10,16 +10,27 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, Self
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
-#: What `json` reads and writes. `Any` inside, because JSON is where typing ends.
-Json = Any
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+#: What `json` writes.
+Json = None | bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"]
 
 #: For `__pydantic_config__` of a record that is read from outside (`tacevo.typed`): nothing is guessed or dropped.
 STRICT = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
 
 #: A provider's setting: a number, a word, or several words.
 Setting = float | str | tuple[str, ...]
+
+
+class Record:
+    """A frozen dataclass that `tacevo.typed` reads, strictly."""
+
+    __slots__ = ()
+    __pydantic_config__ = STRICT
 
 
 class Kind(StrEnum):
@@ -119,10 +130,8 @@ MISREPORTING = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rejection:
+class Rejection(Record):
     """A candidate's failure: a value, never an exception."""
-
-    __pydantic_config__ = STRICT
 
     stage: Stage
     reason: Reason
@@ -132,20 +141,16 @@ class Rejection:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
+class Message(Record):
     """One turn of a conversation; `role` is `user` or `assistant`."""
-
-    __pydantic_config__ = STRICT
 
     role: str
     content: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class Request(Record):
     """Everything that can change a completion, and nothing else."""
-
-    __pydantic_config__ = STRICT
 
     model: str
     system: str
@@ -160,10 +165,8 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Price:
+class Price(Record):
     """What a provider asked for a model's tokens when it was asked."""
-
-    __pydantic_config__ = STRICT
 
     #: US dollars for a million tokens.
     input_usd: float
@@ -179,10 +182,8 @@ class Price:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Completion:
+class Completion(Record):
     """What a model answered; recordings of earlier versions lack the last three fields."""
-
-    __pydantic_config__ = STRICT
 
     text: str
     #: The model's name as the provider returned it.
@@ -203,22 +204,20 @@ class Completion:
         """What the answer cost, in US dollars; None where its price is not known."""
         return None if self.price is None else self.price.cost(self.input_tokens, self.output_tokens)
 
-    def content(self) -> Json:
+    def content(self) -> dict[str, Json]:
         """Return what the model said, for the ledger: without delivery and price."""
         said = ("text", "model", "stop_reason", "input_tokens", "output_tokens")
         return {name: getattr(self, name) for name in said}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contract:
+class Contract(Record):
     """What a candidate class must be: the part of a task that the gate and the trainer enforce.
 
     The class is built as `Class(in_channels=..., <output_argument>=...)`, each argument only where its
     constructor has one of that name. It maps float32 `(N, in_channels, image_size, image_size)` to float32
     `(N, outputs)`.
     """
-
-    __pydantic_config__ = STRICT
 
     class_name: str
     kind: Kind
@@ -232,26 +231,22 @@ class Contract:
     output_argument: str
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
+    def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Read what `to_json` wrote."""
         return cls(**{**value, "kind": Kind(value["kind"]), "loss": Loss(value["loss"])})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instruction:
+class Instruction(Record):
     """One entry of a prompt library."""
-
-    __pydantic_config__ = STRICT
 
     id: str
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Task(Record):
     """A task as data: its contract and the texts that ask for networks."""
-
-    __pydantic_config__ = STRICT
 
     name: str
     contract: Contract
@@ -266,12 +261,8 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class Limits(Record):
     """What a candidate may use; over a limit it is killed or rejected with a typed reason."""
-
-    __pydantic_config__ = STRICT
-
-    __pydantic_config__ = STRICT
 
     #: Wall time of the whole child process, in seconds.
     seconds: float
@@ -280,10 +271,8 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe:
+class Recipe(Record):
     """How a candidate is trained; part of an evaluation's key."""
-
-    __pydantic_config__ = STRICT
 
     epochs: int
     batch_size: int
@@ -293,16 +282,14 @@ class Recipe:
     limits: Limits
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Json]) -> Self:
+    def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Read what `to_json` wrote."""
         return cls(**{**value, "limits": Limits(**value["limits"])})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Training:
+class Training(Record):
     """The results of a finished training; its fitness is the last validation loss (lower is better)."""
-
-    __pydantic_config__ = STRICT
 
     #: Mean training loss of each epoch, as the child reported it; shown, never used for selection.
     train_losses: tuple[float, ...]
@@ -323,10 +310,8 @@ class Training:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DataFacts:
+class DataFacts(Record):
     """What a run records of its data set, so that it can be replayed without it."""
-
-    __pydantic_config__ = STRICT
 
     #: SHA-256 over images, labels, split, label scaling and input statistics.
     fingerprint: str
@@ -342,13 +327,19 @@ class DataFacts:
     names: tuple[str, ...]
 
 
-def to_json(record: Any) -> Json:
+@overload
+def to_json(record: DataclassInstance) -> dict[str, Json]: ...
+@overload
+def to_json(record: object) -> Json: ...
+def to_json(record: Any) -> Any:
     """Turn a record (or a tuple, mapping or scalar of such) into plain JSON values.
 
     Enums become their values and tuples become lists; NaN and infinity stay, for the writer to refuse.
     """
-    if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        return {field.name: to_json(getattr(record, field.name)) for field in dataclasses.fields(record)}
+    if type(record) in _SCALARS:  # most values; what follows takes ten times as long
+        return record
+    if fields := _fields(record.__class__):
+        return {field.name: to_json(getattr(record, field.name)) for field in fields}
     if isinstance(record, StrEnum):
         return record.value
     if isinstance(record, Mapping):
@@ -358,14 +349,25 @@ def to_json(record: Any) -> Json:
     return record
 
 
-def written(record: Any) -> Json:
+def written(record: Any) -> dict[str, Json]:
     """Turn a record into JSON as `to_json` does, without the fields that are at their defaults; `kind` always stays.
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        fields = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
-        return {field.name: written(value) for field, value in fields if field.name == "kind" or value != field.default}
-    if isinstance(record, tuple):
-        return [written(value) for value in record]
-    return to_json(record)
+    values = ((field, getattr(record, field.name)) for field in _fields(record.__class__))
+    return {field.name: _written(value) for field, value in values if field.name == "kind" or value != field.default}
+
+
+def _written(value: Any) -> Json:
+    if _fields(value.__class__):
+        return written(value)
+    return [_written(part) for part in value] if isinstance(value, tuple) else to_json(value)
+
+
+_SCALARS = frozenset({str, int, float, bool, type(None)})
+
+
+@cache
+def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
+    """Return the fields of a dataclass; none of another type."""
+    return dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()

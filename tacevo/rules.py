@@ -9,14 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT
+from tacevo.records import Record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rules:
+class Rules(Record):
     """What decides the results of a search, beside its configuration."""
-
-    __pydantic_config__ = STRICT
 
     #: Extraction and policy; part of the key of every verdict on an answer.
     static: int
@@ -33,14 +31,17 @@ class Rules:
 FIRST = Rules(static=1, probe=4, training=1, core=1)
 
 #: Rules that this code follows.
-CURRENT = Rules(static=2, probe=5, training=2, core=2)
+CURRENT = Rules(static=2, probe=5, training=3, core=2)
 
 #: Numbers of the core that this code can compute. Remove one only with its last release in `LAST_RELEASES`.
 CORES = frozenset({1, 2})
 
 #: Numbers of training whose bits this code's trainer gives, so that `--retrain` can compare them. Those of 1 it gives
 #: for candidates that the policy of today lets through: one that redefined what a module is asked trained as it said.
-TRAININGS = frozenset({1, 2})
+TRAININGS = frozenset({1, 2, 3})
+
+#: Those of them whose images keep torch's default memory layout.
+CONTIGUOUS = frozenset({1, 2})
 
 #: The last release that has what this code has dropped, by part and number.
 LAST_RELEASES: Mapping[tuple[str, int], str] = {}
@@ -48,23 +49,17 @@ LAST_RELEASES: Mapping[tuple[str, int], str] = {}
 #: Number of full trainings of studies that record none, and the number that this code follows.
 FIRST_STUDY = 2
 
-STUDY = 3
+STUDY = 4
 
 #: Number of summaries and tables of runs that record none, and the number that this code writes. They follow from the
 #: records and decide nothing, so a replay compares the texts of its own number only.
 FIRST_PAGES = 1
 
-PAGES = 2
+PAGES = 3
 
 
 def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:
-    """Check that this code can still compute what a run was made with.
-
-    Args:
-        part: of the code: `core` or `training`.
-        number: what the run recorded.
-        known: what this code has.
-        place: of the run, for the message.
+    """Check that this code can still compute what a run was made with, by a part: `core` or `training`.
 
     Raises:
         RunError: it cannot; the message names the release that can, and how to get it.

@@ -13,12 +13,7 @@ _PARSER = threading.Lock()
 
 
 def counted(number: int, noun: str) -> str:
-    """Write a number with its noun: `1 image`, `2 images`.
-
-    Args:
-        number: at least 0.
-        noun: in the singular; its plural ends in `s`.
-    """
+    """Write a number, 0 or more, with its noun: `1 image`, `2 images`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
@@ -34,18 +29,16 @@ def printable(text: str) -> str:
 
     Line breaks and tabs stay.
     """
-    return "".join(letter if letter.isprintable() or letter in "\n\t" else _escaped(letter) for letter in text)
-
-
-def _escaped(letter: str) -> str:
-    return letter.encode("unicode_escape").decode("ascii")
+    return "".join(
+        letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
 
 
 def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
     """Return a line with how many first answers were rejected for misreporting themselves; no line where none was.
 
-    Args:
-        rejected: reasons with counts of first answers; a reason may come once for each stage.
+    Reasons come with counts of first answers, each perhaps once for each stage.
     """
     counts = {reason.value: 0 for reason in MISREPORTING}
     for reason, count in rejected:
@@ -56,13 +49,7 @@ def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:
-    """Write a Markdown table whose columns line up in plain text, too.
-
-    Args:
-        header: names of the columns.
-        rows: each as long as the header.
-        right: positions of the columns that stand flush right.
-    """
+    """Write a Markdown table whose columns line up in plain text, too; those at places of `right` stand flush right."""
     widths = [max(3, *map(len, column)) for column in zip(header, *rows, strict=True)]
     rule = ["-" * (width - 1) + (":" if place in right else "-") for place, width in enumerate(widths)]
 

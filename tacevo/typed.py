@@ -1,20 +1,34 @@
 """JSON from outside, checked once and turned into records.
 
 A record is a frozen dataclass whose class sets `__pydantic_config__ = STRICT`: an unknown key, a number as text, or NaN
-is an error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`.
+is an error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`. What a record keeps as JSON is `FreeJson`.
 """
 
 import json
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import AfterValidator, GetPydanticSchema, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
 from tacevo.errors import TacevoError
 from tacevo.records import Json
 
 T = TypeVar("T")
+
+
+def _finite(value: Json) -> Json:
+    """Return JSON as it is, unless a number is NaN or infinite, which Pydantic lets through."""
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError as error:
+        raise PydanticCustomError("not_finite", "Input should be JSON of finite numbers") from error
+    return value
+
+
+#: JSON in a record, of finite numbers. (Pydantic reads any JSON here: it cannot build a type that holds itself.)
+FreeJson = Annotated[Json, GetPydanticSchema(lambda _, handler: handler(Any)), AfterValidator(_finite)]
 
 #: What can stand at a key, by the type of pydantic's error.
 _EXPECTED = {

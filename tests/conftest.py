@@ -19,7 +19,8 @@ from filelock import FileLock
 from hypothesis import settings
 from smallest import SMALLEST, UNTRACKED, Once
 
-settings.register_profile("tacevo", deadline=None, derandomize=True)
+settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`
 settings.load_profile("tacevo")
 
 
@@ -53,6 +54,40 @@ def whole_search(once: Once) -> tuple[Path, str]:
     """Return the directory and the digest of an undisturbed search (`interruptions`); no test may change it."""
     folder = once("whole", lambda folder: interruptions.finish(interruptions.start(folder, UNTRACKED)))
     return folder, json.loads((folder / "run" / "run.json").read_text())["digest"]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in an empty directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def copied(whole_search: tuple[Path, str], place: Path) -> Path:
+    """Work in a copy of the directory of `whole_search`, to be spoilt."""
+    shutil.copytree(whole_search[0], place, dirs_exist_ok=True)
+    return place
+
+
+@pytest.fixture
+def keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put keys where the SDKs look for them."""
+    from hosted import KEY
+
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, KEY)
+
+
+@pytest.fixture
+def torch_settings() -> Iterator[None]:
+    """Undo what the probe sets for its whole process, where that is the test's own and does not end with it."""
+    import torch
+
+    deterministic = torch.are_deterministic_algorithms_enabled()
+    with torch.random.fork_rng(devices=[]):
+        yield
+    torch.use_deterministic_algorithms(deterministic)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -99,15 +134,14 @@ def _publish_run(folder: Path) -> None:
 
 
 @pytest.fixture
-def folder(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(published: Path, place: Path) -> Path:
     """Work in a directory with a copy of that run, its study and its stores (`run`, `cache`), to be damaged."""
     for name in ("run", "cache"):
-        shutil.copytree(published / name, tmp_path / name)
-    described = json.loads((tmp_path / "run" / "run.json").read_text())
+        shutil.copytree(published / name, place / name)
+    described = json.loads((place / "run" / "run.json").read_text())
     described["config"]["run"]["dir"], described["config"]["store"]["root"] = "run", "cache"
-    (tmp_path / "run" / "run.json").write_text(json.dumps(described))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    (place / "run" / "run.json").write_text(json.dumps(described))
+    return place
 
 
 @pytest.fixture(scope="session")

@@ -8,17 +8,15 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.figures.axes import on_loss_axis
+from analysis.figures.axes import BOXES, count_along, on_loss_axis, spread
 from analysis.figures.style import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
     ORANGE,
-    PALE,
     PURPLE,
     SKY,
     VERMILLION,
@@ -35,9 +33,6 @@ _COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, GREY)
 _DASHES: tuple[_Dash, ...] = ("--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)))
 
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">", "*", "p", "h")
-
-#: Half of what the seeds of an arm are apart, as part of its place.
-_SPREAD = 0.24
 
 #: In inches: the height of a panel of curves, of an arm's row among final values, and of a further line of its name.
 _PANEL, _ROW, _LINE = 2.1, 0.26, 0.1
@@ -74,8 +69,7 @@ def curves(found: Ablation) -> Figure:
     for axes, values in zip(panels, drawn, strict=True):
         for name, look in _looks(found).items():
             _band(axes, values[name], look, name)
-        axes.set_xlabel("generation")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+        count_along(axes, "generation")
     on_loss_axis(panels[0], [value for one in found.outcomes for value in one.best])
     for axes, (label, _) in zip(panels, _ENDS.values(), strict=True):
         axes.set_ylabel(label)
@@ -94,11 +88,11 @@ def final_values(found: Ablation) -> Figure:
     figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=3)
     for axes, (metric, (label, factor)) in zip(panels, _ENDS.items(), strict=True):
         samples = [factor * np.array(list(arm.metrics[metric].values.values())) for arm in found.arms]
-        _boxes(axes, samples)
+        positions = range(len(samples))
+        axes.boxplot(samples, positions=positions, orientation="horizontal", widths=0.66, whis=(0, 100), **BOXES)
         for place, (values, look) in enumerate(zip(samples, _looks(found).values(), strict=True)):
-            offsets = np.linspace(-_SPREAD, _SPREAD, len(values)) if len(values) > 1 else np.zeros(len(values))
-            points = place + offsets, look.marker
-            axes.plot(values, *points, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)
+            points = spread(place, len(values))
+            axes.plot(values, points, look.marker, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)
         if found.reference is not None and len(samples[0]):
             axes.axvline(float(np.median(samples[0])), color=GREY, linestyle=":", linewidth=0.8, zorder=0)
         axes.set_xlabel(label)
@@ -141,19 +135,3 @@ def _band(axes: Axes, values: _Values, look: _Look, name: str) -> None:
     axes.fill_between(generations, low, high, color=look.colour, alpha=0.15, linewidth=0)
     (line,) = axes.plot(generations, middle, color=look.colour, label=name, clip_on=False, zorder=3)
     line.set(marker=look.marker, markevery=max(1, len(generations) // 6), linestyle=look.dash)
-
-
-def _boxes(axes: Axes, samples: Sequence[_Values]) -> None:
-    axes.boxplot(
-        samples,
-        positions=range(len(samples)),
-        orientation="horizontal",
-        widths=0.66,
-        showfliers=False,
-        whis=(0, 100),
-        patch_artist=True,
-        boxprops={"facecolor": PALE, "edgecolor": GREY},
-        whiskerprops={"color": GREY},
-        capprops={"color": GREY},
-        medianprops={"color": BLACK, "linewidth": 1.4},
-    )

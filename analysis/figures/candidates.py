@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from analysis.figures.axes import on_loss_axis
+from analysis.figures.axes import count_along, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
 from analysis.runs.lineage import Ancestor
@@ -49,8 +49,7 @@ _LINES = (
 def lineage(ancestors: Sequence[Ancestor]) -> Figure:
     """Draw a network and its ancestors, one below the other, each with what it was made by and its fitness.
 
-    Args:
-        ancestors: in the order of the search; the network itself is the last.
+    The ancestors stand in the order of the search; the network itself is the last.
     """
     rows = [ancestor.candidate for ancestor in ancestors[-ROWS:]]
     height = _HEAD + _ROW * len(rows) + _FOOT
@@ -90,8 +89,7 @@ def training_curves(networks: Sequence[CandidateLine]) -> Figure:
         axes.plot(range(1, len(losses) + 1), losses, color=colour, marker=marker, linestyle=dashes, label=label)
         drawn += losses
     on_loss_axis(axes, drawn)
-    axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    count_along(axes, "epoch")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 

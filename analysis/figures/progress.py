@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.figures.axes import on_loss_axis, title_unsent_temperatures
+from analysis.figures.axes import count_along, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.runs.dynamics import Productivity, Progress
 from analysis.runs.run import Run
@@ -28,9 +27,7 @@ _STAGES = {
 def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
     """Draw best and median fitness of the network archive, and the median of each generation's new candidates.
 
-    Args:
-        run: the run.
-        medians: of the archive after each generation; None before anything was trained.
+    The medians are of the archive after each generation; None before anything was trained.
     """
     figure, (axes,) = new_figure("single", 2.2)
     generations = [entry.generation for entry in run.generations]
@@ -40,7 +37,7 @@ def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
     axes.plot(generations, _values(medians), color=VERMILLION, linestyle="--", marker="s", label="archive median")
     axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
     on_loss_axis(axes, [*(entry.best for entry in run.generations), *medians, *new])
-    _generations(axes)
+    count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -59,7 +56,7 @@ def trainable(generations: Sequence[Progress]) -> Figure:
         floor = floor + counts
     axes.set_ylabel("candidates")
     axes.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-    _generations(axes)
+    count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -92,7 +89,7 @@ def growth(run: Run, prompt_niches: int, reachable: int) -> Figure:
     lower.set_ylabel("QD-score")
     lower.set_ylim(bottom=0)
     for axes in (upper, lower):
-        _generations(axes)
+        count_along(axes, "generation")
     upper.set_xlabel("")
     upper.tick_params(labelbottom=False)
     return figure
@@ -114,7 +111,7 @@ def temperature(run: Run) -> Figure:
     axes.step(generations, centres, where="mid", color=BLUE, label="$T_g$ of the generation")
     axes.set(ylabel="temperature", ylim=(-0.02, 1.02))
     title_unsent_temperatures(axes, run)
-    _generations(axes)
+    count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=2)
     return figure
 
@@ -123,8 +120,7 @@ def temperature(run: Run) -> Figure:
 def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
     """Draw the share of each instruction's children that entered the network archive, with its Wilson interval.
 
-    Args:
-        prompts: in the order of the library; one that was never tried has its line, and no point on it.
+    One that was never tried has its line, and no point on it.
     """
     figure, (axes,) = new_figure("single", 0.55 + 0.145 * len(prompts))
     for place, prompt in enumerate(prompts):
@@ -145,8 +141,3 @@ def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
 def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
     """Put NaN, which is not drawn, where nothing was trained."""
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-
-
-def _generations(axes: Axes) -> None:
-    axes.set_xlabel("generation")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

@@ -8,15 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, PALE, VERMILLION, house_style, new_figure
+from analysis.figures.axes import BOXES, spread
+from analysis.figures.style import BLACK, BLUE, ORANGE, VERMILLION, house_style, new_figure
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.scores import Study
 
 #: From this many networks on, `variant 1` has two lines, since one would run into the next.
 _NARROW = 6
-
-#: Half of what neighbouring seeds of a network are apart, as part of its place.
-_SPREAD = 0.24
 
 
 @house_style()
@@ -25,31 +23,20 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
 
     Whiskers end at the furthest seed within 1.5 quartile ranges; seeds beyond are seen as points like all others.
 
-    Args:
-        study: the study.
-        words: what stands above a network, e.g. its verdict; by the network's name.
+    `words` stand above a network, by its name: its verdict, say.
     """
     figure, (axes,) = new_figure("single", 2.6)
     factor, unit = (100.0, " (%)") if study.primary in SHARES else (1.0, "")
     names = [network.name for network in study.networks]
     values = [factor * study.values(name, study.primary) for name in names]
     places = range(1, len(names) + 1)
-    boxes = axes.boxplot(
-        values,
-        positions=places,
-        widths=0.62,
-        showfliers=False,
-        patch_artist=True,
-        boxprops={"facecolor": PALE, "edgecolor": GREY},
-        whiskerprops={"color": GREY},
-        capprops={"color": GREY},
-        medianprops={"color": BLACK, "linewidth": 1.4},
-    )
+    boxes = axes.boxplot(values, positions=places, widths=0.62, **BOXES)
     boxes["boxes"][0].set_hatch("////")
     for place, seeds in zip(places, values, strict=True):
-        offsets = np.linspace(-_SPREAD, _SPREAD, len(seeds)) if len(seeds) > 1 else np.zeros(1)
         colour, marker = (ORANGE, "s") if place == 1 else (BLUE, "o")
-        axes.plot(place + offsets, seeds, marker, color=colour, markersize=2.6, mec="white", mew=0.3, zorder=3)
+        axes.plot(
+            spread(place, len(seeds)), seeds, marker, color=colour, markersize=2.6, mec="white", mew=0.3, zorder=3
+        )
     axes.axhline(float(np.median(values[0])), color=VERMILLION, linestyle=":", linewidth=0.8, zorder=0)
     gap = "\n" if len(names) >= _NARROW else " "
     axes.set_xticks(list(places), [name.replace(" ", gap) for name in names])

@@ -6,7 +6,6 @@ equal records give equal bytes under the same Matplotlib; no window system is ne
 """
 
 import contextlib
-import io
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +13,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tacevo.data.figures import DOTS_PER_INCH, FORMATS, WIDTHS
+from tacevo.data.figures import WIDTHS, encoded
 
 #: Okabe and Ito's palette, which people with any colour vision can distinguish (jfly.uni-koeln.de/color).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -67,10 +66,6 @@ def new_figure(width: str, height: float, *, rows: int = 1, columns: int = 1) ->
 def render(figure: Figure, ending: str) -> bytes:
     """Return the content of a figure's file.
 
-    Args:
-        figure: the figure.
-        ending: `.pdf`, `.svg` or `.png`.
+    The ending is `.pdf`, `.svg` or `.png`.
     """
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=ending.removeprefix("."), dpi=DOTS_PER_INCH, metadata=FORMATS[ending])
-    return buffer.getvalue()
+    return encoded(figure, ending)

@@ -15,14 +15,6 @@ Rule = Callable[[Anatomy, Anatomy], bool]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motif:
-    """One property of a network."""
-
-    name: str
-    has: Rule
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Count:
     """How many networks of a group of the evaluated ones have a motif."""
 
@@ -67,22 +59,6 @@ def width_ratio(network: Anatomy, baseline: Anatomy) -> float:
     return sum(ours.channels for ours, _ in pairs) / before if before else 1.0
 
 
-def _attends(kind: AttentionKind) -> Rule:
-    return lambda network, _: kind in network.attention
-
-
-def _normalises(operation: str, place: str) -> Rule:
-    return lambda network, _: (operation, place) in network.norms
-
-
-def _activates(name: str) -> Rule:
-    return lambda network, _: name in network.activations
-
-
-def _ends_in(name: str) -> Rule:
-    return lambda network, _: name in network.output
-
-
 def _kernel(network: Anatomy) -> int:
     return max((convolution.kernel for convolution in network.convolutions), default=0)
 
@@ -96,61 +72,56 @@ def _highest_rate(network: Anatomy) -> float:
 
 
 #: Every motif that is looked for, in the order of the tables.
-MOTIFS: tuple[Motif, ...] = tuple(
-    Motif(name=name, has=has)
-    for name, has in (
-        ("spatial attention", _attends(AttentionKind.spatial)),
-        ("channel attention", _attends(AttentionKind.channel)),
-        ("self-attention", _attends(AttentionKind.self)),
-        ("element-wise gate", _attends(AttentionKind.element)),
-        (
-            "strided convolution for max pooling",
-            lambda ours, base: ours.strided > base.strided and ours.max_pools < base.max_pools,
-        ),
-        (
-            "average pooling for max pooling",
-            lambda ours, base: ours.average_pools > base.average_pools and ours.max_pools < base.max_pools,
-        ),
-        ("average and max pooled together", lambda ours, _: ours.global_pools == {"average", "max"}),
-        ("wider convolutions", lambda ours, base: width_ratio(ours, base) > 1),
-        ("narrower convolutions", lambda ours, base: width_ratio(ours, base) < 1),
-        ("more convolutional blocks", lambda ours, base: ours.blocks > base.blocks),
-        ("fewer convolutional blocks", lambda ours, base: ours.blocks < base.blocks),
-        ("2 to 4 convolutional blocks", lambda ours, _: 2 <= ours.blocks <= 4),
-        ("1x1 convolution", lambda ours, _: ours.pointwise > 0),
-        ("depthwise convolution", lambda ours, _: any(layer.depthwise for layer in ours.convolutions)),
-        ("larger kernel", lambda ours, base: _kernel(ours) > _kernel(base)),
-        ("smaller kernel", lambda ours, base: _kernel(ours) < _kernel(base)),
-        ("deeper head", lambda ours, base: ours.head_depth > base.head_depth),
-        ("shallower head", lambda ours, base: ours.head_depth < base.head_depth),
-        ("wider hidden layer", lambda ours, base: _first_hidden(ours) > _first_hidden(base)),
-        ("narrower hidden layer", lambda ours, base: 0 < _first_hidden(ours) < _first_hidden(base)),
-        ("LeakyReLU", _activates("leaky_relu")),
-        ("GELU", _activates("gelu")),
-        ("SiLU", _activates("silu")),
-        ("ELU", _activates("elu")),
-        ("residual connection", lambda ours, _: ours.residuals > 0),
-        ("BatchNorm in the blocks", _normalises("batch_norm", "blocks")),
-        ("GroupNorm in the blocks", _normalises("group_norm", "blocks")),
-        ("InstanceNorm in the blocks", _normalises("instance_norm", "blocks")),
-        ("LayerNorm in the blocks", _normalises("layer_norm", "blocks")),
-        ("BatchNorm in the head", _normalises("batch_norm", "head")),
-        ("LayerNorm in the head", _normalises("layer_norm", "head")),
-        ("no dropout", lambda ours, _: not ours.dropouts),
-        ("more dropout layers", lambda ours, base: len(ours.dropouts) > len(base.dropouts)),
-        ("higher dropout rate", lambda ours, base: _highest_rate(ours) > _highest_rate(base)),
-        ("lower dropout rate", lambda ours, base: 0 < _highest_rate(ours) < _highest_rate(base)),
-        ("sigmoid output", _ends_in("sigmoid")),
-        ("tanh output", _ends_in("tanh")),
-        ("hardtanh output", _ends_in("hardtanh")),
-        ("softmax output", _ends_in("softmax")),
-    )
-)
+MOTIFS: Mapping[str, Rule] = {
+    "spatial attention": lambda ours, _: AttentionKind.spatial in ours.attention,
+    "channel attention": lambda ours, _: AttentionKind.channel in ours.attention,
+    "self-attention": lambda ours, _: AttentionKind.self in ours.attention,
+    "element-wise gate": lambda ours, _: AttentionKind.element in ours.attention,
+    "strided convolution for max pooling": lambda ours, base: (
+        ours.strided > base.strided and ours.max_pools < base.max_pools
+    ),
+    "average pooling for max pooling": lambda ours, base: (
+        ours.average_pools > base.average_pools and ours.max_pools < base.max_pools
+    ),
+    "average and max pooled together": lambda ours, _: ours.global_pools == {"average", "max"},
+    "wider convolutions": lambda ours, base: width_ratio(ours, base) > 1,
+    "narrower convolutions": lambda ours, base: width_ratio(ours, base) < 1,
+    "more convolutional blocks": lambda ours, base: ours.blocks > base.blocks,
+    "fewer convolutional blocks": lambda ours, base: ours.blocks < base.blocks,
+    "2 to 4 convolutional blocks": lambda ours, _: 2 <= ours.blocks <= 4,
+    "1x1 convolution": lambda ours, _: ours.pointwise > 0,
+    "depthwise convolution": lambda ours, _: any(layer.depthwise for layer in ours.convolutions),
+    "larger kernel": lambda ours, base: _kernel(ours) > _kernel(base),
+    "smaller kernel": lambda ours, base: _kernel(ours) < _kernel(base),
+    "deeper head": lambda ours, base: ours.head_depth > base.head_depth,
+    "shallower head": lambda ours, base: ours.head_depth < base.head_depth,
+    "wider hidden layer": lambda ours, base: _first_hidden(ours) > _first_hidden(base),
+    "narrower hidden layer": lambda ours, base: 0 < _first_hidden(ours) < _first_hidden(base),
+    "LeakyReLU": lambda ours, _: "leaky_relu" in ours.activations,
+    "GELU": lambda ours, _: "gelu" in ours.activations,
+    "SiLU": lambda ours, _: "silu" in ours.activations,
+    "ELU": lambda ours, _: "elu" in ours.activations,
+    "residual connection": lambda ours, _: ours.residuals > 0,
+    "BatchNorm in the blocks": lambda ours, _: ("batch_norm", "blocks") in ours.norms,
+    "GroupNorm in the blocks": lambda ours, _: ("group_norm", "blocks") in ours.norms,
+    "InstanceNorm in the blocks": lambda ours, _: ("instance_norm", "blocks") in ours.norms,
+    "LayerNorm in the blocks": lambda ours, _: ("layer_norm", "blocks") in ours.norms,
+    "BatchNorm in the head": lambda ours, _: ("batch_norm", "head") in ours.norms,
+    "LayerNorm in the head": lambda ours, _: ("layer_norm", "head") in ours.norms,
+    "no dropout": lambda ours, _: not ours.dropouts,
+    "more dropout layers": lambda ours, base: len(ours.dropouts) > len(base.dropouts),
+    "higher dropout rate": lambda ours, base: _highest_rate(ours) > _highest_rate(base),
+    "lower dropout rate": lambda ours, base: 0 < _highest_rate(ours) < _highest_rate(base),
+    "sigmoid output": lambda ours, _: "sigmoid" in ours.output,
+    "tanh output": lambda ours, _: "tanh" in ours.output,
+    "hardtanh output": lambda ours, _: "hardtanh" in ours.output,
+    "softmax output": lambda ours, _: "softmax" in ours.output,
+}
 
 
 def motifs_of(network: Anatomy, baseline: Anatomy) -> frozenset[str]:
     """Name the motifs of a network, measured against the baseline where a motif is a comparison."""
-    return frozenset(motif.name for motif in MOTIFS if motif.has(network, baseline))
+    return frozenset(name for name, has in MOTIFS.items() if has(network, baseline))
 
 
 def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anatomy]:
@@ -178,10 +149,7 @@ def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anato
 def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
     """Count the motifs of the best networks and of the archive, and test each count against all that was evaluated.
 
-    Args:
-        run: the run.
-        anatomies: of its trained candidates, by id.
-        top: how many of the best networks to count apart; see `Run.best`.
+    The best networks are those of `Run.best`, at most `top`.
     """
     baseline = anatomies[run.baseline.id]
     sources = {candidate.id: candidate.source for candidate in run.candidates}
@@ -189,7 +157,7 @@ def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) 
     evaluated = motifs.keys() - {run.baseline.source}
     archive = {sources[elite.id] for elite in run.elites} & evaluated
     best = {candidate.source for candidate in run.best(top)}
-    having = {motif.name: {source for source in evaluated if motif.name in motifs[source]} for motif in MOTIFS}
+    having = {name: {source for source in evaluated if name in motifs[source]} for name in MOTIFS}
     counts = _counted([(group, of) for of in having.values() for group in (best, archive)], len(evaluated))
     return MotifCounts(
         top=len(best),

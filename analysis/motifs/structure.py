@@ -5,10 +5,10 @@ norms, dropouts and activations are those of the trunk, so the convolution insid
 No code of a network is read or run here.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.motifs.attention import Attending, AttentionKind, find_attention
+from analysis.motifs.attention import AttentionKind, find_attention
 from analysis.motifs.residuals import find_shortcuts
 from analysis.motifs.step_graph import Flow
 from tacevo.gate.operations import CONVOLUTIONS, activation
@@ -86,7 +86,7 @@ def read_anatomy(profile: Profile) -> Anatomy:
     halves = _halves(trunk, steps)
     outer = _behind_the_last_layer(trunk)
     return Anatomy(
-        attention=_kinds(attending),
+        attention=frozenset(found.kind for found in attending),
         convolutions=tuple(_convolution(step, halves.get(index)) for index, step in steps if _is_spatial(step)),
         blocks=trunk.longest(_is_spatial),
         pointwise=sum(_is_pointwise(step) for _, step in steps) - len(halves),
@@ -96,15 +96,11 @@ def read_anatomy(profile: Profile) -> Anatomy:
         head=tuple(step.shape[-1] for _, step in steps if _is_head_layer(step)),
         head_depth=trunk.longest(_is_head_layer),
         activations=frozenset(step.op for index, step in steps if activation(step.op) and index not in outer),
-        output=frozenset(trunk.steps[index].op for index in outer if _bounds(trunk.steps[index])),
+        output=frozenset(op for index in outer if (op := trunk.steps[index].op) in _BOUNDS or activation(op)),
         residuals=len(shortcuts),
         norms=frozenset((step.op, _place(step)) for _, step in steps if step.op in NORMS),
         dropouts=tuple((_place(step), step.rate) for _, step in steps if "dropout" in step.op and step.rate > 0),
     )
-
-
-def _kinds(attending: Iterable[Attending]) -> frozenset[AttentionKind]:
-    return frozenset(found.kind for found in attending)
 
 
 def _is_spatial(step: Step) -> bool:
@@ -168,10 +164,6 @@ def _behind_the_last_layer(trunk: Flow) -> frozenset[int]:
             found.add(index)
             waiting += trunk.sources(index)
     return frozenset(found)
-
-
-def _bounds(step: Step) -> bool:
-    return step.op in _BOUNDS or activation(step.op) is not None
 
 
 def _place(step: Step) -> str:

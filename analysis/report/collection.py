@@ -1,14 +1,14 @@
-"""All that is known of a run: its niches, its studies and their comparisons; which tables and pictures that gives."""
+"""All that is known of a run: its niches, its studies and their comparisons; which tables that gives."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.motifs.motifs import read_anatomies
-from analysis.report.figure_list import Picture, run_pictures, study_pictures
 from analysis.runs.niches import Niches, load_niches
 from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import Comparisons, compare
+from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.scores import Study
 from analysis.studies.study import load_study
 from analysis.table import Table
@@ -24,7 +24,8 @@ from analysis.tables.dynamics import (
 )
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.motifs import anatomies_table, motifs_table
-from tacevo.errors import RunError
+from analysis.tables.noise import noise_tables
+from tacevo.errors import RunError, StoreError
 from tacevo.profile import Profile
 from tacevo.studies.directory import studies_of
 
@@ -33,7 +34,7 @@ from tacevo.studies.directory import studies_of
 class Compared:
     """A finished study and what its comparison says."""
 
-    #: Of its folder.
+    #: Of its directory.
     name: str
     study: Study
     #: None where it cannot be compared; its scores are shown all the same.
@@ -47,6 +48,8 @@ class Collection:
     run: Run
     niches: Niches
     studies: tuple[Compared, ...]
+    #: Of its fitnesses, by its studies and noise runs.
+    reestimates: tuple[Reestimates, ...]
     #: Why other studies of the run, or the comparisons of these, are left out, a sentence each.
     left_out: tuple[str, ...]
 
@@ -65,24 +68,33 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         RunError: the run is not finished, or it was edited.
     """
     run = load_run(path)
-    studies, left_out = [], []
+    studies, reestimates, left_out = [], [], []
     for directory in studies_of(path):
         try:
-            study = load_study(directory.path)
-            if study.run != run.digest:
+            recorded = directory.read()
+            if recorded.run != run.digest:
                 raise RunError(
                     "the run before it was continued",
                     place=str(directory.path),
                     expected="a study of the run as it is",
                     remedy="study it again",
                 )
-        except RunError as error:
+            if recorded.terms is not None:
+                study = load_study(directory.path)
+                comparisons, reasons = _compared(study, directory.path)
+                studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
+                left_out += reasons
+            place = store or Path(run.config.store.root)
+            reestimates.append(load_reestimates(directory, run.config, run.facts.fingerprint, place))
+        except (RunError, StoreError) as error:
             left_out.append(str(error))
-            continue
-        comparisons, reasons = _compared(study, directory.path)
-        studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
-        left_out += reasons
-    return Collection(run=run, niches=load_niches(run, store), studies=tuple(studies), left_out=tuple(left_out))
+    return Collection(
+        run=run,
+        niches=load_niches(run, store),
+        studies=tuple(studies),
+        reestimates=tuple(found for found in reestimates if found is not None),
+        left_out=tuple(left_out),
+    )
 
 
 def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
@@ -99,19 +111,22 @@ def with_one_study(found: Collection) -> Collection:
         found.studies,
         key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
     )
-    return replace(found, studies=tuple(largest[-1:]))
+    passed_over = {one.name for one in largest[:-1]}
+    return replace(
+        found,
+        studies=tuple(largest[-1:]),
+        reestimates=tuple(one for one in found.reestimates if one.name not in passed_over),
+    )
 
 
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables end in its own.
 
-    Args:
-        found: the run.
-        profiles: of its trained candidates, by id; None where they are missing; then there are no tables of motifs.
+    Without the profiles of its trained candidates, by id, there are no tables of motifs.
     """
     run = found.run
     tables = [
-        improvement_table(run),
+        improvement_table(run, found.reestimates),
         generations_table(run, found.niches.networks),
         gate_table(run),
         prompts_table(run),
@@ -126,13 +141,6 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
     for compared in found.studies:
         of_study = study_tables(compared.study, compared.comparisons)
         tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
+    for one in found.reestimates:
+        tables += [replace(table, name=f"{table.name}_{one.name}") for table in noise_tables(one, run.task)]
     return tuple(tables)
-
-
-def pictures_of(found: Collection) -> tuple[Picture, ...]:
-    """List every figure of a run and its studies; the names of a study's figures end in its own."""
-    pictures = list(run_pictures(found.run, found.niches))
-    for compared in found.studies:
-        of_study = study_pictures(compared.study, compared.comparisons)
-        pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
-    return tuple(pictures)

@@ -5,6 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.report.figure_list import OnDrawn, Picture, write_pictures
+from analysis.report.writing import write_tables
+from analysis.table import Table
 from analysis.tables.rendering import in_latex
 from tacevo.errors import RunError
 from tacevo.storage.files import write_durably
@@ -79,18 +82,43 @@ def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
     return None
 
 
-def write_document(chapters: Sequence[Chapter], folder: Path) -> Path:
-    """Write the document into a folder; return it."""
-    path = folder / "paper.tex"
+def write_document(chapters: Sequence[Chapter], directory: Path) -> Path:
+    """Write the document into a directory; return it."""
+    path = directory / "paper.tex"
     write_durably(path, document(chapters))
     return path
 
 
-def _run(command: list[str], folder: Path) -> None:
-    done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+def write_chapter(
+    title: str, tables: Sequence[Table], pictures: Sequence[Picture], directory: Path, on_drawn: OnDrawn
+) -> Chapter:
+    """Write what a chapter holds into a directory of its own, beside the document; labels begin with its name.
+
+    Raises:
+        StoreError: a file cannot be written.
+    """
+    prefix = f"{directory.name}:"
+    write_tables(tables, directory, prefix=prefix)
+    write_pictures(pictures, directory, (".pdf",), on_drawn)
+    return Chapter(
+        title=title,
+        tables=tuple(f"{directory.name}/{table.name}.tex" for table in tables),
+        figures=tuple(
+            Illustration(
+                file=f"{directory.name}/{picture.name}.pdf",
+                caption=picture.caption,
+                label=f"fig:{prefix}{picture.name}",
+            )
+            for picture in pictures
+        ),
+    )
+
+
+def _run(command: list[str], directory: Path) -> None:
+    done = subprocess.run(command, cwd=directory, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode != 0:
         last = (done.stdout + done.stderr).decode(errors="replace").strip()[-600:]
-        raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(folder / command[-1]))
+        raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(directory / command[-1]))
 
 
 def _chapter(chapter: Chapter) -> str:

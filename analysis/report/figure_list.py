@@ -1,15 +1,20 @@
-"""Which pictures a run and its studies give, with the names of their files and the words below them."""
+"""Which pictures a run, its studies and a sweep give, with the words below them; how they become files."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from analysis.figures.ablations import curves, final_values
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.figures.style import render
+from analysis.report.collection import Collection
+from analysis.report.sweep_collection import SweepCollection
 from analysis.rounding import shown
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
@@ -19,10 +24,13 @@ from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.runs.run import Run
 from analysis.studies.comparison import Comparisons
 from analysis.studies.scores import Study
+from analysis.sweeps.sweep import REFERENCE
 from analysis.table import PValue
+from analysis.tables.ablation import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
 from tacevo.search.unsent import TEMPERATURE
+from tacevo.storage.files import write_durably
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +41,52 @@ class Picture:
     name: str
     caption: str
     draw: Callable[[], Figure]
+
+
+#: Is called with the name of a picture once it is drawn.
+OnDrawn = Callable[[str], object]
+
+
+def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:
+    """Draw pictures into files, each written whole; older ones of the same names are replaced.
+
+    The endings, of `.pdf`, `.svg` and `.png`, are the formats.
+
+    Raises:
+        StoreError: a file cannot be written.
+    """
+    for picture in pictures:
+        figure = picture.draw()
+        for ending in endings:
+            write_durably(directory / f"{picture.name}{ending}", render(figure, ending))
+        on_drawn(picture.name)
+
+
+def pictures_of(found: Collection) -> tuple[Picture, ...]:
+    """List every figure of a run and its studies; the names of a study's figures end in its own."""
+    pictures = list(run_pictures(found.run, found.niches))
+    for compared in found.studies:
+        of_study = study_pictures(compared.study, compared.comparisons)
+        pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
+    return tuple(pictures)
+
+
+def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
+    """List the figures of a sweep."""
+    task, note = collected.sweep.task, common_note(collected.niches_of)
+    return (
+        Picture(
+            name=f"ablation_curves_{task}",
+            caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
+            draw=partial(curves, collected.found),
+        ),
+        Picture(
+            name=f"ablation_finals_{task}",
+            caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds, "
+            f"the dotted line is the median of {REFERENCE}. {note}",
+            draw=partial(final_values, collected.found),
+        ),
+    )
 
 
 def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:

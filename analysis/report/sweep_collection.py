@@ -1,15 +1,12 @@
-"""All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables and pictures."""
+"""All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.figures.ablations import curves, final_values
-from analysis.report.figure_list import Picture
 from analysis.runs.niches import load_niches
 from analysis.runs.run import Run
 from analysis.sweeps.ablation import Ablation, compare_arms, outcome
@@ -37,7 +34,7 @@ def collect_sweep(path: Path, store: Path | None) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
-        path: the folder of the sweep.
+        path: the directory of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
 
     Raises:
@@ -78,26 +75,7 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
     )
 
 
-def tables_of(collected: SweepCollection) -> tuple[Table, ...]:
+def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
     """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
     return ablation_tables(collected.sweep, collected.found, archive)
-
-
-def pictures_of(collected: SweepCollection) -> tuple[Picture, ...]:
-    """List the figures of a sweep."""
-    sweep, found = collected.sweep, collected.found
-    note = common_note(collected.niches_of)
-    return (
-        Picture(
-            name=f"ablation_curves_{sweep.task}",
-            caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
-            draw=partial(curves, found),
-        ),
-        Picture(
-            name=f"ablation_finals_{sweep.task}",
-            caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds, "
-            f"the dotted line is the median of {REFERENCE}. {note}",
-            draw=partial(final_values, found),
-        ),
-    )

@@ -1,94 +1,43 @@
-"""Tables and pictures as files, each written whole."""
+"""Tables as files, each written whole, and the removal of what is outdated."""
 
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
-from analysis.figures.style import render
-from analysis.report.document import Chapter, Illustration
-from analysis.report.figure_list import Picture
 from analysis.table import Table
 from analysis.tables.rendering import table_texts
 from tacevo.storage.files import write_durably
 from tacevo.studies.directory import NAME
 
-#: Is called with the name of a picture once its files are written.
-OnDrawn = Callable[[str], object]
 
-
-def write_tables(tables: Iterable[Table], folder: Path, *, prefix: str = "") -> None:
+def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "") -> None:
     """Write tables in every format, each file whole; older ones of the same names are replaced.
 
-    Args:
-        tables: what to write.
-        folder: where to.
-        prefix: of their labels in LaTeX.
+    The prefix is that of their labels in LaTeX.
 
     Raises:
         StoreError: a file cannot be written.
     """
     for table in tables:
         for name, text in table_texts(table, prefix=prefix).items():
-            write_durably(folder / name, text)
+            write_durably(directory / name, text)
 
 
-def write_pictures(pictures: Iterable[Picture], folder: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:
-    """Draw pictures into files; older ones of the same names are replaced.
-
-    Args:
-        pictures: what to draw.
-        folder: where to.
-        endings: `.pdf`, `.svg`, `.png`: the formats.
-        on_drawn: called after each picture.
-
-    Raises:
-        StoreError: a file cannot be written.
-    """
-    for picture in pictures:
-        figure = picture.draw()
-        for ending in endings:
-            write_durably(folder / f"{picture.name}{ending}", render(figure, ending))
-        on_drawn(picture.name)
-
-
-def remove_outdated(folder: Path, names: Collection[str], *, task: str, endings: Collection[str]) -> list[str]:
+def remove_outdated(directory: Path, names: Collection[str], *, task: str, endings: Collection[str]) -> list[str]:
     """Remove what an earlier command wrote there of studies that are missing or rejected now.
 
     Args:
-        folder: of tables or of figures.
+        directory: of tables or of figures.
         names: of those that are current; other files than those of a study of this task are left alone.
         task: the run's.
         endings: of the files that the command writes.
 
     Returns:
-        The names of the removed files.
+        A remark on each removed file.
     """
     pattern = re.compile(rf".+_{re.escape(task)}_{NAME}")
-    found = [path for path in sorted(folder.iterdir()) if path.suffix in endings and pattern.fullmatch(path.stem)]
+    found = [path for path in sorted(directory.iterdir()) if path.suffix in endings and pattern.fullmatch(path.stem)]
     gone = [path for path in found if path.stem not in names]
     for path in gone:
         path.unlink()
-    return [path.name for path in gone]
-
-
-def write_chapter(
-    title: str, tables: Sequence[Table], pictures: Sequence[Picture], folder: Path, on_drawn: OnDrawn
-) -> Chapter:
-    """Write what a chapter holds into a folder of its own, beside the document; labels begin with the folder's name.
-
-    Raises:
-        StoreError: a file cannot be written.
-    """
-    prefix = f"{folder.name}:"
-    write_tables(tables, folder, prefix=prefix)
-    write_pictures(pictures, folder, (".pdf",), on_drawn)
-    return Chapter(
-        title=title,
-        tables=tuple(f"{folder.name}/{table.name}.tex" for table in tables),
-        figures=tuple(
-            Illustration(
-                file=f"{folder.name}/{picture.name}.pdf", caption=picture.caption, label=f"fig:{prefix}{picture.name}"
-            )
-            for picture in pictures
-        ),
-    )
+    return [f"removed {path.name}: its study is missing or left out" for path in gone]

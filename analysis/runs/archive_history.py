@@ -18,9 +18,7 @@ from tacevo.search.archive import Archive, Elite, NetworkArchive, Placed, Places
 def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:
     """Return the elites of the network archive after each generation, in order.
 
-    Args:
-        run: the run.
-        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
+    The centroids, shape (niches, axes), in [0, 1], are not looked at where its archive has no niches.
     """
     niches = Tessellation(centroids) if run.has_niches else Places(niches=run.places)
     arrivals = iter(descriptors(run).tolist())
@@ -35,12 +33,7 @@ def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, 
 
 
 def archive_medians(run: Run, centroids: NDArray[np.float64]) -> tuple[float | None, ...]:
-    """Return the median fitness of the elites after each generation; None before anything was trained.
-
-    Args:
-        run: the run.
-        centroids: as in `archive_history`.
-    """
+    """Return the median fitness of the elites after each generation; None before anything was trained."""
     fitnesses = [[-elite.objective for elite in it.elites.values()] for it in archive_history(run, centroids)]
     return tuple(statistics.median(values) if values else None for values in fitnesses)
 

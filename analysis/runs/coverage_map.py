@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule
@@ -35,9 +35,7 @@ class Occupation:
 def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
     """Place the trained candidates of a run.
 
-    Args:
-        run: a run with at least one trained candidate.
-        centroids: of its network archive, shape (niches, axes), in [0, 1].
+    The centroids are those of its network archive, shape (niches, axes), in [0, 1].
 
     Raises:
         ValueError: nothing was trained, or its archive has no niches.
@@ -70,12 +68,9 @@ def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[in
     convex hull of the candidates; with one axis, between the lowest and the highest. The hull is a generous guess, as
     mixtures of two networks need not exist; what lies outside of it, no network of the run suggests.
 
-    Args:
-        found: the candidates.
-        centroids: shape (niches, axes), in [0, 1].
+    The centroids have the shape (niches, axes), in [0, 1].
     """
-    between = _between(found.points)
-    return frozenset(found.niches.tolist()) | frozenset(np.atleast_1d(cKDTree(centroids).query(between)[1]).tolist())
+    return frozenset(found.niches.tolist()).union(Tessellation(centroids).niches_of(_between(found.points).tolist()))
 
 
 def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,11 +81,10 @@ def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return line.reshape(-1, 1)
     lattice = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     try:
-        hull = Delaunay(np.unique(points, axis=0))
+        sides = ConvexHull(points).equations
     except (QhullError, ValueError):  # fewer than three candidates, or all on a line: there is nothing between them
         return lattice[:0]
-    inside: NDArray[np.float64] = lattice[hull.find_simplex(lattice) >= 0]
-    return inside
+    return lattice[np.all(lattice @ sides[:, :2].T + sides[:, 2] <= 0, axis=1)]
 
 
 def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> float:

@@ -254,17 +254,19 @@ def _mutations(run: Run) -> list[CandidateLine]:
 
 def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
     inserted = sum(map(was_inserted, asked))
-    interval = None
-    if asked:
-        low, high = proportion_confint(inserted, len(asked), alpha=1 - LEVEL, method="wilson")
-        interval = round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
     return Productivity(
         name=name,
         tried=len(asked),
         trained=sum(candidate.fitness is not None for candidate in asked),
         inserted=inserted,
-        interval=interval,
+        interval=_wilson(inserted, len(asked)) if asked else None,
     )
+
+
+def _wilson(found: int, tried: int) -> tuple[float, float]:
+    """Return the ends of Wilson's (1927) score interval of found / tried."""
+    low, high = proportion_confint(found, tried, alpha=1 - LEVEL, method="wilson")
+    return round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
 
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:

@@ -9,10 +9,11 @@ from scipy.spatial import Voronoi
 
 from analysis.runs.run import Run
 from tacevo.config.schema import ArchiveConfig
-from tacevo.errors import RunError
+from tacevo.errors import RunError, StoreError
 from tacevo.search.archive import find_centroids
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store
+from tacevo.typed import convert
 
 #: Corners of a convex polygon in order, shape (corners, 2).
 Polygon = NDArray[np.float64]
@@ -82,8 +83,10 @@ _MIRRORS = [
 
 def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int) -> list[list[float]]:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
-    found: list[list[float]] | None = Store(root, "centroids").read(shape)
-    return find_centroids(**shape) if found is None else found
+    found = Store(root, "centroids").read(shape)
+    if found is None:
+        return find_centroids(**shape)
+    return convert(list[list[float]], found, place="centroids", error=StoreError)
 
 
 def _in_order(corners: Polygon, centre: NDArray[np.float64]) -> Polygon:

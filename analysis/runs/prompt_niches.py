@@ -20,10 +20,10 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
         found |= current
-        outcomes = [(before, best) for before in current for best in (0.5, 1.0)]
         current = {
             next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
-            for before, best in outcomes
+            for before in current
+            for best in (0.5, 1.0)
         }
     return frozenset(found)
 
@@ -31,9 +31,7 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
 def reachable_prompt_niches(run: Run, centroids: NDArray[np.float64]) -> frozenset[int]:
     """Return the niches that hold some instruction at one of `reachable_temperatures`.
 
-    Args:
-        run: a run that keeps a prompt archive.
-        centroids: of its prompt archive, shape (niches, 2), in [0, 1].
+    The centroids are those of the prompt archive, shape (niches, 2), in [0, 1].
     """
     prompts = len(run.instructions)
     points = [

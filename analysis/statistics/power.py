@@ -1,9 +1,8 @@
 """What a study of so many seeds can see at all: the smallest effect it detects, by Noether's formula (1987)."""
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
-from scipy.special import ndtri
+from statistics import NormalDist
 
 from tacevo.rounding import rounded
 
@@ -44,9 +43,10 @@ def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | 
     """
     if seeds < 2 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"power needs seeds >= 2, alpha and power in (0, 1); got {seeds}, {alpha}, {power}")
-    reach = float(ndtri(1 - alpha / 2) + ndtri(power))
-    effect = 0.5 + reach / float(np.sqrt(6 * seeds))  # N = reach² / (12 c (1 - c) (A12 - 1/2)²), N = 2 seeds, c = 1/2
+    quantile = NormalDist().inv_cdf
+    # N = (sum of both quantiles)² / (12 c (1 - c) (A12 - 1/2)²), with N = 2 seeds and c = 1/2.
+    effect = 0.5 + (quantile(1 - alpha / 2) + quantile(power)) / math.sqrt(6 * seeds)
     if effect >= 1:
         return None
-    shift = float(np.sqrt(2) * ndtri(effect))
+    shift = math.sqrt(2) * quantile(effect)
     return Detectable(alpha=rounded(alpha), power=power, a12=rounded(effect), shift=rounded(shift))

@@ -91,28 +91,21 @@ ALPHA = 0.05
 
 SEEDS = 20
 
-FORCE = PrintedTest(
-    task="force",
-    name="Table II",
-    metric="test MSE",
-    rows=(
-        PrintedRow(variant="variant 1", p="<0.001", adjusted="<0.001"),
-        PrintedRow(variant="variant 2", p="<0.001", adjusted="<0.001"),
-        PrintedRow(variant="variant 3", p="0.25", adjusted="0.25"),
-        PrintedRow(variant="variant 4", p="0.20", adjusted="0.40"),
-    ),
+
+def _printed(task: str, name: str, metric: str, *rows: tuple[str, str]) -> PrintedTest:
+    """Number the variants of a table, each with its p and its corrected p."""
+    variants = enumerate(rows, start=1)
+    found = tuple(PrintedRow(variant=f"variant {number}", p=p, adjusted=adjusted) for number, (p, adjusted) in variants)
+    return PrintedTest(task=task, name=name, metric=metric, rows=found)
+
+
+FORCE = _printed(
+    *("force", "Table II", "test MSE"), ("<0.001", "<0.001"), ("<0.001", "<0.001"), ("0.25", "0.25"), ("0.20", "0.40")
 )
 
-GRATING = PrintedTest(
-    task="grating",
-    name="Table III",
-    metric="test accuracy",
-    rows=(
-        PrintedRow(variant="variant 1", p="0.0018", adjusted="0.0055"),
-        PrintedRow(variant="variant 2", p="0.0064", adjusted="0.0064"),
-        PrintedRow(variant="variant 3", p="0.0015", adjusted="0.0060"),
-        PrintedRow(variant="variant 4", p="0.0041", adjusted="0.0082"),
-    ),
+GRATING = _printed(
+    *("grating", "Table III", "test accuracy"),
+    *(("0.0018", "0.0055"), ("0.0064", "0.0064"), ("0.0015", "0.0060"), ("0.0041", "0.0082")),
 )
 
 TESTS = (FORCE, GRATING)
@@ -165,9 +158,7 @@ def corrected(test: PrintedTest) -> tuple[Corrected, ...]:
 
 def verdicts_that_change(rows: Sequence[Corrected]) -> tuple[str, ...]:
     """Name the variants whose significance at 0.05 is another by the correct value than by the printed one."""
-    return tuple(
-        found.row.variant for found in rows if (_nominal(found.row.adjusted) <= ALPHA) != (found.holm <= ALPHA)
-    )
+    return tuple(one.row.variant for one in rows if (_nominal(one.row.adjusted) <= ALPHA) != (one.holm <= ALPHA))
 
 
 def _finding(row: PrintedRow, low: float, high: float) -> Finding:

@@ -1,7 +1,7 @@
 """Is there a difference: the tests of Mann and Whitney (1947) and of a hypergeometric count, Holm's (1979) correction.
 
 Pure functions; docs/statistics.md says why these. The distribution of U is exact where it can be counted, with
-ties too; the result says how its p came about.
+ties too; the result says how its p came about. Tests compare what is counted here with SciPy.
 """
 
 import math
@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import hypergeom, mannwhitneyu, rankdata
 from statsmodels.stats.multitest import multipletests
 
 from analysis.statistics.samples import Sample, checked
@@ -25,9 +24,9 @@ Alternative = Literal["two-sided", "greater", "less"]
 class Method(StrEnum):
     """How a p came about; the values are what a table says."""
 
-    #: Every arrangement of ranks without ties, counted by SciPy.
+    #: Every arrangement of the ranks, counted.
     exact = "exact"
-    #: Every arrangement of the midranks, counted here.
+    #: Every arrangement of the midranks, counted.
     exact_ties = "exact, ties"
     #: Too many arrangements to count: normal, with corrections for ties and continuity.
     normal = "normal"
@@ -61,15 +60,14 @@ def mann_whitney(x: ArrayLike, y: ArrayLike, *, alternative: Alternative = "two-
         ValueError: a sample has another shape, or values that are not finite.
     """
     first, second = checked(x, name="x"), checked(y, name="y")
-    ranks = rankdata(np.concatenate([first, second]))
-    u = float(ranks[: len(first)].sum()) - len(first) * (len(first) + 1) / 2
-    ties = _tied(first, second)
-    if math.comb(len(ranks), len(ranks) // 2) >= 2**63:  # the counts are 64-bit integers
-        method, p = Method.normal, _library_p(first, second, alternative, "asymptotic")
-    elif ties:
-        method, p = Method.exact_ties, _counted_p(ranks, len(first), alternative)
+    _, places, counts = np.unique(np.concatenate([first, second]), return_inverse=True, return_counts=True)
+    doubled = (2 * np.cumsum(counts) - counts + 1)[places]  # midranks are halves
+    ties = int(counts[counts > 1].sum())
+    if math.comb(len(doubled), len(doubled) // 2) >= 2**63:  # the counts are 64-bit integers
+        method, p = Method.normal, _normal_p(first, second, alternative)
     else:
-        method, p = Method.exact, _library_p(first, second, alternative, "exact")
+        method, p = Method.exact_ties if ties else Method.exact, _counted_p(doubled, len(first), alternative)
+    u = int(doubled[: len(first)].sum()) / 2 - len(first) * (len(first) + 1) / 2
     return MannWhitney(u=u, p=rounded(p), method=method, ties=ties)
 
 
@@ -110,7 +108,9 @@ def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) ->
         raise ValueError(
             f"expected the counts of a draw; got {found} marked of {drawn} drawn, {marked} of {population} in all"
         )
-    return rounded(float(hypergeom.sf(found - 1, population, marked, drawn)))
+    more = range(found, min(drawn, marked) + 1)
+    draws = sum(math.comb(marked, count) * math.comb(population - marked, drawn - count) for count in more)
+    return rounded(draws / math.comb(population, drawn))
 
 
 def smallest_p(n: int, m: int) -> float:
@@ -118,20 +118,16 @@ def smallest_p(n: int, m: int) -> float:
     return rounded(2 / math.comb(n + m, n))
 
 
-def _tied(x: Sample, y: Sample) -> int:
-    _, counts = np.unique(np.concatenate([x, y]), return_counts=True)
-    return int(counts[counts > 1].sum())
+def _normal_p(x: Sample, y: Sample, alternative: Alternative) -> float:
+    from scipy.stats import mannwhitneyu  # a second to import, and few samples are so large
 
-
-def _library_p(x: Sample, y: Sample, alternative: Alternative, method: Literal["exact", "asymptotic"]) -> float:
     if np.ptp(np.concatenate([x, y])) == 0:  # SciPy would divide by a deviation of 0
         return 1.0
-    return float(mannwhitneyu(x, y, alternative=alternative, method=method).pvalue)
+    return float(mannwhitneyu(x, y, alternative=alternative, method="asymptotic").pvalue)
 
 
-def _counted_p(ranks: Sample, n: int, alternative: Alternative) -> float:
-    """Count the arrangements of the midranks that are at least as extreme as this one."""
-    doubled = np.rint(2 * ranks).astype(np.int64)  # midranks are halves
+def _counted_p(doubled: NDArray[np.int64], n: int, alternative: Alternative) -> float:
+    """Count the arrangements of the doubled midranks that are at least as extreme as this one."""
     sums = _sums_of(doubled, n)
     here, total = int(doubled[:n].sum()), int(sums.sum())
     less, greater = int(sums[: here + 1].sum()) / total, int(sums[here:].sum()) / total

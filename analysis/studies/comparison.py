@@ -18,10 +18,11 @@ from analysis.statistics.samples import Sample
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.warnings import Caution, cautions, late_share
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.studies.terms import Terms, fewest_seeds
 
 
 class Verdict(StrEnum):
@@ -81,9 +82,7 @@ class Comparisons:
 def compare(study: Study, *, seed: int = 0) -> Comparisons:
     """Compare every variant of a study with its baseline, on the study's own terms.
 
-    Args:
-        study: whole, as `analysis.studies.study.load_study` gives it.
-        seed: of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
+    The seed is that of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
 
     Raises:
         RunError: there is no variant, the margin is 0, or there are so few seeds that no outcome at all could be

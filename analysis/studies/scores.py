@@ -1,13 +1,12 @@
 """What a study found, as records: the scores of every network under every training seed."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.records import Kind, Recipe
-from tacevo.studies.lines import Network
+from tacevo.records import Kind
+from tacevo.studies.lines import Design, ScoreLine
 from tacevo.studies.terms import Terms
 
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
@@ -17,44 +16,32 @@ LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Score:
-    """One network trained fully with one seed."""
+class Study(Design):
+    """A finished study: what it was to find out, and its scores."""
 
-    network: str
-    #: 0 to S - 1.
-    seed: int
-    #: The epoch of the lowest validation loss, from 1; its weights are the ones tested.
-    epoch: int
-    #: Of the test split, by name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`,
-    #: `cross_entropy`.
-    metrics: Mapping[str, float]
-    #: Test images by (true class, predicted class); None for regression.
-    confusion: tuple[tuple[int, ...], ...] | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
-    """A finished study."""
-
-    #: Digest of the run whose elites were studied.
-    run: str
-    task: str
-    kind: Kind
-    #: Names of the regressed values or classes.
-    names: tuple[str, ...]
+    #: A noise run, which has none, is not a study.
+    terms: Terms
     #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
-    #: Of the data set.
-    fingerprint: str
-    recipe: Recipe
-    numerics: str
-    #: How it is judged, stated before anything was trained.
-    terms: Terms
-    #: S, the training seeds of each network.
-    seeds: int
-    #: The baseline first, then the variants, best fitness first.
-    networks: tuple[Network, ...]
-    scores: tuple[Score, ...]
+    #: Each is of the weights of the epoch with the lowest validation loss. Metrics are those of the test split, by
+    #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
+    #: test images by (true class, predicted class).
+    scores: tuple[ScoreLine, ...]
+
+    @property
+    def kind(self) -> Kind:
+        """Of the task."""
+        return self.data.kind
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the regressed values or classes."""
+        return self.data.names
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the data set."""
+        return self.data.fingerprint
 
     @property
     def primary(self) -> str:
@@ -74,6 +61,6 @@ class Study:
         median = ranked[(len(ranked) - 1) // 2].metrics[self.primary]
         return next(score.seed for score in self._of(network) if score.metrics[self.primary] == median)
 
-    def _of(self, network: str) -> list[Score]:
+    def _of(self, network: str) -> list[ScoreLine]:
         """List the scores of a network, in the order of the seeds."""
         return sorted((score for score in self.scores if score.network == network), key=lambda score: score.seed)

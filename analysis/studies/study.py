@@ -1,13 +1,14 @@
 """Finished studies as records; one that is not whole is rejected, with the rows named."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
-from analysis.studies.scores import Score, Study
+from analysis.studies.scores import Study
 from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
 from tacevo.studies.directory import StudyDirectory
-from tacevo.studies.lines import FailedLine, ScoreLine
+from tacevo.studies.lines import Design, FailedLine, ScoreLine
 from tacevo.text import listed
 
 #: Rows that a message names.
@@ -32,27 +33,16 @@ def load_study(path: Path) -> Study:
         )
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
     found, facts = scores.header, scores.header.data
+    if found.terms is None:
+        raise RunError("a noise run", place=str(path), expected="a study with test scores")
     if len(record.units) not in {0, len(facts.names)}:
         raise RunError(
             listed(record.units), place=f"{path}/study.json, units", expected=f"one for each of {listed(facts.names)}"
         )
     study = Study(
-        run=found.run,
-        task=found.task,
-        kind=facts.kind,
-        names=facts.names,
+        **{field.name: getattr(found, field.name) for field in fields(Design)},
         units=record.units,
-        fingerprint=facts.fingerprint,
-        recipe=found.recipe,
-        numerics=found.numerics,
-        terms=found.terms,
-        seeds=found.seeds,
-        networks=found.networks,
-        scores=tuple(
-            Score(network=row.network, seed=row.seed, epoch=row.epoch, metrics=row.metrics, confusion=row.confusion)
-            for row in scores.rows
-            if isinstance(row, ScoreLine)
-        ),
+        scores=tuple(row for row in scores.rows if isinstance(row, ScoreLine)),
     )
     check_study(study)
     return study
@@ -61,8 +51,7 @@ def load_study(path: Path) -> Study:
 def check_alike(studies: Sequence[Study]) -> None:
     """Check that studies of one task were trained alike and on the same data.
 
-    Args:
-        studies: of one task or of several; each task is compared with itself.
+    Each task is compared with itself.
 
     Raises:
         RunError: recipe, numerics, data fingerprint or number of seeds differ; the message names the rows.

@@ -24,7 +24,6 @@ class Caution(StrEnum):
     spreads = (
         "the quartiles lie more than twice as far apart in one sample, so the test is one of dominance, not of medians"
     )
-    separated = "the samples do not overlap, so the intervals of A12 and Cliff's delta have no width"
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 
 
@@ -47,7 +46,6 @@ def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tup
         Caution.ties: test.method is Method.exact_ties,
         Caution.approximate: test.method is Method.normal,
         Caution.spreads: _far_apart(_spread(first), _spread(second)),
-        Caution.separated: test.u in {0, len(first) * len(second)},
         Caution.few_seeds: least_p > alpha,
     }
     return tuple(caution for caution, holds in found.items() if holds)

@@ -160,10 +160,8 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
 def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
     """Summarise every arm, and compare it with the reference.
 
-    Args:
-        outcomes: of all finished runs, each seed of an arm once.
-        seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
-            whatever other arms there are.
+    The seed is that of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal
+    intervals, whatever other arms there are.
     """
     names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != REFERENCE)
     summaries = {metric: _summaries(metric, names, outcomes, seed) for metric in Metric}

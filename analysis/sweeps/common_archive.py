@@ -7,7 +7,7 @@ passive archives of quality-diversity studies do.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,6 @@ from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import BoundsRule, Scale
 from tacevo.rounding import rounded
 from tacevo.search.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score, quality
-from tacevo.search.lines import CandidateLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,24 +99,13 @@ def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArc
 
 
 def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
-    """Put the candidates of a run into the common archive; give what it holds after each generation."""
+    """Put the candidates of a run into the common archive, in order; return what it holds after each generation."""
     archive, found = Archive(), []
     for line in run.generations:
-        arrived = (one for one in run.candidates if one.generation == line.generation)
-        archive = _with(archive, arrived, common)
-        found.append(
-            Filled(
-                coverage=rounded(coverage(archive, common.tessellation.niches)),
-                qd_score=rounded(qd_score(archive, quality)),
-            )
-        )
+        for one in run.candidates:
+            if one.generation == line.generation and one.fitness is not None:
+                niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(one, common.scale)))
+                archive, _ = insert(archive, niche, Elite(name=one.id, objective=-one.fitness))
+        occupied = rounded(coverage(archive, common.tessellation.niches))
+        found.append(Filled(coverage=occupied, qd_score=rounded(qd_score(archive, quality))))
     return tuple(found)
-
-
-def _with(archive: Archive, candidates: Iterable[CandidateLine], common: CommonArchive) -> Archive:
-    """Offer trained candidates to an archive, in their order."""
-    for candidate in candidates:
-        if candidate.fitness is not None:
-            niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(candidate, common.scale)))
-            archive, _ = insert(archive, niche, Elite(name=candidate.id, objective=-candidate.fitness))
-    return archive

@@ -97,10 +97,10 @@ def _archive_fields(one: Finished) -> Json:
     return {"archive": {key: getattr(one.run.config.archive, key) for key in ("niches", "samples", "seed")}}
 
 
-def arm_settings(one: Finished) -> Json:
+def arm_settings(one: Finished) -> dict[str, Json]:
     """Return the settings that must be those of the whole arm."""
     config = {key: value for key, value in to_json(one.run.config).items() if key not in _INDIFFERENT}
-    llm = {key: value for key, value in config["llm"].items() if key not in _INDIFFERENT_LLM}
+    llm = {key: value for key, value in to_json(one.run.config.llm).items() if key not in _INDIFFERENT_LLM}
     return {**config, "llm": llm}
 
 

@@ -21,8 +21,7 @@ from analysis.sweeps.common_archive import Extent
 from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
 from analysis.sweeps.sweep_checks import arm_settings
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
-from tacevo.records import Json
-from tacevo.rounding import rounded
+from analysis.tables.comparison import between
 from tacevo.storage.canonical import leaves
 from tacevo.text import counted, listed
 
@@ -47,10 +46,7 @@ _MEANINGS = {
 def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table, ...]:
     """Return all tables of a sweep.
 
-    Args:
-        sweep: what was compared, and what is missing of it.
-        found: what `analysis.sweeps.ablation.compare_arms` says of it.
-        archive: what is to be said of the common archive.
+    `archive` is what is to be said of the common archive.
     """
     metrics = (metric_table(sweep, found, metric, archive) for metric in Metric)
     return arms_table(sweep, found, archive), settings_table(sweep), *metrics, runs_table(sweep, found, archive)
@@ -66,7 +62,7 @@ def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
         notes=(
             _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in Metric]),
             archive,
-            *(f"{metric.value}: {_lower_first(words)}" for metric, words in _MEANINGS.items()),
+            *(f"{metric.value}: {words[0].lower()}{words[1:]}" for metric, words in _MEANINGS.items()),
             *_reference_note(found),
             *_missing_note(sweep.missing),
         ),
@@ -83,13 +79,12 @@ def settings_table(sweep: Sweep) -> Table:
         name=f"ablation_settings_{sweep.task}",
         caption=f"The settings in which the arms differ ({sweep.task}).",
         columns=("setting", *names),
-        rows=tuple((key, *(_setting(arms[name].get(key)) for name in names)) for key in differing),
+        rows=tuple(
+            (key, *(value if isinstance(value := arms[name].get(key), str) else json.dumps(value) for name in names))
+            for key in differing
+        ),
         notes=("As the runs recorded them; all other settings that may change a result are equal.",),
     )
-
-
-def _setting(value: Json) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:
@@ -183,8 +178,8 @@ def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
         PValue(test.p),
         PValue(p_holm),
         test.method.value,
-        _between(effects.a12),
-        _between(effects.cliffs_delta),
+        between(effects.a12),
+        between(effects.cliffs_delta),
         _difference(metric, effects.median_difference),
         *differences,
     )
@@ -206,11 +201,7 @@ def _value(metric: Metric, value: float | None) -> Cell:
 
 
 def _difference(metric: Metric, interval: Interval | None) -> Cell:
-    return None if interval is None else _between(interval, 100 if metric in FRACTIONS else 1)
-
-
-def _between(interval: Interval, factor: int = 1) -> Between:
-    return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+    return None if interval is None else between(interval, 100 if metric in FRACTIONS else 1)
 
 
 def _pairs(found: Ablation, metric: Metric) -> list[int]:
@@ -230,12 +221,8 @@ def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
         words += "; of few seeds their range, with less: " + listed(
             f"{shown(Percent(median_confidence(n)))} for {n} seeds" for n in weak
         )
-    few = min(counts) < FEWEST_SEEDS
-    return (
-        f"{words}. A single value has neither interval nor test, and where none is known the cell is empty."
-        if few
-        else f"{words}."
-    )
+    few = " A single value has neither interval nor test, and where none is known the cell is empty."
+    return f"{words}.{few if min(counts) < FEWEST_SEEDS else ''}"
 
 
 def _test_notes(found: Ablation, metric: Metric) -> list[str]:
@@ -252,8 +239,8 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         "arms shows nothing of the arm.",
         f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
-        f"A12, Cliff's delta and the difference of medians have percentile intervals of {RESAMPLES:,} bootstrap "
-        f"resamples, whose {100 * LEVEL:g} % is approximate, and the more so the fewer seeds there are.",
+        f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
+        f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
         f"A12: the chance that a run of the arm has more than one of {REFERENCE}. Differences are arm less "
         f"{REFERENCE}; by seed: of the runs that share a seed, and so their streams.",
     ]
@@ -284,7 +271,3 @@ def _missing_note(missing: Sequence[Missing]) -> list[str]:
         f"Missing, {counted(len(missing), 'job')}: {names}. Once they are finished, the family of Holm's "
         "correction may be larger, and every value of the common archive may change.",
     ]
-
-
-def _lower_first(words: str) -> str:
-    return words[0].lower() + words[1:]

@@ -10,6 +10,7 @@ from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
 from analysis.studies.metrics import SHARES, metric_name, named_metrics
 from analysis.studies.scores import LOWER_IS_BETTER, Study
+from analysis.studies.trivial import trivial_score
 from analysis.studies.warnings import caution_notes
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.choices import MarginKind
@@ -22,9 +23,7 @@ from tacevo.text import counted, listed
 def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
     """Return all tables of a study.
 
-    Args:
-        study: whole, as `analysis.studies.study.load_study` gives it.
-        found: what `analysis.studies.comparison.compare` says of it; None where it cannot be compared.
+    Without comparisons, where it cannot be compared, these are the tables of its scores only.
     """
     described = scores_table(study), metrics_table(study)
     if found is None:
@@ -40,19 +39,20 @@ def scores_table(study: Study) -> Table:
         name=f"scores_{study.task}",
         caption=f"Test {metric_name(study.primary)} of the networks of {study.task}.",
         columns=("network", "candidate", "parameters", "FLOPs", *spread, "chosen epoch"),
-        rows=tuple(
-            (
-                network.name,
-                network.id,
-                network.parameters,
-                network.flops,
-                *_scores(study, network),
-                _epochs(study, network),
-            )
-            for network in study.networks
+        rows=(
+            *(
+                (
+                    *(network.name, network.id, network.parameters, network.flops),
+                    *(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
+                    _epochs(study, network),
+                )
+                for network in study.networks
+            ),
+            *_trivial_row(study),
         ),
         notes=(
             *_scale_note(study),
+            *_trivial_note(study),
             "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",
             _training(study),
         ),
@@ -111,15 +111,16 @@ def effects_table(study: Study, found: Comparisons) -> Table:
         rows=tuple(
             (
                 variant.network,
-                _between(variant.effects.a12),
-                _between(variant.effects.cliffs_delta),
-                _between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
+                between(variant.effects.a12),
+                between(variant.effects.cliffs_delta),
+                between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
             )
             for variant in found.variants
         ),
         notes=(
             *_scale_note(study),
-            f"In brackets: {100 * LEVEL:g} % percentile intervals of {RESAMPLES:,} bootstrap resamples of the seeds.",
+            f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
+            f"percentiles of {RESAMPLES:,} bootstrap resamples of the seeds of the difference of medians.",
             f"A12 is the chance that a seed of the variant has a larger {metric_name(found.metric)} than one of the "
             f"baseline: {better} 0.5 the variant is the better one.",
             _power_note(found),
@@ -144,7 +145,7 @@ def outputs_table(study: Study, found: Comparisons) -> Table:
             f"p and p, equivalence: the tests of the verdicts on the mean; corrected after Holm over all "
             f"{counted(len(each), 'pair')} of output and variant, because a reader may pick any of them. The margin is "
             f"{_margin_of_outputs(found)}.",
-            f"A12: in brackets its {100 * LEVEL:g} % percentile interval; below 0.5 the variant is the better one.",
+            f"A12: in brackets its {100 * LEVEL:g} % interval; below 0.5 the variant is the better one.",
             *_left_out_note(study, found),
             *caution_notes((f"{variant.network} on {name}", variant.cautions) for name, variant in each),
             *_late_note(study, found),
@@ -159,7 +160,7 @@ def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell
         (name, baseline, median, *(None,) * 7),
         *(
             (
-                *(name, variant.network, variant.median, _between(variant.effects.a12), Halves(variant.test.u)),
+                *(name, variant.network, variant.median, between(variant.effects.a12), Halves(variant.test.u)),
                 *(PValue(variant.test.p), PValue(variant.p_holm)),
                 *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
             )
@@ -193,8 +194,17 @@ def _unit(metric: str) -> str:
     return "percentage points" if metric in SHARES else metric_name(metric)
 
 
-def _scores(study: Study, network: Network) -> tuple[Cell, ...]:
-    return tuple(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary)))
+def _trivial_row(study: Study) -> tuple[tuple[Cell, ...], ...]:
+    """Return the row of the predictor that looks at no image, where its score is known."""
+    score = trivial_score(study)
+    return () if score is None else (("trivial", None, 0, 0, _value(study.primary, score), *(None,) * 5),)
+
+
+def _trivial_note(study: Study) -> tuple[str, ...]:
+    if trivial_score(study) is None:
+        return ()
+    always = "the most frequent class" if study.kind is Kind.classification else "the mean"
+    return (f"Trivial: looks at no image, and always predicts {always} of the test images.",)
 
 
 def _epochs(study: Study, network: Network) -> Between:
@@ -212,7 +222,8 @@ def _median(study: Study, network: Network, metric: str) -> Cell:
     return shape(*_spread(study.values(network.name, metric))[:3])
 
 
-def _between(interval: Interval, factor: int = 1) -> Between:
+def between(interval: Interval, factor: int = 1) -> Between:
+    """Return the cell of an interval, multiplied by a factor."""
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
 

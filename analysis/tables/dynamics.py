@@ -1,5 +1,6 @@
 """Tables of how a search went: generations, gate, prompts, improvement, and where a network comes from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,20 +20,22 @@ from analysis.runs.dynamics import (
 )
 from analysis.runs.lineage import lineage
 from analysis.runs.run import Run
+from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
 from tacevo.search.unsent import TEMPERATURE
-from tacevo.text import misreported
+from tacevo.text import counted, misreported
+
+#: Below every improvement.
+ONE_DRAW = (
+    "Every fitness is one draw: the loss of one training seed, and the best is the lowest of many draws. What other "
+    "seeds give stands in the tables of noise, once `tacevo noise` or `tacevo study` has trained them."
+)
 
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
-    """Show every generation of a run.
-
-    Args:
-        run: the run.
-        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
-    """
+    """Show every generation of a run."""
     rows = tuple(
         (
             entry.line.generation,
@@ -135,8 +138,13 @@ def temperatures_table(run: Run) -> Table:
     return replace(table, notes=(*table.notes, *notes))
 
 
-def improvement_table(run: Run) -> Table:
-    """Show how far a run came, one figure a row; empty where nothing was trained."""
+def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Table:
+    """Show how far a run came, one figure a row, beside re-estimates where there are some; empty without a training.
+
+    Args:
+        run: the run.
+        reestimates: of its fitnesses; those of the most seeds that have its best network are shown.
+    """
     found = improvement(run)
     rows: list[tuple[str, float | int | Percent | None]] = []
     if found is not None:
@@ -150,13 +158,30 @@ def improvement_table(run: Run) -> Table:
             *((f"part of it that was reached by generation {at}", Percent(share)) for at, share in found.by_generation),
             ("trainable candidates, mean over generations", percent(found.trainable)),
             ("coverage at the end", Percent(found.coverage)),
+            *_reestimated(run, reestimates),
         ]
     return Table(
         name=f"improvement_{run.task}",
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
+        notes=(ONE_DRAW,),
     )
+
+
+def _reestimated(run: Run, reestimates: Sequence[Reestimates]) -> list[tuple[str, float | Percent]]:
+    """Return what other seeds give for the improvement over the baseline, by the re-estimates of the most seeds."""
+    for one in sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name)):
+        best = run.ranked()[0].id
+        reference, found = one.noise.networks[0].median, one.of(best)
+        if found is not None and reference:
+            words = f"re-estimated, median of {counted(one.noise.seeds, 'other seed')}"
+            return [
+                (f"fitness of the baseline, {words}", reference),
+                (f"best fitness, {best}, {words}", found.median),
+                (f"improvement over the baseline, {words}", Percent((reference - found.median) / reference)),
+            ]
+    return []
 
 
 def lineage_table(run: Run, name: str) -> Table:

@@ -43,6 +43,7 @@ def beside_published(runs: Sequence[Run]) -> Table:
         rows=tuple((run.name, *row) for run in runs for row in _rows(run)),
         notes=(
             "The paper does not say against what the best fitness improved, so its figure stands beside both ours.",
+            "Improvements compare single draws, one training seed a network, here and there.",
             "Trainable candidates: mean over the generations after the first, of first answers.",
             "The number of niches is not stated; the published coverages fit 25, 50 and 100.",
             *(_differences(run) for run in runs),

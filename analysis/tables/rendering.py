@@ -106,9 +106,7 @@ WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_lat
 def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
     """Write a table in every format, by the name of its file.
 
-    Args:
-        table: what to write.
-        prefix: of its label in LaTeX, so that tables of several runs may stand in one document.
+    The prefix is that of its label in LaTeX, so that tables of several runs may stand in one document.
 
     Raises:
         ValueError: a cell is NaN or infinite.

@@ -39,11 +39,6 @@ _DESCRIPTIONS = {
 def metadata(subject: Subject, terms: Terms, names: Iterable[str]) -> str:
     """Write `ro-crate-metadata.json`.
 
-    Args:
-        subject: what is published.
-        terms: how.
-        names: of all other members.
-
     Returns:
         JSON-LD in which nothing depends on when and where it is written.
     """
@@ -73,8 +68,8 @@ def metadata(subject: Subject, terms: Terms, names: Iterable[str]) -> str:
 
 def _add_action(crate: ROCrate, subject: Subject) -> None:
     """Name the software that made the run, as the Process Run Crate profile does."""
-    version, jobs = subject.first["versions"]["tacevo"], subject.jobs
-    named = "The searches of a sweep" if jobs else f"The search of {subject.first['name']}"
+    version, jobs = subject.first.record.versions["tacevo"], subject.jobs
+    named = "The searches of a sweep" if jobs else f"The search of {subject.first.record.name}"
     about = {"name": "TacEvo", "softwareVersion": version}
     software = crate.add(SoftwareApplication(crate, "#tacevo", properties=about))
     action = crate.add(ContextEntity(crate, "#search", properties={"@type": "CreateAction", "name": named}))

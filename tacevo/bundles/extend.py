@@ -7,16 +7,16 @@ stores.
 
 import json
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from tacevo.bundles.open import Opened, check_walls
-from tacevo.config.compose import compose, from_plain, to_plain
-from tacevo.config.identity import identity
+from tacevo.config.checks import check_together
+from tacevo.config.compose import compose
+from tacevo.config.identity import identity, llm_identity
 from tacevo.config.recorded import read_recorded
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import Json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
@@ -59,22 +59,19 @@ def continue_run(
     recorded = read_recorded(run)
     config = continued(recorded.config, overrides)
     eras = _eras(recorded.eras, recorded.config.search.generations, mix_rules, view)
-    _refuse_same_folder(config, run)
-    require_means(config)
+    if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
+        raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
+    llm = require_means(config)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
     lines = counted(len(recorded.ledger.lines), "ledger line")
     view.say(f"{lines} replayed; {written} of {len(read)} store entries were new here")
-    return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras)
+    return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras, llm=llm)
 
 
 def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: Progress) -> tuple[RulesLine, ...]:
-    """List the eras of a continued run: those of the published one and, where its rules are old, one more.
-
-    Raises:
-        RunError: they are old, and the user did not ask for a mix.
-    """
+    """List the eras of a continued run: those of the published one and, where its rules are old, one more."""
     last = eras[-1].rules
     if last == CURRENT:
         return eras
@@ -97,19 +94,16 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     its answers (server, price table, mode), are the defaults here and not those of the published run: a stranger's run
     must not choose where a key is sent.
 
-    Args:
-        published: the run's configuration.
-        overrides: as `tacevo search` takes them.
-
     Raises:
         ConfigError: an override would make it another run, or not a longer one; the message names the key.
     """
-    chosen, plain = to_plain(compose(overrides)), to_plain(published)
-    plain |= {group: chosen[group] for group in _HERE}
-    plain["llm"] = chosen["llm"] | {key: plain["llm"][key] for key in identity(published)["llm"]}
+    chosen = compose(overrides)
+    decisive = {key: getattr(published.llm, key) for key in llm_identity(published.llm)}
+    here = {group: getattr(chosen, group) for group in _HERE}
+    config = replace(published, llm=replace(chosen.llm, **decisive), **here)
     for override in overrides:
-        _lay(override, chosen, plain)
-    config = from_plain(plain)
+        config = _laid(override, chosen, config)
+    check_together(config)
     changed = differences(identity(published), identity(config))
     if changed:
         was, now = (json.dumps(value_at(identity(each), changed[0])) for each in (published, config))
@@ -121,22 +115,14 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
     return config
 
 
-def _refuse_same_folder(config: RunConfig, published: Path) -> None:
-    if config.run.dir is not None and Path(config.run.dir).resolve() == published.resolve():
-        raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
-
-
-def _lay(override: str, chosen: dict[str, Json], plain: dict[str, Json]) -> None:
-    """Take what an override sets, a key or a group, from the composed settings.
-
-    Raises:
-        ConfigError: it sets something that a continued run takes from the published one.
-    """
-    key = override.partition("=")[0]
-    *groups, name = key.split(".")
-    if (groups or [name])[0] not in plain or key == "task" or groups[:1] == ["task"]:
+def _laid(override: str, chosen: RunConfig, config: RunConfig) -> RunConfig:
+    """Return a configuration with what an override sets, a key or a group, as it was composed."""
+    key, _, value = override.partition("=")
+    group, _, name = key.partition(".")
+    if not hasattr(config, group) or group == "task":
         expected = "no other: a continued run has the task and the experiment of the published one"
-        raise ConfigError(override.partition("=")[2], place=key, expected=expected)
-    for group in groups:
-        chosen, plain = chosen[group], plain[group]
-    plain[name] = chosen[name]
+        raise ConfigError(value, place=key, expected=expected)
+    settings = getattr(chosen, group)
+    if name:
+        settings = replace(getattr(config, group), **{name: getattr(settings, name)})
+    return replace(config, **{group: settings})

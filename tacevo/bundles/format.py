@@ -60,10 +60,7 @@ _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
 def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
-    """Write a bundle from its members, without the manifest; equal members give equal bytes.
-
-    Returns:
-        The file, and the bundle's digest.
+    """Return the file of members that lack the manifest, and its digest; equal members give equal bytes.
 
     Raises:
         RunError: a member's name is not one that a bundle may have, e.g. because a task's name holds strange letters.
@@ -77,14 +74,9 @@ def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
 
 
 def unpack_verified(source: Path, folder: Path) -> str:
-    """Unpack a bundle into an empty directory, its store entries into `store`, and compare it with its manifest.
+    """Unpack a bundle into an empty directory, its store entries into `store`; return its digest.
 
-    Args:
-        source: the file.
-        folder: the caller removes it, also if this fails.
-
-    Returns:
-        The bundle's digest.
+    It is compared with its manifest. The caller removes the directory, also if this fails.
 
     Raises:
         BundleError: it is damaged, or holds what none should; the message names the place.
@@ -120,11 +112,7 @@ def refusing() -> Iterator[None]:
 
 
 def _check_layout(source: Path, names: Collection[str]) -> None:
-    """Check that every file that a bundle needs is there, and that it is either one run or a sweep.
-
-    Raises:
-        BundleError: a file is missing, or one is there that belongs to neither.
-    """
+    """Check that every file that a bundle needs is there, and that it is either one run or a sweep."""
     is_sweep = any(name.startswith(f"{SWEEP}/") for name in names)
     runs = {name.split("/")[1] for name in names if name.startswith(f"{SWEEP}/") and name != JOBS}
     folders = [f"{SWEEP}/{run}" for run in sorted(runs)] if is_sweep else ["run"]
@@ -138,11 +126,7 @@ def _check_layout(source: Path, names: Collection[str]) -> None:
 
 
 def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> None:
-    """Compare the members with the manifest.
-
-    Raises:
-        BundleError: a member is not what it says, or one of the two has a member more.
-    """
+    """Compare the members with the manifest."""
     listed: dict[str, str] = {}
     for number, line in enumerate(manifest.splitlines(), start=1):
         match = _MANIFEST_LINE.fullmatch(line)

@@ -44,10 +44,7 @@ class Opened:
         return (self.folder,) if self.jobs is None else tuple(self.folder / job for job in self.jobs)
 
     def one_run(self, remedy: str) -> Path:
-        """Return the directory of its only run.
-
-        Args:
-            remedy: what a user who gave a sweep can do instead.
+        """Return the directory of its only run; `remedy` is what a user who gave a sweep can do instead.
 
         Raises:
             RunError: it is a sweep.
@@ -60,9 +57,6 @@ class Opened:
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Opened]:
     """Open the directory of a run or a sweep; or a bundle, compared with its manifest, in a private directory.
-
-    Args:
-        path: the directory or the file.
 
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
@@ -91,13 +85,7 @@ def located(path: Path) -> Opened:
 
 
 def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
-    """Do something with every run in turn; for a sweep, lines and errors name the job.
-
-    Args:
-        found: one run, or a sweep.
-        act: takes the directory of a run.
-        say: called with a line for each job.
-    """
+    """Do something with every run in turn; for a sweep, lines and errors name the job."""
     if found.jobs is None:
         return (act(found.folder),)
     done = []
@@ -154,11 +142,7 @@ def _unpacked(source: Path, folder: Path) -> Opened:
 
 
 def _jobs(folder: Path) -> tuple[str, ...]:
-    """Read the names of a sweep's jobs.
-
-    Raises:
-        RunError: sweep.json is damaged, has no jobs, or names one twice.
-    """
+    """Read the names of a sweep's jobs."""
     _, jobs = SweepDirectory(folder).read()
     names = tuple(job.name for job in jobs)
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -169,11 +153,7 @@ def _jobs(folder: Path) -> tuple[str, ...]:
 
 
 def _check_finished(directory: SweepDirectory) -> None:
-    """Check that every job of a sweep is finished: results of a part of it would be another sweep's.
-
-    Raises:
-        RunError: some did not; the message names them all.
-    """
+    """Check that every job of a sweep is finished: results of a part of it would be another sweep's."""
     unfinished = []
     for job in directory.read()[1]:
         if finished_digest(directory.run(job)) is None:
@@ -189,11 +169,7 @@ def _check_finished(directory: SweepDirectory) -> None:
 
 
 def _store_of(found: Opened) -> Path:
-    """Read which stores the runs have.
-
-    Raises:
-        RunError: this is not a run directory, or a sweep whose runs have several stores.
-    """
+    """Read which stores the runs have."""
     roots = set()
     for run in found.runs:
         config, _, _ = read_run(RunDirectory(run))

@@ -1,7 +1,7 @@
 """What describes a published run or sweep to people: its README, licence and citation; pure."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -10,8 +10,10 @@ from textwrap import fill
 
 import yaml
 
+from tacevo.choices import DataSource, Provider
+from tacevo.config.recorded import RecordedRun
+from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Json
 from tacevo.storage.sweep_directory import Job, sweep_digest
 from tacevo.text import counted
 
@@ -55,18 +57,16 @@ class Terms:
 class Subject:
     """What is published."""
 
-    #: What run.json holds, of one run or of a sweep's runs in the order of its jobs.
-    runs: tuple[Mapping[str, Json], ...]
-    #: Lines of their ledgers that are candidates.
-    candidates: int
+    #: One run, or a sweep's runs in the order of its jobs.
+    runs: tuple[RecordedRun, ...]
     #: Digest of each study, by name, for each run.
     studies: tuple[Mapping[str, str], ...]
     #: Of a sweep.
     jobs: tuple[Job, ...] = ()
 
     @property
-    def first(self) -> Mapping[str, Json]:
-        """Of the first run, which stands for all where a sweep's runs agree."""
+    def first(self) -> RecordedRun:
+        """The first run, which stands for all where a sweep's runs agree."""
         return self.runs[0]
 
     @property
@@ -78,8 +78,8 @@ class Subject:
     def digest(self) -> str:
         """The digest of the run's ledger, or of the sweep."""
         if not self.jobs:
-            return str(self.first["digest"])
-        return sweep_digest({job.name: run["digest"] for job, run in zip(self.jobs, self.runs, strict=True)})
+            return self.first.ledger.digest
+        return sweep_digest({job.name: run.ledger.digest for job, run in zip(self.jobs, self.runs, strict=True)})
 
     @property
     def folder(self) -> str:
@@ -89,73 +89,66 @@ class Subject:
     @property
     def title(self) -> str:
         """Give its title in a line."""
-        task = self.first["task"]["name"]
+        task = self.first.record.task.name
         if self.jobs:
             return f"TacEvo sweep of {counted(len(self.jobs), 'run')}: architecture searches, task {task}"
-        return f"TacEvo run {self.first['name']}: architecture search, task {task}"
+        return f"TacEvo run {self.first.record.name}: architecture search, task {task}"
 
     @property
     def description(self) -> str:
         """Say in a few sentences what it is, and what answered."""
-        config = self.first["config"]
-        count = sum(map(len, self.studies))
+        count, candidates = sum(map(len, self.studies)), sum(len(run.candidates) for run in self.runs)
         studies = "1 study" if count == 1 else f"{count} studies"
-        sizes = f"{counted(self.candidates, 'candidate')}, {studies}"
-        answers = dict.fromkeys(origin_of_answers(run["config"]) for run in self.runs)
-        data = dict.fromkeys(origin_of_data(run["config"]) for run in self.runs)
+        sizes = f"{counted(candidates, 'candidate')}, {studies}"
+        answers = dict.fromkeys(origin_of_answers(run.config) for run in self.runs)
+        data = dict.fromkeys(origin_of_data(run.config) for run in self.runs)
         if self.jobs:
             arms = ", ".join(dict.fromkeys(job.arm for job in self.jobs))
             seeds = ", ".join(map(str, sorted({job.seed for job in self.jobs})))
             what, which = "A sweep of finished architecture searches", f"arms {arms}, seeds {seeds}"
         else:
-            what, which = "A finished architecture search", f"seed {config['seed']}"
-        what += f" for tactile perception: task {self.first['task']['name']}, {which}, {sizes}."
+            what, which = "A finished architecture search", f"seed {self.first.config.seed}"
+        what += f" for tactile perception: task {self.first.record.task.name}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
         return " ".join([what, *answers, *data, digest])
 
 
-def origin_of_answers(config: Mapping[str, Json]) -> str:
+def origin_of_answers(config: RunConfig) -> str:
     """Say what answered the requests, and plainly where that was no language model."""
-    llm = config["llm"]
-    if llm["provider"] == "grammar":
+    if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
-    return f"Answers by the language model {llm['model']} (llm={llm['provider']})."
+    return f"Answers by the language model {config.llm.model} (llm={config.llm.provider})."
 
 
-def origin_of_data(config: Mapping[str, Json]) -> str:
+def origin_of_data(config: RunConfig) -> str:
     """Say where the images come from."""
-    if config["data"]["source"] == "simulated":
+    if config.data.source is DataSource.simulated:
         return "Images of a simulated sensor, not of a real one."
-    return f"Recorded images (data={config['data']['source']}), which are not part of this bundle."
+    return f"Recorded images (data={config.data.source}), which are not part of this bundle."
 
 
 def readme(subject: Subject, *, has_lock: bool) -> str:
-    """Write the README from its template, `readme.template.md`.
-
-    Args:
-        subject: what is published.
-        has_lock: whether a lock file is in the bundle.
-    """
+    """Write the README from its template, `readme.template.md`."""
     run, is_sweep = subject.first, bool(subject.jobs)
-    data, config = run["data"], run["config"]
-    train, validation, test = data["counts"]
+    record, config = run.record, run.config
+    train, validation, test = record.data.counts
     template = Template((Path(__file__).parent / "readme.template.md").read_text(encoding="utf-8"))
     values = {
-        **run["versions"],
-        **run["machine"],
+        **record.versions,
+        **record.machine,
         "title": subject.title,
         "description": subject.description,
         "which": "every" if is_sweep else "the",
         "digests": "\n".join(_digests(subject)),
-        "fingerprint": data["fingerprint"],
+        "fingerprint": record.data.fingerprint,
         "train": train,
         "validation": validation,
         "test": test,
-        "image_size": data["image_size"],
+        "image_size": record.data.image_size,
         "source": _origin(run, subject.folder),
         "of_which": " (the first run; the others say theirs)" if is_sweep else "",
-        "numerics": config["numerics"]["kind"],
-        "device": config["training"]["device"],
+        "numerics": config.numerics.kind,
+        "device": config.training.device,
         "folder": subject.folder,
         "lock": "requirements.lock pins every package." if has_lock else "No lock file of these versions was at hand.",
         "contents": _OF_SWEEP if is_sweep else _OF_RUN,
@@ -180,30 +173,31 @@ def _digests(subject: Subject) -> list[str]:
     names = [f"run of job `{job.name}`" for job in subject.jobs] or ["ledger"]
     lines = [f"- sweep `{subject.digest}`"] if subject.jobs else []
     for name, run, studies in zip(names, subject.runs, subject.studies, strict=True):
-        lines.append(f"- {name} `{run['digest']}`")
+        lines.append(f"- {name} `{run.ledger.digest}`")
         lines += [f"- study `{study}`, digest `{digest}`" for study, digest in sorted(studies.items())]
     return lines
 
 
-def _origin(run: Mapping[str, Json], folder: str) -> str:
+def _origin(run: RecordedRun, folder: str) -> str:
     """Say how to make or obtain the data set of a run."""
-    config = run["config"]["data"]
-    if config["source"] == "simulated":
-        settings = [f"task={run['task']['name']}", *(f"data.{key}={_plain(config[key])}" for key in _SIMULATED)]
+    data = run.config.data
+    if data.source is DataSource.simulated:
+        given = (f"data.{key}={_plain(getattr(data, key))}" for key in _SIMULATED)
+        settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"
             f"    tacevo data simulate {' '.join(settings)} out=FOLDER"
         )
     return (
-        f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{config['root']}` "
+        f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{data.root}` "
         "(data.root) into the working directory; tacevo refuses any with another fingerprint. "
         f"{folder}/run.json says in `config.data` how they are read."
     )
 
 
-def _plain(value: Json) -> str:
+def _plain(value: object) -> str:
     """Write a setting as on a command line."""
-    return f"[{','.join(map(str, value))}]" if isinstance(value, list) else str(value)
+    return f"[{','.join(map(str, value))}]" if isinstance(value, tuple) else str(value)
 
 
 def licence(terms: Terms) -> str:
@@ -217,7 +211,6 @@ def licence(terms: Terms) -> str:
 
 def citation(subject: Subject, terms: Terms) -> str:
     """Write CITATION.cff (Citation File Format 1.2.0)."""
-    authors: Sequence[dict[str, str]] = [{"name": author} for author in terms.authors]
     return yaml.safe_dump(
         {
             "cff-version": "1.2.0",
@@ -225,7 +218,7 @@ def citation(subject: Subject, terms: Terms) -> str:
             "type": "dataset",
             "title": subject.title,
             "abstract": subject.description,
-            "authors": authors or [{"name": "anonymous"}],
+            "authors": [{"name": author} for author in terms.authors or ("anonymous",)],
             "date-released": date.fromisoformat(terms.published),
             "license": terms.licence,
             "version": subject.digest,

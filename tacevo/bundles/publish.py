@@ -19,7 +19,6 @@ from tacevo.config.identity import config_hash
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import to_json
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import published_config, published_overrides
@@ -99,12 +98,7 @@ def publish(
 
 
 def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
-    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear.
-
-    Raises:
-        DivergenceError: the sweep's jobs are not what its sweep.json says.
-        RunError: a run is not finished, or a study is not one of its finished ones.
-    """
+    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear."""
     if found.jobs is None:
         run = _publishable(read_recorded(found.folder))
         target = folder / run.record.name
@@ -175,13 +169,9 @@ def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[Study
 
 
 def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
-    """Choose the studies of a run: those that were named, or all that are finished.
-
-    Raises:
-        RunError: one that was named is not a finished study of this run.
-    """
+    """Choose the studies of a run: those that were named, or all that are finished."""
     every = studies_of(run)
-    whole = [study for study in every if _is_finished(study, digest)]
+    whole = [study for study in every if (found := study.read()).digest is not None and found.run == digest]
     if not chosen:
         for study in every:
             if study not in whole:
@@ -193,11 +183,6 @@ def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> 
             finished = ", ".join(str(study.path) for study in whole) or "none"
             raise RunError(str(path), expected=f"the directory of a finished study of {run}: {finished}")
     return [by_place[place] for place in sorted({path.resolve() for path in chosen})]
-
-
-def _is_finished(study: StudyDirectory, digest: str) -> bool:
-    recorded = study.read()
-    return recorded.digest is not None and recorded.run == digest
 
 
 def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
@@ -221,8 +206,7 @@ def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     """Gather what the pages say of what is published."""
     jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
     return Subject(
-        runs=tuple(to_json(done.run.record) for done in runs),
-        candidates=sum(len(done.run.candidates) for done in runs),
+        runs=tuple(done.run for done in runs),
         studies=tuple(done.studies for done in runs),
         jobs=jobs,
     )
@@ -234,7 +218,7 @@ def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str, bytes]:
     """Write what describes a bundle, the metadata last: it lists all others."""
-    lock = _lock(subject.first["versions"])
+    lock = _lock(subject.first.record.versions)
     texts = {
         "README.md": readme(subject, has_lock=lock is not None),
         "LICENSE.txt": licence(terms),

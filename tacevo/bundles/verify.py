@@ -27,9 +27,6 @@ from tacevo.studies.directory import name_study, studies_of
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
-#: Makes every table, from the directories of a run or a sweep and of its stores; returns contents by file name.
-MakeTables = Callable[[Path, Path], Mapping[str, bytes]]
-
 #: What to do about a miss in a bundle, whose user has no other store and records nothing.
 _INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
@@ -65,13 +62,10 @@ class Verified:
     figures: int
 
 
-def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
+def verify(bundle: Opened, make_tables: Callable[[Path, Path], Mapping[str, bytes]], view: Progress) -> Verified:
     """Replay a bundle from its own store entries, and compare everything that follows from them.
 
-    Args:
-        bundle: opened, hence complete and as its manifest says.
-        make_tables: makes the tables.
-        view: shows how far it is.
+    Tables, by their file names, are made from the directories of a run or a sweep and of its stores.
 
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
@@ -104,12 +98,7 @@ def verify(bundle: Opened, make_tables: MakeTables, view: Progress) -> Verified:
 
 
 def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
-    """Run a search and its studies again, and compare all of its own files.
-
-    Args:
-        run: the run.
-        view: shows how far it is.
-        seen: called with every store entry that is read.
+    """Run a search and its studies again, and compare all of its own files; `seen` gets every store entry that is read.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
@@ -127,9 +116,6 @@ def check_sizes(run: RecordedRun) -> None:
     """Check that a run has as many candidates and scores as its configuration and its studies say.
 
     Otherwise a few digits could ask for more memory than there is.
-
-    Raises:
-        RunError: they do not.
     """
     search, lines = run.config.search, len(run.ledger.lines)
     expected = 1 + (1 + search.initial + 1) + search.generations * (search.candidates + 1) + len(run.eras) - 1
@@ -145,11 +131,7 @@ def check_sizes(run: RecordedRun) -> None:
 
 
 def check_records(run: RecordedRun, replayed: Replayed) -> None:
-    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release.
-
-    Raises:
-        DivergenceError: they are not what follows from the records.
-    """
+    """Compare the costs and the summary of a run with its replay; the summary only if it is of this release."""
     remedy = "the command that began the run writes it again"
     path = run.directory.path
     spending = run.directory.read_spending()
@@ -169,11 +151,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
 
 
 def _check_names(run: Path, replayed: Collection[str]) -> None:
-    """Check the name of every replayed study; tables and figures of it bear that name.
-
-    Raises:
-        DivergenceError: one is not.
-    """
+    """Check the name of every replayed study; tables and figures of it bear that name."""
     for study in studies_of(run):
         if study.path.name not in replayed:
             continue
@@ -187,15 +165,7 @@ def _check_names(run: Path, replayed: Collection[str]) -> None:
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
-    """Compare tables with those that were made again.
-
-    Args:
-        folder: of the published ones.
-        made: contents by file name.
-
-    Raises:
-        DivergenceError: the first difference, with table, row and column.
-    """
+    """Compare tables with those that were made again; the error names table, row and column of the first difference."""
     there = {path.name for path in folder.glob("*")}
     for name in sorted(there ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"
@@ -247,11 +217,7 @@ def _first_line(was: str, now: str) -> str | None:
 
 
 def _check_files(run: Path, checked: Rerun) -> None:
-    """Check that a run has no candidate or study beside those that were compared.
-
-    Raises:
-        BundleError: it has.
-    """
+    """Check that a run has no candidate or study beside those that were compared."""
     found = {
         "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
         "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
@@ -262,11 +228,7 @@ def _check_files(run: Path, checked: Rerun) -> None:
 
 
 def _check_entries(store: Path, read: Set[Path]) -> None:
-    """Check that every store entry of a bundle was needed by a run of it.
-
-    Raises:
-        BundleError: one was not.
-    """
+    """Check that every store entry of a bundle was needed by a run of it."""
     names = {path.name for path in read}
     for path in sorted(store.rglob("*.json")):
         if path.name not in names:

@@ -64,16 +64,9 @@ def packed(members: Mapping[str, bytes]) -> bytes:
 
 
 def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) -> dict[str, str]:
-    """Write every member of a zip file into an empty directory.
+    """Write every member of a zip file into an empty directory; return the SHA-256 of each, by name.
 
-    Args:
-        source: the file.
-        folder: where to; the caller removes it, also where this fails.
-        places: the names that members may have.
-        budget: what may be unpacked.
-
-    Returns:
-        The SHA-256 of each member, by name.
+    The caller removes the directory, also if this fails. Only members with a name of `places` are written.
 
     Raises:
         BundleError: it is damaged, or holds what `packed` never writes.

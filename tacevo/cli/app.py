@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import gc
 import importlib
 import signal
 import sys
@@ -22,7 +23,8 @@ COMMANDS = {
     "continue": ("reproduce", "continue a published run from its end"),
     "sweep": ("sweep", "list how the jobs of a sweep stand (`tacevo search -m` runs them)"),
     "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
-    "tables": ("analysis", "write every table of a run, in LaTeX, Markdown and CSV"),
+    "noise": ("study", "train a run's elites again as its search did, with other seeds: what its figures are worth"),
+    "tables": ("tables", "write every table of a run, in LaTeX, Markdown and CSV"),
     "figures": ("analysis", "draw every figure of a run, for a paper"),
     "report": ("analysis", "write one page to look into a run or a sweep"),
     "watch": ("watch", "serve that page, live, for a search that runs"),
@@ -55,6 +57,7 @@ examples:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     signal.signal(signal.SIGTERM, _interrupt)
+    gc.set_threshold(100_000, 20, 100)  # figures and tables make many objects that live on; a tenth of their time
     options = argparse.Namespace(interrupted="nothing was begun")
     try:
         options = _parsed(sys.argv[1:] if arguments is None else arguments)

@@ -43,20 +43,20 @@ def place_of_results(output: str | None, source: str, name: str, what: str) -> P
     return Path(source) / name
 
 
-def output_folder(name: str | Path) -> Path:
+def output_directory(name: str | Path) -> Path:
     """Make the directory of results before any work is done for them.
 
     Raises:
         ConfigError: it cannot be made, or nothing can be written into it.
     """
-    folder, expected = Path(name), "a directory that results can be written to"
+    directory, expected = Path(name), "a directory that results can be written to"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(str(error.strerror), place=str(folder), expected=expected) from error
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError("a write-protected one", place=str(folder), expected=expected, remedy="name another by -o")
-    return folder
+        raise ConfigError(str(error.strerror), place=str(directory), expected=expected) from error
+    if not os.access(directory, os.W_OK | os.X_OK):
+        raise ConfigError("a write-protected one", place=str(directory), expected=expected, remedy="name another by -o")
+    return directory
 
 
 class Parser(argparse.ArgumentParser):

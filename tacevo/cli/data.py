@@ -31,34 +31,27 @@ def add_data(parser: Parser) -> None:
         help="load a data set as a search would, count it, and draw a contact sheet",
         description="Load a data set as a search would, count it, and draw a contact sheet. "
         "The exit status is 1 if two splits share an image.",
-        fromfile_prefix_chars="@",
     )
-    check.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     check.add_argument("-o", "--output", metavar="FILE", help="the contact sheet: .png, .pdf or .svg")
     check.add_argument("--json", action="store_true", help="the findings as one JSON object")
-    check.set_defaults(command=_check)
 
     show = choices.add_parser(
         "show",
         help="draw a few samples with their labels, for a paper",
         description="Draw a few samples with their labels: one of each class or level, or from the least to the most.",
-        fromfile_prefix_chars="@",
     )
-    show.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     show.add_argument("-o", "--output", metavar="FILE", required=True, help="the figure: .png, .pdf or .svg")
     show.add_argument("--width", choices=["single", "double"], default="double", help="columns of a paper")
-    show.set_defaults(command=_show)
 
-    simulate = choices.add_parser(
-        "simulate",
-        help="write a simulated data set as images and labels, in TacVerse's layout",
-        description="Write a simulated data set as images and labels, in TacVerse's layout; the directory is whole or "
-        "absent.",
-        fromfile_prefix_chars="@",
-    )
-    settings = "out=DIR, n=IMAGES, or an override: " + OVERRIDE
-    simulate.add_argument("overrides", nargs="+", metavar="SETTING", help=settings)
-    simulate.set_defaults(command=_simulate)
+    line = "write a simulated data set as images and labels, in TacVerse's layout"
+    simulate = choices.add_parser("simulate", help=line, description=f"W{line[1:]}; the directory is whole or absent.")
+
+    settings = f"out=DIR, n=IMAGES, or an override: {OVERRIDE}"
+    takes = {check: (_check, "*", "OVERRIDE", OVERRIDE), show: (_show, "*", "OVERRIDE", OVERRIDE)}
+    for action, (command, count, name, words) in {**takes, simulate: (_simulate, "+", "SETTING", settings)}.items():
+        action.fromfile_prefix_chars = "@"
+        action.add_argument("overrides", nargs=count, metavar=name, help=words)
+        action.set_defaults(command=command)
 
 
 def _check(options: argparse.Namespace) -> int:

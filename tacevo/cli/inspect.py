@@ -123,7 +123,7 @@ def _recorded(path: Path, text: str) -> tuple[str, str]:
 def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
     """Return a file's verdict as the fields of its line."""
     if isinstance(admission, Admitted):
-        absent: Json = {"stage": None, "reason": None, "detail": None}
+        absent: dict[str, Json] = {"stage": None, "reason": None, "detail": None}
         return {"file": file, "verdict": "admitted", **absent, "parameters": admission.profile.parameters}
     return {"file": file, "verdict": "rejected", **to_json(admission), "parameters": None}
 
@@ -246,9 +246,9 @@ def examine() -> tuple[str, bool]:
     """
     held: list[tuple[str, ...]] = []
     checks: dict[str, Callable[[], str]] = {
-        "configs": _configs,
+        "configs": lambda: str(conf_root()),
         "sandbox": partial(_sandbox, held.append),
-        "current directory": _folder,
+        "current directory": _directory,
     }
     results = {name: _tried(check) for name, check in checks.items()}
     confinement = in_force(held[0]) if held else report()
@@ -270,10 +270,6 @@ def _tried(check: Callable[[], str]) -> tuple[bool, str]:
         return False, str(error)
 
 
-def _configs() -> str:
-    return str(conf_root())
-
-
 def _sandbox(notice: Notice) -> str:
     """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
     config, task = task_without_data("force", 32)
@@ -288,7 +284,7 @@ def _sandbox(notice: Notice) -> str:
     return f"the baseline of task force is admitted, with {verdict.profile.parameters:,} parameters"
 
 
-def _folder() -> str:
+def _directory() -> str:
     """Write a file where runs and stores go by default."""
     with tempfile.NamedTemporaryFile(dir=Path.cwd()) as file:
         file.write(b"tacevo")

@@ -3,10 +3,8 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from analysis.figures.style import render
-from analysis.report import sweep_collection
-from analysis.report.collection import Collection, collect, pictures_of, tables_of
-from analysis.report.figure_list import Picture
+from analysis.report.collection import collect, tables_of
+from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.runs.run import load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published
@@ -17,46 +15,44 @@ from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 
 
-def table_files(folder: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
+def table_files(directory: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
     """Make every table of a run or a sweep from its records and recorded probes; return contents by file name.
 
-    Args:
-        folder: of the run or the sweep.
-        store: of its stores.
-        say: called with the reason if a sweep has no tables of its arms.
+    `say` is called with the reason if a sweep has no tables of its arms.
     """
-    is_sweep = SweepDirectory(folder).is_one
-    return _of_sweep(folder, store, say)[0] if is_sweep else _tables(collect(folder, store), store)
+    if SweepDirectory(directory).is_one:
+        return _of_sweep(directory, store, say)[0]
+    return _files(tables_of(collect(directory, store), recall_profiles(directory, str(store))))
 
 
-def pages(folder: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], dict[str, bytes]]:
+def pages(directory: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Make every table, as `table_files`, and every figure that follows from the records; return contents by name."""
-    if SweepDirectory(folder).is_one:
-        tables, pictures = _of_sweep(folder, store, say)
-        return tables, _drawn(pictures)
-    found = collect(folder, store)
-    return _tables(found, store), _drawn(pictures_of(found))
+    from analysis.figures.style import render  # Matplotlib takes a second to import, and a replay draws nothing
+    from analysis.report.figure_list import pictures_of, sweep_pictures
+
+    if SweepDirectory(directory).is_one:
+        tables, swept = _of_sweep(directory, store, say)
+        pictures = () if swept is None else sweep_pictures(swept)
+    else:
+        found = collect(directory, store)
+        tables = _files(tables_of(found, recall_profiles(directory, str(store))))
+        pictures = pictures_of(found)
+    return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
-def _of_sweep(folder: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], tuple[Picture, ...]]:
-    """Make the tables and list the figures of a sweep; without a fair comparison it has none of arms."""
-    beside = beside_published([load_run(run) for run in located(folder).runs])
+def _of_sweep(
+    directory: Path, store: Path, say: Callable[[str], object]
+) -> tuple[dict[str, bytes], SweepCollection | None]:
+    """Make the tables of a sweep, and read what its figures show; without a fair comparison there are none of arms."""
+    beside = beside_published([load_run(run) for run in located(directory).runs])
     try:
-        found = sweep_collection.collect_sweep(folder, store)
+        found = collect_sweep(directory, store)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
-        reason = str(error).replace(str(folder), "the sweep")  # which may lie in a private directory
+        reason = str(error).replace(str(directory), "the sweep")  # which may lie in a private directory
         say(f"no table or figure compares the arms: {reason}")
-        return _files([beside]), ()
-    return _files([beside, *sweep_collection.tables_of(found)]), sweep_collection.pictures_of(found)
-
-
-def _tables(found: Collection, store: Path) -> dict[str, bytes]:
-    return _files(tables_of(found, recall_profiles(found.run.path, str(store))))
+        return _files([beside]), None
+    return _files([beside, *sweep_tables(found)]), found
 
 
 def _files(tables: Iterable[Table]) -> dict[str, bytes]:
     return {name: text.encode() for table in tables for name, text in table_texts(table).items()}
-
-
-def _drawn(pictures: Iterable[Picture]) -> dict[str, bytes]:
-    return {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}

@@ -1,17 +1,20 @@
-"""The command `tacevo study`."""
+"""The commands `tacevo study` and `tacevo noise`."""
 
 import argparse
+from collections.abc import Mapping
+from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
-from tacevo.config.compose import compose_study
+from tacevo.config.compose import compose_noise, compose_study
 from tacevo.runs.progress import Progress
-from tacevo.studies.study import study
+from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
     "run": "the directory of a finished run; required",
-    "elites": "how many elites, best validation loss first, beside the baseline (4)",
+    "elites": "how many elites, best first, beside the baseline (4)",
+    "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); the first unless set",
     "seeds": "training seeds of each network (20)",
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
     "seconds": "the longest time of one training (86400)",
@@ -25,40 +28,88 @@ SETTINGS = {
     "store.root": "the directory of the stores (that of the run)",
 }
 
+#: The same of a noise run; conf/noise.yaml has the defaults.
+NOISE_SETTINGS = {
+    "elites": "how many elites, best validation loss first, beside the baseline (all)",
+    "seeds": "training seeds of each network (5)",
+    "executor.workers": SETTINGS["executor.workers"],
+    "store.root": SETTINGS["store.root"],
+}
+
 _EPILOG = """\
 examples:
   tacevo study run=runs/NAME
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
   tacevo study run=runs/NAME margins.regression.value=0.05
 
-The same command continues a study that was stopped. Several processes, on one or more machines that share the run and
-the store, divide the work."""
+"""
+
+_NOISE_EPILOG = """\
+examples:
+  tacevo noise runs/NAME
+  tacevo noise runs/NAME elites=10 seeds=20 executor.workers=8
+
+"""
+
+_CONTINUED = """\
+The same command continues what was stopped. Several processes, on one or more machines that share the run and the
+store, divide the work."""
 
 
 def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
-    width = max(map(len, SETTINGS))
-    settings = "\n".join(f"  {name.ljust(width)}  {meaning}" for name, meaning in SETTINGS.items())
     parser.description = (
         "Train the baseline and the best elites of a finished run fully, each with the same training seeds, and "
         "measure\nthem on the test images. The exit status is 1 if a training did not finish."
     )
-    parser.epilog = f"settings, with their defaults:\n{settings}\n\n{_EPILOG}"
+    _finish(parser, SETTINGS, _EPILOG)
+    parser.set_defaults(command=_study)
+
+
+def add_noise(parser: Parser) -> None:
+    """Describe `tacevo noise`."""
+    parser.description = (
+        "Train the baseline and the elites of a finished run again, as its search did, but with other training seeds,\n"
+        "so that tables and report can say what its recorded fitnesses are worth. No test image is used. The exit "
+        "status\nis 1 if a training did not finish."
+    )
+    parser.add_argument("run", metavar="RUN", help="the directory of a finished run")
+    _finish(parser, NOISE_SETTINGS, _NOISE_EPILOG)
+    parser.set_defaults(command=_noise)
+
+
+def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None:
+    """Describe what both commands have in common."""
+    width = max(map(len, described))
+    settings = "\n".join(f"  {name.ljust(width)}  {meaning}" for name, meaning in described.items())
+    parser.epilog = f"settings, with their defaults:\n{settings}\n\n{examples}{_CONTINUED}"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.fromfile_prefix_chars = "@"
     parser.add_argument("overrides", nargs="*", metavar="SETTING", help="KEY=VALUE, or @FILE with one of them a line")
-    parser.set_defaults(command=_study, interrupted="the trainings that ended are kept, and the same command continues")
+    parser.set_defaults(interrupted="the trainings that ended are kept, and the same command continues")
 
 
 def _study(options: argparse.Namespace) -> int:
     config = compose_study(options.overrides)
     with Progress() as view:
         studied = study(config, view)
+    return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")
+
+
+def _noise(options: argparse.Namespace) -> int:
+    config = compose_noise(options.overrides)
+    with Progress() as view:
+        studied = estimate_noise(Path(options.run), config, view)
+    return _report(studied, "noise run", "lower elites=")
+
+
+def _report(studied: Studied, what: str, remedy: str) -> int:
+    """Print what was trained; return the exit status."""
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
-    print(f"study: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
+    print(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
     for row in studied.failed:
         print(f"failed: {row}")
     if studied.failed:
-        print("no statistics without these: raise seconds= or memory_mib=, or lower elites=")
+        print(f"no statistics without these: {remedy}")
     print(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE

@@ -135,7 +135,11 @@ class LivePage:
         if finished_digest(run) is not None:
             return collect(run.path, self._store)
         begun = load_begun(run.path, self._store)
-        return None if begun is None else Collection(run=begun[0], niches=begun[1], studies=(), left_out=())
+        return (
+            None
+            if begun is None
+            else Collection(run=begun[0], niches=begun[1], studies=(), reestimates=(), left_out=())
+        )
 
     def _compared(self) -> tuple[SweepContents | None, str]:
         """Compare the arms of the finished jobs; or return why not."""

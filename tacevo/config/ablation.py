@@ -18,9 +18,6 @@ NONE = "none"
 def split_arm(overrides: Sequence[str]) -> tuple[str, list[str]]:
     """Separate the choice of an arm from the other overrides.
 
-    Args:
-        overrides: as a user wrote them, each KEY=VALUE.
-
     Returns:
         The arm, `none` if none is chosen, and the other overrides.
     """
@@ -64,14 +61,9 @@ def parse_arm(choice: str, text: str) -> dict[str, Json]:
 
 
 def check_change(choice: str, arm: Mapping[str, Json], without: Mapping[str, Json]) -> None:
-    """Check that an arm is not a copy of the search without it.
+    """Check that an arm is not a copy of the search without it, given as the whole configuration.
 
     An arm's first setting is what it is about; the others only follow from it.
-
-    Args:
-        choice: its name.
-        arm: what it sets, at least one thing.
-        without: the whole configuration that it is laid over, plain.
 
     Raises:
         ConfigError: the search has the arm's first setting already, or does not know the setting.

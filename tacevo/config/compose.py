@@ -20,7 +20,7 @@ from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.checks import check_together
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.schema import RunConfig, keys
-from tacevo.config.study import StudyConfig
+from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
 from tacevo.typed import convert
@@ -51,15 +51,21 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 
 
 def compose_study(overrides: Sequence[str]) -> StudyConfig:
-    """Compose the configuration of a study from overrides such as `run=runs/NAME` and `seeds=5`.
+    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`."""
+    return _compose_command("study", StudyConfig, overrides)
 
-    Raises:
-        ConfigError: as `compose`.
-    """
+
+def compose_noise(overrides: Sequence[str]) -> NoiseConfig:
+    """Compose the configuration of a noise run from overrides such as `seeds=5`; errors are those of `compose`."""
+    return _compose_command("noise", NoiseConfig, overrides)
+
+
+def _compose_command(command: str, kind: type[T], overrides: Sequence[str]) -> T:
+    """Compose the settings of a command from its own file in conf/."""
     _check_settings(overrides)
-    with _hydra(keys(StudyConfig), overrides, command="study"):
-        plain = _plain(hydra_compose("study", overrides=list(overrides)))
-    return _converted(StudyConfig, plain)
+    with _hydra(keys(kind), overrides, command):
+        plain = _plain(hydra_compose(command, overrides=list(overrides)))
+    return _converted(kind, plain)
 
 
 def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -82,7 +88,7 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 def to_plain(config: RunConfig) -> dict[str, Json]:
     """Write a configuration as plain JSON values; `from_plain` reads it back."""
-    return cast(dict[str, Json], to_json(config))
+    return to_json(config)
 
 
 def from_plain(value: Mapping[str, Json]) -> RunConfig:
@@ -160,13 +166,7 @@ def _values(override: Override) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
-    """Let Hydra read conf/, and turn what it raises into an error in the user's words.
-
-    Args:
-        names: what a user may set.
-        overrides: what the user set.
-        command: the user's.
-    """
+    """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
     GlobalHydra.instance().clear()
     try:

@@ -1,8 +1,8 @@
 """What decides the results of a run, and its hash."""
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, Axis, Device, OperatorScope
-from tacevo.config.schema import RunConfig
-from tacevo.records import Json, to_json
+from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind
+from tacevo.config.schema import LLMConfig, RunConfig
+from tacevo.records import Json, to_json, written
 from tacevo.storage.canonical import content_hash
 
 
@@ -14,36 +14,33 @@ def identity(config: RunConfig) -> dict[str, Json]:
     is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
     stays the run it was.
     """
-    whole = to_json(config)
-    chosen = {key: whole[key] for key in ("seed", "archive", "temperature", "prompts", "proposals", "training", "gate")}
-    chosen["search"] = {key: whole["search"][key] for key in ("candidates", "initial")}
-    chosen["llm"] = {key: whole["llm"][key] for key in ("provider", "model", "max_tokens", "slip_rate")}
-    chosen["llm"] |= {key: whole["llm"][key] for key in OPTIONAL_SAMPLING if whole["llm"][key]}
-    if config.training.device is Device.cpu:
-        del chosen["training"]["device"]
-    if not config.proposals.repair_attempts:
-        del chosen["proposals"]["repair_attempts"]
-    if config.prompts.pool is None:
-        del chosen["prompts"]["pool"]
-    if config.proposals.operator_for is OperatorScope.generation:
-        del chosen["proposals"]["operator_for"]
+    archive = {**written(config.archive), "kept": config.archive.kept}
     if config.archive.kind is ArchiveKind.cvt:
-        del chosen["archive"]["kind"], chosen["archive"]["kept"]
-    if config.archive.axes == tuple(Axis):
-        del chosen["archive"]["axes"]
-    chosen["numerics"] = whole["numerics"]["kind"]
-    return chosen
+        del archive["kind"], archive["kept"]
+    return {
+        "seed": config.seed,
+        "search": {"candidates": config.search.candidates, "initial": config.search.initial},
+        "llm": llm_identity(config.llm),
+        "archive": archive,
+        "temperature": written(config.temperature),
+        "prompts": written(config.prompts),
+        "proposals": written(config.proposals),
+        "training": written(config.training),
+        "gate": written(config.gate),
+        "numerics": config.numerics.kind.value,
+    }
+
+
+def llm_identity(llm: LLMConfig) -> dict[str, Json]:
+    """Return the settings of a model that decide its answers; sampling settings only where they are set."""
+    named = ("provider", "model", "max_tokens", "slip_rate")
+    return {name: value for name, value in written(llm).items() if name in named or name in OPTIONAL_SAMPLING}
 
 
 def config_hash(config: RunConfig) -> str:
-    """Hash what decides the results of a job: 64 hex digits."""
-    return content_hash(decisive(config))
-
-
-def decisive(config: RunConfig) -> Json:
-    """Return what decides the results of a job.
+    """Hash what decides the results of a job: 64 hex digits.
 
     Unlike a ledger's header it is known without the data, and holds the number of generations.
     """
-    part = {"config": identity(config), "generations": config.search.generations}
-    return to_json({**part, "data": config.data, "task": config.task})
+    decisive: dict[str, Json] = {"config": identity(config), "generations": config.search.generations}
+    return content_hash({**decisive, "data": to_json(config.data), "task": to_json(config.task)})

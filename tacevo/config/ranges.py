@@ -8,14 +8,6 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
-from tacevo.records import STRICT
-
-
-class Settings:
-    """A group of settings: pydantic checks its fields, and refuses a field that it does not have."""
-
-    __pydantic_config__ = STRICT
-
 
 def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
     """Make the rule that a value is what the words say."""

@@ -51,11 +51,7 @@ class RecordedRun:
 
 
 def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
-    """Read a finished run.
-
-    Args:
-        path: its directory.
-        store: where its stores lie, if not where the run had them.
+    """Read a finished run; `store` is where its stores lie, if not where the run had them.
 
     Raises:
         RunError: it is not finished, or something of it was damaged or edited.
@@ -70,10 +66,7 @@ def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
     """Return the configuration of a run, with no more workers than this machine has cores.
 
-    Args:
-        directory: the run's.
-        record: what its run.json holds.
-        store: where its stores lie, if not where the run had them.
+    `store` is where its stores lie, if not where the run had them.
 
     Raises:
         RunError: run.json has another number of simulated images than the run had, or a configuration that this version

@@ -31,14 +31,14 @@ from tacevo.choices import (
     TemperatureRule,
     Tracking,
 )
-from tacevo.config.ranges import Count, Fraction, Identifier, Memory, Name, Natural, Positive, Settings, Text, is_a
+from tacevo.config.ranges import Count, Fraction, Identifier, Memory, Name, Natural, Positive, Text, is_a
 from tacevo.errors import ConfigError
-from tacevo.records import Delivery, Kind, Loss, Mode
+from tacevo.records import Delivery, Kind, Loss, Mode, Record
 from tacevo.redaction import check_address
 
 
 @dataclass(frozen=True, kw_only=True)
-class SearchConfig(Settings):
+class SearchConfig(Record):
     """The size of a search (paper, Algorithm 1)."""
 
     generations: Natural
@@ -49,7 +49,7 @@ class SearchConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaskConfig(Settings):
+class TaskConfig(Record):
     """A task: what a network must do, and the texts that ask for it."""
 
     name: Name
@@ -71,7 +71,7 @@ class TaskConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DataConfig(Settings):
+class DataConfig(Record):
     """Where the images come from, and how they are prepared."""
 
     source: DataSource
@@ -101,7 +101,7 @@ class DataConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArchiveConfig(Settings):
+class ArchiveConfig(Record):
     """The archives of networks and of prompts; that of prompts is always a CVT archive."""
 
     niches: Count
@@ -127,7 +127,7 @@ def deliveries(provider: Provider) -> tuple[Delivery, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LLMConfig(Settings):
+class LLMConfig(Record):
     """Who answers the requests, and how the answers are recorded."""
 
     provider: Provider
@@ -155,7 +155,7 @@ class LLMConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TemperatureConfig(Settings):
+class TemperatureConfig(Record):
     """The sampling temperature (paper, Algorithm 1, line 9)."""
 
     rule: TemperatureRule
@@ -166,7 +166,7 @@ class TemperatureConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PromptsConfig(Settings):
+class PromptsConfig(Record):
     """How instructions are chosen."""
 
     policy: PromptPolicy
@@ -181,7 +181,7 @@ class PromptsConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProposalsConfig(Settings):
+class ProposalsConfig(Record):
     """Operators and parents."""
 
     #: p_m, the probability that a generation mutates; else it crosses over.
@@ -196,7 +196,7 @@ class ProposalsConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingConfig(Settings):
+class TrainingConfig(Record):
     """The short training behind a fitness."""
 
     epochs: Count
@@ -209,7 +209,7 @@ class TrainingConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GateConfig(Settings):
+class GateConfig(Record):
     """What an admitted candidate may be."""
 
     max_parameters: Count
@@ -222,14 +222,14 @@ class GateConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SandboxConfig(Settings):
+class SandboxConfig(Record):
     """How candidates are confined."""
 
     require: Confinement
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExecutorConfig(Settings):
+class ExecutorConfig(Record):
     """Where candidates are evaluated, and how many at once."""
 
     kind: ExecutorKind
@@ -237,14 +237,14 @@ class ExecutorConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NumericsConfig(Settings):
+class NumericsConfig(Record):
     """Which promise training bits keep."""
 
     kind: Numerics
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackingConfig(Settings):
+class TrackingConfig(Record):
     """The mirror of the ledger."""
 
     kind: Tracking
@@ -258,21 +258,21 @@ class TrackingConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StoreConfig(Settings):
+class StoreConfig(Record):
     """Where answers are recorded."""
 
     root: Text
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputConfig(Settings):
+class OutputConfig(Record):
     """Where a run is written; None names a directory after the task, the seed and the configuration."""
 
     dir: Text | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunConfig(Settings):
+class RunConfig(Record):
     """One whole run."""
 
     seed: Natural

@@ -1,17 +1,23 @@
-"""What a user may set for a study; see `tacevo.config.schema`."""
+"""What a user may set for a study or a noise run; see `tacevo.config.schema`."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
 from annotated_types import Gt, Lt
 
-from tacevo.choices import MarginKind
-from tacevo.config.ranges import Count, Memory, Positive, Settings, Text, is_a
+from tacevo.choices import ChosenBy, MarginKind
+from tacevo.config.ranges import Count, Memory, Positive, Text, is_a
 from tacevo.config.schema import ExecutorConfig
+from tacevo.records import Record
+from tacevo.rounding import rounded
+
+
+def _is_all_or_count(value: int | str) -> bool:
+    return value == "all" or (isinstance(value, int) and value >= 1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyStoreConfig(Settings):
+class StudyStoreConfig(Record):
     """Where trainings are recorded."""
 
     #: None for where the run has its stores.
@@ -19,26 +25,30 @@ class StudyStoreConfig(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarginConfig(Settings):
+class Margin(Record):
     """The largest difference from the baseline that still counts as equality."""
 
-    #: In parts of the baseline's median, or in the unit of the metric.
+    #: In parts of the baseline's median (0.1 is 10 %), or in the unit of the metric.
     value: Positive
     kind: MarginKind
 
+    def around(self, median: float) -> float:
+        """Return the margin in the unit of the metric, around a baseline's median."""
+        return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
+
 
 @dataclass(frozen=True, kw_only=True)
-class MarginsConfig(Settings):
+class MarginsConfig(Record):
     """A margin for each kind of task."""
 
     #: Of the test MSE.
-    regression: MarginConfig
+    regression: Margin
     #: Of the test accuracy, in [0, 1].
-    classification: MarginConfig
+    classification: Margin
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyConfig(Settings):
+class StudyConfig(Record):
     """The full training of a run's best networks and its baseline, each with several seeds."""
 
     executor: ExecutorConfig
@@ -46,6 +56,8 @@ class StudyConfig(Settings):
     run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Count
+    #: What `best` means.
+    choose: ChosenBy
     #: S, the training seeds of each network.
     seeds: Count
     epochs: Count
@@ -55,4 +67,16 @@ class StudyConfig(Settings):
     #: Level of the tests, which Holm's correction keeps over all variants.
     alpha: Annotated[float, Gt(0), Lt(1)]
     margins: MarginsConfig
+    store: StudyStoreConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseConfig(Record):
+    """The search's own training of a run's elites and its baseline, with other seeds."""
+
+    executor: ExecutorConfig
+    #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
+    elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
+    #: Training seeds of each network.
+    seeds: Count
     store: StudyStoreConfig

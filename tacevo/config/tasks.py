@@ -7,10 +7,10 @@ from typing import Annotated
 import yaml
 
 from tacevo.config.compose import read_named
-from tacevo.config.ranges import Settings, is_a
+from tacevo.config.ranges import is_a
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Contract, DataFacts, Instruction, Kind, Task
+from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task
 from tacevo.search.proposals import system_prompt
 from tacevo.typed import convert
 
@@ -18,13 +18,13 @@ _Words = Annotated[str, is_a("text that is not empty", str.strip)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Mutation(Settings):
+class _Mutation(Record):
     id: _Words
     text: _Words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Library(Settings):
+class _Library(Record):
     """The file of a task's instructions."""
 
     crossover: str
@@ -33,12 +33,6 @@ class _Library(Settings):
 
 def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
     """Refuse labels that are not what a task asks a network for.
-
-    Args:
-        task: the task.
-        kind: of the labels.
-        outputs: the number of regressed values or of classes.
-        names: of these, for the message.
 
     Raises:
         ConfigError: the labels are of the other kind, or of another number than the task's outputs.

@@ -6,7 +6,6 @@ fingerprint. It does not check the images again on reading: that is what compari
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -82,8 +81,8 @@ def fingerprint(dataset: Dataset) -> str:
         **{name: to_json(getattr(dataset, name)) for name in STATISTICS},
     }
     digest = hashlib.sha256(canonical(header).encode())
-    for block in _blocks(images):
-        digest.update(block.tobytes())
+    for start in range(0, len(images), BLOCK):
+        digest.update(images[start : start + BLOCK].tobytes())
     for array in arrays.values():
         digest.update(array.astype(array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
@@ -94,33 +93,27 @@ def with_fingerprint(dataset: Dataset) -> Dataset:
     return replace(dataset, facts=replace(dataset.facts, fingerprint=fingerprint(dataset)))
 
 
-def write(dataset: Dataset, folder: Path) -> None:
+def write(dataset: Dataset, directory: Path) -> None:
     """Write everything but the images into a directory, where the images are already."""
     for name in ARRAYS:
-        np.save(folder / f"{name}.npy", getattr(dataset, name))
+        np.save(directory / f"{name}.npy", getattr(dataset, name))
     facts = {"facts": to_json(dataset.facts), **{name: to_json(getattr(dataset, name)) for name in STATISTICS}}
-    (folder / FACTS).write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    (directory / FACTS).write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def read(folder: Path) -> Dataset:
+def read(directory: Path) -> Dataset:
     """Read what `write` left in a directory, without reading the images.
 
     Raises:
         DataError: a file is missing or damaged.
     """
-    remedy = f"delete {folder} and start again"
+    remedy = f"delete {directory} and start again"
     try:
-        text = (folder / FACTS).read_bytes()
-        images = (folder / IMAGES).resolve(strict=True)
-        arrays = {name: np.load(folder / f"{name}.npy") for name in ARRAYS}
+        text = (directory / FACTS).read_bytes()
+        images = (directory / IMAGES).resolve(strict=True)
+        arrays = {name: np.load(directory / f"{name}.npy") for name in ARRAYS}
     except (OSError, ValueError) as error:
-        raise DataError(f"the cached data set is damaged ({error})", place=str(folder), remedy=remedy) from error
-    found = parse(_Facts, text, place=str(folder / FACTS), error=DataError, remedy=remedy)
+        raise DataError(f"the cached data set is damaged ({error})", place=str(directory), remedy=remedy) from error
+    found = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
     statistics = {name: getattr(found, name) for name in STATISTICS}
     return Dataset(facts=found.facts, images=images, **arrays, **statistics)
-
-
-def _blocks(images: npt.NDArray[np.uint8]) -> Iterator[npt.NDArray[np.uint8]]:
-    """Cut memory-mapped images into blocks of whole images, in order."""
-    for start in range(0, len(images), BLOCK):
-        yield images[start : start + BLOCK]

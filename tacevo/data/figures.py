@@ -4,8 +4,8 @@ Promises: text is text and images keep their own pixels in PDF and SVG; equal da
 Matplotlib, for nothing of the day or the machine is written; an interrupted save leaves no file.
 """
 
+import io
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,6 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from scipy.ndimage import gaussian_filter
 
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import in_order, labels_of, texts_of
@@ -25,6 +24,7 @@ from tacevo.data.source import Picture
 from tacevo.data.survey import split_of
 from tacevo.errors import ConfigError
 from tacevo.records import Kind
+from tacevo.storage.files import write_durably
 
 #: What a figure can be saved as, with what else Matplotlib would note in the file.
 FORMATS: dict[str, dict[str, Any]] = {
@@ -85,10 +85,7 @@ def sample_figure(dataset: Dataset, *, units: tuple[str, ...], width: str) -> Fi
     One of each class or level; else training images at even steps from the smallest label to the largest (see
     `tacevo.data.labels.in_order`). Only images of the training split are shown.
 
-    Args:
-        dataset: the data set.
-        units: one for each output, see `tacevo.data.labels.units_of`.
-        width: `single` or `double`, columns of a paper (3.5 or 7.16 inches).
+    The width is `single` or `double`: columns of a paper (3.5 or 7.16 inches).
     """
     images, texts = _images(dataset), texts_of(dataset, units)
     panels = [Panel(image=images[row], lines=_signs(texts[row])) for row in _samples(dataset, units)]
@@ -96,13 +93,7 @@ def sample_figure(dataset: Dataset, *, units: tuple[str, ...], width: str) -> Fi
 
 
 def contact_sheet(dataset: Dataset, *, units: tuple[str, ...], title: str) -> Figure:
-    """Draw images at even steps through all rows in the order of their labels, each with its split and row.
-
-    Args:
-        dataset: the data set.
-        units: one for each output, see `tacevo.data.labels.units_of`.
-        title: a line above the images.
-    """
+    """Draw images at even steps through all rows in the order of their labels, each with its split and row."""
     images, texts, splits = _images(dataset), texts_of(dataset, units), split_of(dataset)
     panels = [
         Panel(image=images[row], lines=(*_signs(texts[row]), f"{splits[row]} {row}"))
@@ -127,16 +118,19 @@ def save(figure: Figure, path: Path) -> None:
 
     Raises:
         ConfigError: the format is unknown.
-        OSError: the file cannot be written.
+        StoreError: the file cannot be written.
     """
     ending = format_of(path)
-    part = path.with_name(f".{path.name}-{os.getpid()}.part")
-    try:
-        with style.context(_STYLE):
-            figure.savefig(part, format=ending.removeprefix("."), dpi=DOTS_PER_INCH, metadata=FORMATS[ending])
-        part.replace(path)  # atomic: a reader never sees half a picture
-    finally:
-        part.unlink(missing_ok=True)
+    with style.context(_STYLE):
+        content = encoded(figure, ending)
+    write_durably(path, content)
+
+
+def encoded(figure: Figure, ending: str) -> bytes:
+    """Return the content of a figure's file, in the style that is in force; the ending is one of `FORMATS`."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=ending.removeprefix("."), dpi=DOTS_PER_INCH, metadata=FORMATS[ending])
+    return buffer.getvalue()
 
 
 def _images(dataset: Dataset) -> npt.NDArray[np.uint8]:
@@ -224,6 +218,8 @@ def _windows(images: Sequence[Picture]) -> list[tuple[int, int, int]]:
     With a sensor that is the same in every image, this is where the image differs from their median and where they
     vary at all; the latter matters where all touch nearly the same place, so that the median shows a contact too.
     """
+    from scipy.ndimage import gaussian_filter  # half a second to import, for large images only
+
     stack = np.stack(images).astype(np.float64)
     size = stack.shape[-1] // ZOOM
     varied = gaussian_filter(stack.std(axis=0).sum(axis=0), size / 4)

@@ -50,10 +50,6 @@ def texts_of(dataset: Dataset, units: tuple[str, ...]) -> list[tuple[str, ...]]:
 
     Values are rounded so that the largest of all outputs with the same unit keeps three digits; an output without a
     unit counts alone.
-
-    Args:
-        dataset: the data set.
-        units: one for each output, see `units_of`.
     """
     names, labels = dataset.facts.names, labels_of(dataset)
     if dataset.facts.kind is Kind.classification:
@@ -67,10 +63,6 @@ def in_order(dataset: Dataset, units: tuple[str, ...]) -> npt.NDArray[np.int64]:
 
     By class; by magnitude where all of several outputs have one known unit, as the components of a force do; else by
     the first output. Rows with equal labels stay in their order.
-
-    Args:
-        dataset: the data set.
-        units: one for each output, see `units_of`.
     """
     labels = labels_of(dataset)
     vector = labels.shape[1] > 1 and units[0] != "" and len(set(units)) == 1

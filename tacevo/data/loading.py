@@ -77,34 +77,34 @@ def load(
         "normalisation": normalisation,
         "target_scaling": target_scaling,
     }
-    folder = cache / content_hash(content)
-    if not folder.is_dir():
+    directory = cache / content_hash(content)
+    if not directory.is_dir():
         catalogue = source.catalogue() if catalogue is None else catalogue
         _check(catalogue)
         if accept is not None:
             accept(catalogue)
         parts = split_rows(catalogue, split, split_seed)
         targets = _targets(catalogue, parts.train, target_scaling)
-        with staged(folder, partial(say, WAITING) if say is not None else None) as stage:
+        with staged(directory, partial(say, WAITING) if say is not None else None) as stage:
             if stage is not None:
                 images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:
         remove_leftovers(cache)
-    return _read(folder)
+    return _read(directory)
 
 
-def _read(folder: Path) -> Dataset:
+def _read(directory: Path) -> Dataset:
     """Read an entry of the cache, and compare it with its fingerprint.
 
     Raises:
         DataError: it was changed or damaged.
     """
-    dataset = datasets.read(folder)
+    dataset = datasets.read(directory)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
         raise DataError(
             "the cached data set was changed or damaged",
-            place=str(folder),
+            place=str(directory),
             remedy="delete that directory and start again",
         )
     return dataset
@@ -170,17 +170,16 @@ def _assemble(
     pixels = np.load(images, mmap_mode="r")
     mean, deviation = input_statistics(pixels, parts.train, normalisation)
     targets, offset, scale = scaled
-    facts = DataFacts(
-        fingerprint="",
-        kind=catalogue.kind,
-        counts=(len(parts.train), len(parts.validation), len(parts.test)),
-        in_channels=pixels.shape[1],
-        image_size=catalogue.image_size,
-        outputs=len(catalogue.names),
-        names=catalogue.names,
-    )
     unsigned = Dataset(
-        facts=facts,
+        facts=DataFacts(
+            fingerprint="",
+            kind=catalogue.kind,
+            counts=(len(parts.train), len(parts.validation), len(parts.test)),
+            in_channels=pixels.shape[1],
+            image_size=catalogue.image_size,
+            outputs=len(catalogue.names),
+            names=catalogue.names,
+        ),
         images=images,
         targets=targets,
         train=parts.train,

@@ -72,10 +72,7 @@ class Source(Protocol):
 def refuse(problem: str, faults: Sequence[str], remedy: str) -> None:
     """Raise one error about all faults of one kind; do nothing where there are not any.
 
-    Args:
-        problem: what is wrong, e.g. `labels.csv names images that do not exist`.
-        faults: one short text per faulty row or file; the first few are shown.
-        remedy: what the user can do about it.
+    The problem is, say, `labels.csv names images that do not exist`; of the faults, the first few are shown.
 
     Raises:
         DataError: `faults` is not empty.

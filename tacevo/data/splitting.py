@@ -63,9 +63,8 @@ def random_split(
 def _group_ends(sums: npt.NDArray[np.int64], ends: tuple[int, int]) -> tuple[int, int]:
     """Move the ends of the first two parts to the nearest group ends that leave every part a group.
 
-    Args:
-        sums: shape (G,), how many rows the first 1, 2, ... groups have; at least 3 groups.
-        ends: how many rows are wanted before the end of each part.
+    The sums, of shape (G,), say how many rows the first 1, 2, ... groups have; the ends, how many rows are wanted
+    before the end of the first two parts.
     """
     second = min(max(_nearest(sums, ends[1]), 2), len(sums) - 1)
     first = min(max(_nearest(sums, ends[0]), 1), second - 1)
@@ -92,8 +91,7 @@ def _nearest(sums: npt.NDArray[np.int64], target: int) -> int:
 def ordered_split(order: npt.NDArray[np.int64]) -> Split:
     """Split rows in a given order: 60 % for training, then 20 % for validation, the rest for test.
 
-    Args:
-        order: the row numbers, shape (N,); the boundaries are round(0.6 N) and round(0.8 N).
+    The boundaries are round(0.6 N) and round(0.8 N).
     """
     return _split_at(order, (round(len(order) * 0.6), round(len(order) * 0.8)))
 
@@ -107,11 +105,6 @@ def _split_at(order: npt.NDArray[np.int64], ends: tuple[int, int]) -> Split:
 
 def refuse_unbalanced(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str, ...]) -> None:
     """Refuse a split that leaves a part without images of a class: it could be neither learnt nor measured.
-
-    Args:
-        parts: the split.
-        classes: the class number of every row, shape (N,), in [0, len(names)).
-        names: of the classes.
 
     Raises:
         DataError: a class is absent from a part.

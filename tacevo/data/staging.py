@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tacevo.errors import DataError
+from tacevo.storage.files import flock, sync
 
 #: A directory in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
 PART, LOCK = ".tacevo-part", ".tacevo-lock"
@@ -27,11 +28,11 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 @contextmanager
-def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[Path | None]:
-    """Offer a hidden sibling to fill; on success it becomes `folder` in one step, else it is removed.
+def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterator[Path | None]:
+    """Offer a hidden sibling to fill; on success it becomes `directory` in one step, else it is removed.
 
     Args:
-        folder: what shall exist afterwards; its parent is made where it is absent.
+        directory: what shall exist afterwards; its parent is made where it is absent.
         waiting: called where another process makes the directory, before we wait for it.
 
     Yields:
@@ -40,28 +41,31 @@ def staged(folder: Path, waiting: Callable[[], None] | None = None) -> Iterator[
     Raises:
         DataError: the parent directory cannot be written to, or holds a part of the directory that we may not remove.
     """
-    stage = _hidden(folder, PART)
+    stage = _hidden(directory, PART)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        lock = _open_lock(_hidden(folder, LOCK))
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        lock = _open_lock(_hidden(directory, LOCK))
     except OSError as error:
         got = f"a directory that cannot be written to ({error.strerror})"
-        raise DataError(got, place=str(folder.parent), remedy="choose another directory") from error
+        raise DataError(got, place=str(directory.parent), remedy="choose another directory") from error
     with lock:
-        _take(lock, waiting)
-        if folder.is_dir():
+        if not flock(lock.fileno()):
+            if waiting is not None:
+                waiting()
+            flock(lock.fileno(), fcntl.LOCK_EX)
+        if directory.is_dir():
             yield None
             return
-        remove_leftovers(folder.parent)
+        remove_leftovers(directory.parent)
         _clear(stage)
         try:
             stage.mkdir()
             yield stage
-            _publish(stage, folder)
+            _publish(stage, directory)
         except OSError as error:
             if error.errno in NO_ROOM:
                 raise DataError(
-                    f"the disk is full ({error.strerror})", place=str(folder.parent), remedy=REMEDY
+                    f"the disk is full ({error.strerror})", place=str(directory.parent), remedy=REMEDY
                 ) from error
             raise
         finally:
@@ -97,19 +101,19 @@ def remove_leftovers(parent: Path) -> None:
     for stage in parent.glob(f".*{PART}"):
         try:
             with _open_lock(stage.with_suffix(LOCK)) as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(stage, ignore_errors=True)
-        except OSError:  # another process holds it, or another user owns it
+                if flock(lock.fileno()):
+                    shutil.rmtree(stage, ignore_errors=True)
+        except OSError:  # another user owns it
             continue
 
 
-def _publish(stage: Path, folder: Path) -> None:
+def _publish(stage: Path, directory: Path) -> None:
     """Flush a filled directory to the disk and give it its name."""
     for file in stage.iterdir():
-        _sync(file)
-    _sync(stage)
-    stage.rename(folder)  # atomic: a reader sees the whole directory or nothing
-    _sync(folder.parent)
+        sync(file)
+    sync(stage)
+    stage.rename(directory)  # atomic: a reader sees the whole directory or nothing
+    sync(directory.parent)
 
 
 def _open_lock(path: Path) -> BinaryIO:
@@ -120,16 +124,6 @@ def _open_lock(path: Path) -> BinaryIO:
         return path.open("rb")
 
 
-def _take(lock: BinaryIO, waiting: Callable[[], None] | None) -> None:
-    """Wait until the lock is ours."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        if waiting is not None:
-            waiting()
-        fcntl.flock(lock, fcntl.LOCK_EX)
-
-
 def _clear(stage: Path) -> None:
     """Remove what a killed process left of this very directory."""
     shutil.rmtree(stage, ignore_errors=True)
@@ -138,14 +132,5 @@ def _clear(stage: Path) -> None:
         raise DataError(got, place=str(stage), remedy=f"ask user {stage.stat().st_uid} to remove it")
 
 
-def _hidden(folder: Path, suffix: str) -> Path:
-    return folder.with_name(f".{folder.name}{suffix}")
-
-
-def _sync(path: Path) -> None:
-    """Wait until a file or directory is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+def _hidden(directory: Path, suffix: str) -> Path:
+    return directory.with_name(f".{directory.name}{suffix}")

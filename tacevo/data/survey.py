@@ -81,12 +81,7 @@ class Survey:
 
 
 def survey(dataset: Dataset, units: tuple[str, ...]) -> Survey:
-    """Count a data set; reads every training image three times and every other one twice.
-
-    Args:
-        dataset: the data set.
-        units: one for each output, see `tacevo.data.labels.units_of`.
-    """
+    """Count a data set; reads every training image three times and every other one twice."""
     images: npt.NDArray[np.uint8] = np.load(dataset.images, mmap_mode="r")
     mean, deviation = input_statistics(images, dataset.train, Normalisation.standardise)
     return Survey(
@@ -117,18 +112,13 @@ def _part(dataset: Dataset, units: tuple[str, ...], name: str, rows: npt.NDArray
     if dataset.facts.kind is Kind.classification:
         counts = np.bincount(labels[:, 0].astype(np.int64), minlength=len(names))
         return Part(name=name, images=len(rows), ranges=(), classes=tuple(counts.tolist()))
-    ranges = tuple(
-        Range(
-            name=output,
-            unit=unit,
-            minimum=float(column.min()),
-            maximum=float(column.max()),
-            mean=float(column.mean()),
-            deviation=float(column.std()),
-        )
-        for output, unit, column in zip(names, units, labels.T, strict=True)
-    )
-    return Part(name=name, images=len(rows), ranges=ranges, classes=())
+    ranges = map(_range, names, units, labels.T)
+    return Part(name=name, images=len(rows), ranges=tuple(ranges), classes=())
+
+
+def _range(name: str, unit: str, values: npt.NDArray[np.float64]) -> Range:
+    low, high, mean, deviation = (float(value) for value in (values.min(), values.max(), values.mean(), values.std()))
+    return Range(name=name, unit=unit, minimum=low, maximum=high, mean=mean, deviation=deviation)
 
 
 def _duplicates(images: npt.NDArray[np.uint8], splits: tuple[str, ...]) -> tuple[Duplicates, ...]:

@@ -29,9 +29,7 @@ Progress = Callable[[int, int], None]
 def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]]:
     """Offer `map`: the plain one, or one over fresh processes (spawned, so that they share no state with us).
 
-    Args:
-        workers: processes at most.
-        pictures: how many are to be made; a few are made in this process.
+    Up to `FEW_PICTURES` are made in this process.
     """
     if workers <= 1 or pictures <= FEW_PICTURES:
         yield map

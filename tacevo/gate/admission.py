@@ -80,7 +80,7 @@ class Gate:
         rejection = first_look(completion, limit=limit)
         if rejection is not None:  # not stored: such an answer may be huge, or text that no file can hold
             return rejection
-        request = {
+        request: dict[str, Json] = {
             "version": self._rules.static,
             "text": completion.text,
             "stop_reason": completion.stop_reason,

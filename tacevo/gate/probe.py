@@ -19,10 +19,11 @@ from tacevo.gate.portability import watching_portability
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
+from tacevo.records import Contract, Kind, Loss, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, check_leaves, digest, fault
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import modules, parameters
+from tacevo.sandbox.protocol import Header
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
 BATCHES = (2, 5)
@@ -34,7 +35,7 @@ _SEED = 0
 _LEARNING_RATE = 1e-3
 
 
-def run(header: Json, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
+def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
     """Probe one candidate and send one frame, `{"profile": ...}` or `{"rejection": ...}`.
 
     Args:

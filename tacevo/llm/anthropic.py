@@ -3,7 +3,7 @@
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any
+from functools import partial
 
 import anthropic
 import httpx2
@@ -11,7 +11,7 @@ from anthropic.types import Message
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import SDKServer, shares
+from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Delivery, Json, Request
 
@@ -42,36 +42,20 @@ class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
 
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
-    """Prepare to ask Claude; a missing key is an error at once.
-
-    Args:
-        base_url: another server than Anthropic's own.
-        concurrency: requests at once.
+    """Prepare to ask Claude, or another server at `base_url`; a missing key is an error at once.
 
     Raises:
         ConfigError: the environment holds no key, or the address is not a URL.
     """
     with _explaining():
-        # The SDK's own retries are off: `tacevo.llm.retry` says why.
-        clients = [
-            anthropic.AsyncAnthropic(
-                base_url=base_url,
-                max_retries=0,
-                timeout=TIMEOUT,
-                http_client=anthropic.DefaultAsyncHttpxClient(**share),
-            )
-            for share in shares(concurrency, TIMEOUT)
-        ]
+        made = partial(anthropic.AsyncAnthropic, base_url=base_url)
+        clients = clients_for(concurrency, TIMEOUT, made, anthropic.DefaultAsyncHttpxClient)
         _check_key(clients[0])
         return AnthropicServer(clients)
 
 
 def connect_batches(base_url: str | None) -> anthropic.Anthropic:
-    """Prepare to submit batches to Claude; otherwise like `connect`.
-
-    Raises:
-        ConfigError: the environment holds no key, or the address is not a URL.
-    """
+    """Prepare to submit batches to Claude; otherwise like `connect`."""
     with _explaining():
         client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT)
         _check_key(client)
@@ -109,9 +93,9 @@ def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[
     return tuple(key for key in (client.api_key, client.auth_token) if key)
 
 
-def body_of(request: Request, dropped: tuple[str, ...]) -> dict[str, Json]:
+def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
     """Write a request as the Messages API wants it; the draw number stays here: it is not a setting of a model."""
-    settings: dict[str, Any] = {"temperature": request.temperature, **dict(request.settings)}
+    settings: dict[str, Json] = {"temperature": request.temperature, **dict(request.settings)}
     thinking = settings.pop("thinking_tokens", None)
     if thinking is not None:
         settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}

@@ -25,7 +25,7 @@ from tacevo.llm.anthropic import FAILURES, body_of, completion_of, secrets_of
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_status
-from tacevo.records import STRICT, Completion, Delivery, Json, Request, to_json
+from tacevo.records import Completion, Delivery, Record, Request, to_json
 from tacevo.redaction import without_secrets
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import write_durably
@@ -55,10 +55,8 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BatchRecord:
+class BatchRecord(Record):
     """A submitted batch, as a file."""
-
-    __pydantic_config__ = STRICT
 
     id: str
     #: The sampling settings that a request was sent without, by the keys of the requests whose answers are not stored.
@@ -136,7 +134,7 @@ class BatchLLM:
                 key: tuple(name for name in self.models.dropped(request) if name in _settings(request))
                 for key, request in asked.items()
             }
-            bodies: Json = [
+            bodies: list[BatchRequest] = [
                 {"custom_id": key, "params": body_of(request, dropped[key])} for key, request in asked.items()
             ]
             record = BatchRecord(id=self._submit(client, bodies), dropped=dropped)
@@ -155,11 +153,7 @@ class BatchLLM:
         return self._call(client, create)
 
     def _outcomes(self, client: anthropic.Anthropic, path: Path, record: BatchRecord) -> dict[str, Completion | Fault]:
-        """Wait for a batch, and read what became of the requests in its record.
-
-        Raises:
-            ConfigError: the server has no such batch, or no longer has its results.
-        """
+        """Wait for a batch, and read what became of the requests in its record."""
         batches, secrets = client.messages.batches, secrets_of(client)
 
         def results() -> dict[str, Completion | Fault]:
@@ -225,11 +219,7 @@ def _settings(request: Request) -> set[str]:
 def _outcome(
     result: MessageBatchIndividualResponse, record: BatchRecord, secrets: tuple[str, ...]
 ) -> Completion | Fault:
-    """Read what became of one request.
-
-    Raises:
-        FaultError: there is an answer, but it cannot be read.
-    """
+    """Read what became of one request."""
     outcome = result.result
     if outcome.type == "succeeded":
         completion = completion_of(outcome.message, Delivery.batch)

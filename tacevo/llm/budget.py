@@ -17,16 +17,13 @@ from tacevo.llm.recording import Keep, KeepingLLM, unkept
 from tacevo.records import Completion, Price, Request, to_json
 from tacevo.storage.canonical import content_hash
 
-#: Prices an answer.
-PriceOf = Callable[[Request, Completion], Price | None]
-
 
 @dataclass(slots=True)
 class Account:
     """What the answers of one run cost, each request counted once; of a request only its hash is kept."""
 
     #: Prices an answer that was recorded without one.
-    price_of: PriceOf
+    price_of: Callable[[Request, Completion], Price | None]
     costs: dict[str, float] = field(default_factory=dict)
 
     @property

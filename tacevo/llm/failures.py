@@ -43,13 +43,7 @@ class Models:
         return self._dropped.get(request.model, ())
 
     def learn(self, request: Request, sent: Set[str], fault: Fault) -> bool:
-        """Learn from a refusal; return whether another try without a setting is worthwhile.
-
-        Args:
-            request: what was refused.
-            sent: names of the settings that it was sent with.
-            fault: the refusal.
-        """
+        """Learn from a refusal of what was sent with some settings; return whether to try again without one of them."""
         name = setting_to_drop(fault, sent)
         if name is not None:
             self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
@@ -69,12 +63,7 @@ class Models:
         )
 
     def note_answer(self, request: Request, begun: float) -> None:
-        """Note that a model answers.
-
-        Args:
-            request: what was answered.
-            begun: when the request was sent, by `time.monotonic`.
-        """
+        """Note that a model answers a request that was sent at a time of `time.monotonic`."""
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
 
@@ -123,10 +112,7 @@ class Failures:
         ]
 
     def raise_rest(self, requests: int) -> None:
-        """Raise what remains of the failures.
-
-        Args:
-            requests: how many the round held, for the message.
+        """Raise what remains of the failures of a round of so many requests.
 
         Raises:
             ConfigError: the key, the model, a setting or the payment is refused; asking again cannot help.
@@ -223,12 +209,7 @@ class Notices:
     reported: set[str] = field(default_factory=set)
 
     def report(self, fault: Fault, wait: float) -> None:
-        """Report a fault, unless one of its kind was reported before.
-
-        Args:
-            fault: its message holds no secrets.
-            wait: seconds until the next try.
-        """
+        """Report a fault, which holds no secrets, and the seconds until the next try; each kind of fault once."""
         kind = fault.message.partition(":")[0]
         if kind not in self.reported:
             self.reported.add(kind)

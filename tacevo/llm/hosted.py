@@ -27,6 +27,9 @@ from tacevo.redaction import without_secrets
 
 _LOG = logging.getLogger(__name__)
 
+#: A request as an SDK takes it; the types of the SDKs list every setting by its literal name.
+Body = Any
+
 #: Seconds between two looks at whether a waiting retry is still wanted.
 _LOOK = 0.2
 
@@ -259,14 +262,17 @@ class SDKServer(Generic[_Client]):
 SHARE = 100
 
 
-def shares(concurrency: int, timeout: httpx2.Timeout) -> Iterator[dict[str, Any]]:
-    """Return the arguments of as many HTTP clients as so many requests at once need.
+def clients_for(
+    concurrency: int, timeout: httpx2.Timeout, sdk: Callable[..., _Client], http: Callable[..., object]
+) -> list[_Client]:
+    """Make as many clients of an SDK, each with an HTTP client of its own, as so many requests at once need.
 
-    Args:
-        concurrency: requests at once; no more are sent, so that no client has to hold any back.
-        timeout: of every request.
+    No more requests are sent at once, so no client has to hold any back. The SDK's own retries are off:
+    `tacevo.llm.retry` says why.
     """
     context = httpx2.create_ssl_context()  # one for all: it holds every certificate authority
     limits = httpx2.Limits(max_connections=None, max_keepalive_connections=min(concurrency, 2 * SHARE))
-    for _ in range(-(-concurrency // SHARE)):
-        yield {"limits": limits, "timeout": timeout, "verify": context}
+    return [
+        sdk(max_retries=0, timeout=timeout, http_client=http(limits=limits, timeout=timeout, verify=context))
+        for _ in range(-(-concurrency // SHARE))
+    ]

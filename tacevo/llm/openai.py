@@ -7,13 +7,13 @@ key comes from OPENAI_API_KEY; a server of one's own may want none.
 import json
 import os
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
 import httpx2
 
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
-from tacevo.llm.hosted import SDKServer, shares
+from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
 from tacevo.records import Completion, Json, Request
 
@@ -45,7 +45,6 @@ class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
     """The chat-completions API (see `tacevo.llm.hosted.Server`).
 
     Args:
-        clients: the SDK's clients, asked in turn.
         limit_name: what the server calls the token limit.
     """
 
@@ -69,11 +68,7 @@ class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
 
 
 def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
-    """Prepare to ask a server; a missing key is an error at once.
-
-    Args:
-        base_url: the server, e.g. `http://localhost:8000/v1`; None for OpenAI's own.
-        concurrency: requests at once.
+    """Prepare to ask the server at `base_url`, by default OpenAI's own; a missing key is an error at once.
 
     Raises:
         ConfigError: OpenAI's own server is meant, and the environment holds no key.
@@ -89,27 +84,18 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
         )
     check_key(key, "OPENAI_API_KEY")
     try:
-        # The SDK's own retries are off: `tacevo.llm.retry` says why.
-        clients = [
-            openai.AsyncOpenAI(
-                api_key=key,
-                base_url=base_url,
-                max_retries=0,
-                timeout=TIMEOUT,
-                http_client=openai.DefaultAsyncHttpxClient(**share),
-            )
-            for share in shares(concurrency, TIMEOUT)
-        ]
+        made = partial(openai.AsyncOpenAI, api_key=key, base_url=base_url)
+        clients = clients_for(concurrency, TIMEOUT, made, openai.DefaultAsyncHttpxClient)
     except (openai.OpenAIError, httpx2.InvalidURL) as error:
         raise ConfigError(str(error), place="llm=openai", remedy="check llm.base_url") from error
     # OpenAI's newer models know only the one name, other servers may know only the other.
     return OpenAIServer(clients, limit_name="max_completion_tokens" if own else "max_tokens")
 
 
-def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> dict[str, Json]:
+def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> Body:
     """Write a request as the chat-completions API wants it."""
     system = [{"role": "system", "content": request.system}] if request.system else []
-    settings: dict[str, Any] = {"temperature": request.temperature, "seed": request.draw, **dict(request.settings)}
+    settings: dict[str, Json] = {"temperature": request.temperature, "seed": request.draw, **dict(request.settings)}
     stop = settings.pop("stop_sequences", None)
     if stop is not None:
         settings["stop"] = stop

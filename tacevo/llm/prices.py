@@ -7,7 +7,7 @@ from typing import Annotated
 from annotated_types import Ge
 from pydantic import StringConstraints
 
-from tacevo.records import STRICT, Completion, Delivery, Price, Request
+from tacevo.records import Completion, Delivery, Price, Record, Request
 
 _Day = Annotated[str, StringConstraints(pattern=r"^\d{4}-\d\d-\d\d$")]
 
@@ -22,10 +22,8 @@ _DATE = re.compile(r"[-@](20\d{6}|20\d\d-\d\d-\d\d)$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ListedPrice:
+class ListedPrice(Record):
     """A model in the table: US dollars for a million tokens, with the day and the page where they were read."""
-
-    __pydantic_config__ = STRICT
 
     input_usd: Annotated[float, Ge(0)]
     output_usd: Annotated[float, Ge(0)]
@@ -36,10 +34,8 @@ class ListedPrice:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PriceTable:
+class PriceTable(Record):
     """The direct price of each model, and what a batch multiplies it by."""
-
-    __pydantic_config__ = STRICT
 
     models: dict[str, ListedPrice]
     batch_factor: Annotated[float, Ge(0)]

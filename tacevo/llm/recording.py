@@ -44,11 +44,7 @@ def choice(request: Request) -> Choice:
 
 
 def ever_answered(store: Store, request: Request) -> bool:
-    """Return whether a store holds a text that was answered to the model, token limit and settings of a request.
-
-    Raises:
-        StoreError: an entry that was looked at is damaged.
-    """
+    """Return whether a store holds a text that was answered to the model, token limit and settings of a request."""
     return any(answer.text and choice(asked) == choice(request) for asked, answer in _recorded(store))
 
 
@@ -56,19 +52,12 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
     """Return whether a store holds an answer to requests of a choice that was got without a refused sampling setting.
 
     A model may refuse a temperature beside one setting, such as thinking, and take it without.
-
-    Args:
-        store: of completions.
-        chosen: what the requests have in common.
-        setting: name of the sampling setting.
-
-    Raises:
-        StoreError: an entry that was looked at is damaged.
     """
     return any(setting in answer.dropped and choice(asked) == chosen for asked, answer in _recorded(store))
 
 
 def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
+    """Yield requests with their answers; a damaged entry is an error."""
     for entry in store.entries():
         request = convert(Request, entry.request, place=f"completions {entry.key}, request", error=StoreError)
         yield request, _completion(entry.answer, partial(store.key, entry.request))

@@ -162,10 +162,6 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
     """Find the sampling setting that a model refuses: of those sent and named in the refusal, the last.
 
     Some models refuse one setting, others two together; dropping one at a time loses no more than is needed.
-
-    Args:
-        fault: the refusal.
-        sent: names of the settings that the request was sent with.
     """
     if fault.kind is not FaultKind.doubtful:
         return None

@@ -10,8 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from scipy.stats import spearmanr
-
 from tacevo.choices import ArchiveKind
 from tacevo.config.recorded import read_recorded
 from tacevo.records import Json
@@ -171,12 +169,9 @@ def fitness_by_source(lines: Iterable[Line]) -> dict[str, float]:
 
 
 def agreement(one: Mapping[str, float], other: Mapping[str, float]) -> Agreement:
-    """Compare the fitness of the sources that two runs share.
+    """Compare the fitness of the sources that two runs share."""
+    from scipy.stats import spearmanr  # a second to import, which a replay would wait for
 
-    Args:
-        one: fitness by source.
-        other: the same, of the other run.
-    """
     shared = sorted(one.keys() & other.keys())
     first, second = [one[source] for source in shared], [other[source] for source in shared]
     apart = [abs(a - b) for a, b in zip(first, second, strict=True)]

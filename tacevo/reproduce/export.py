@@ -17,16 +17,9 @@ from tacevo.studies.study import replay_studies
 
 
 def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
-    """Write the entries that a run and its finished studies need into one file: exactly those that a replay reads.
+    """Write the entries that a replay of a run and its finished studies reads into one file; return their number.
 
-    Args:
-        run: the run directory.
-        target: the file to write; one that stands there is replaced.
-        store: where the stores lie, if not where the run had them.
-        view: shows how far the replay is.
-
-    Returns:
-        The number of entries.
+    A file that stands at `target` is replaced. `store` is where the stores lie, if not where the run had them.
 
     Raises:
         DivergenceError: the run is not what its stores give.
@@ -43,10 +36,6 @@ def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
 
 def import_file(source: Path, root: Path) -> tuple[int, int]:
     """Write the entries of an exported file into the stores.
-
-    Args:
-        source: what `export` wrote.
-        root: the directory of the stores.
 
     Returns:
         The number of entries that were written, and of those that stood there already.

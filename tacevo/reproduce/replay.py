@@ -44,10 +44,7 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
     rules that the run recorded, which may be others than this release's.
 
-    Args:
-        run: the run.
-        view: shows the progress.
-        seen: called with every store entry that the replay reads, from any thread.
+    `seen` is called with every store entry that is read, from any thread.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.
@@ -87,12 +84,7 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
 
 
 def _compare_archives(run: RecordedRun, plan: Plan, state: SearchState) -> None:
-    """Compare archive.json and prompts.json with the replayed search.
-
-    Raises:
-        DivergenceError: one was edited; the message names the field.
-        RunError: one is missing or damaged.
-    """
+    """Compare archive.json and prompts.json with the replayed search."""
     for recorded, computed in zip(read_archive_files(run.directory), archive_files(plan, state), strict=True):
         if recorded != computed:
             field, (was, now) = first_difference(recorded, computed)

@@ -6,7 +6,6 @@ confined process, so it is that process's claim, then as now; losses of validati
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
@@ -15,7 +14,7 @@ from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
-from tacevo.rules import CURRENT, TRAININGS, check_known
+from tacevo.rules import TRAININGS, Rules, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench
@@ -52,15 +51,6 @@ class Retrained:
     doubts: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Chosen:
-    """What of one run is trained again."""
-
-    run: RecordedRun
-    #: Of evaluations.
-    lines: tuple[CandidateLine, ...]
-
-
 def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> Retrained:
     """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
 
@@ -80,60 +70,58 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> R
     """
     pairs = evaluations(runs)
     drawn = sampled(pairs, count, runs[0].config.seed)
-    chosen = [_Chosen(run=run, lines=tuple(line for of, line in drawn if of is run)) for run in runs]
     doubts: dict[str, None] = {}
-    for part in chosen:
-        if part.lines:
-            name = f"{part.run.directory.path.name} " if len(runs) > 1 else ""
-            doubts |= dict.fromkeys(_retrain(part, view, name))
-    lines = [line for part in chosen for line in part.lines]
-    trained = [line for line in lines if line.stage is None]
+    for run in runs:
+        name = f"{run.directory.path.name} " if len(runs) > 1 else ""
+        if lines := [(rules, line) for of, rules, line in drawn if of is run]:
+            doubts |= dict.fromkeys(_retrain(run, lines, view, name))
+    trained = [line for _, _, line in drawn if line.stage is None]
     return Retrained(
         trained=len(trained),
-        rejected=len(lines) - len(trained),
+        rejected=len(drawn) - len(trained),
         of=len(pairs),
         not_recorded=tuple(name for name in _FIELDS if any(getattr(line, name) is None for line in trained)),
         doubts=tuple(doubts),
     )
 
 
-def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, CandidateLine]]:
+def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, CandidateLine]]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
-    Each is listed once, with the first run and line that have it.
+    Each is listed once, with the first run and line that have it, and that line's rules.
     """
-    found: dict[str, tuple[RecordedRun, CandidateLine]] = {}
+    found: dict[str, tuple[RecordedRun, Rules, CandidateLine]] = {}
     for run in runs:
         for rules, line in by_rules(run.ledger.lines):
             if line.evaluation is not None and line.reason not in _BY_MACHINE:
-                found.setdefault(line.evaluation, (run, line))
+                found.setdefault(line.evaluation, (run, rules, line))
                 check_known("training", rules.training, TRAININGS, run.directory.path)
     return list(found.values())
 
 
-def _retrain(chosen: _Chosen, view: Progress, name: str) -> tuple[str, ...]:
-    """Train candidates of one run again and compare; say why equal bits were not promised.
+def _retrain(
+    run: RecordedRun, lines: Sequence[tuple[Rules, CandidateLine]], view: Progress, name: str
+) -> tuple[str, ...]:
+    """Train candidates of one run again, each by its rules, and compare; say why equal bits were not promised.
 
-    Args:
-        chosen: the candidates, one or more.
-        view: shows the progress.
-        name: what stands before a candidate's id; empty where there is one run only.
+    `name` stands before a candidate's id; it is empty where there is one run only.
     """
-    run, config = chosen.run, chosen.run.config
+    config = run.config
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    sources = [run.directory.read_source(line.id, str(line.source)) for line in chosen.lines]
+    sources = [(rules, run.directory.read_source(line.id, str(line.source))) for rules, line in lines]
     data = load_same(config, run.record.data, view)
     seed = derived_seed(config.seed, "training")
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
-        retrained = bench.executor.map(partial(bench.evaluator(CURRENT).retrain, seed=seed), sources)
-        results = zip(chosen.lines, retrained, strict=True)
-        for number, (line, result) in enumerate(results, start=1):
+        evaluators = {rules: bench.evaluator(rules) for rules, _ in lines}
+        retrained = bench.executor.map(lambda job: evaluators[job[0]].retrain(job[1], seed), sources)
+        results = zip(lines, retrained, strict=True)
+        for number, ((_, line), result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
-            view.say(f"{name}{line.id}: as recorded ({number} of {len(chosen.lines)})")
+            view.say(f"{name}{line.id}: as recorded ({number} of {len(lines)})")
     return doubts
 
 
@@ -187,12 +175,7 @@ def doubts_of(
 ) -> tuple[str, ...]:
     """Say why this machine is not promised to reproduce a run's training bits.
 
-    Args:
-        run: what run.json holds.
-        numerics: of the run; `fast` promises bits on the recorded hardware only.
-        device: of the run; `cuda` promises them on the recorded model of GPU only.
-        packages: versions of this environment, as `versions` gives them.
-        hardware: this machine, as `machine` describes it.
+    `fast` numerics promise bits on the recorded hardware only, `cuda` on the recorded model of GPU only.
     """
     doubts = deviations({name: run.versions.get(name) for name in _COMPUTING}, packages)
     promised_by = ["cpu", "architecture"] if numerics is Numerics.fast else []

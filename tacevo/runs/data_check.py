@@ -32,30 +32,20 @@ _NO_MODEL = "llm=grammar"
 def check(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
     """Load a data set as a search would, count it and write a contact sheet.
 
-    Args:
-        overrides: as for a search.
-        output: the sheet's file; None for `contact-sheet-<fingerprint>.png` in the current directory.
-        console: where progress is shown.
+    Without `output`, the sheet is `contact-sheet-<fingerprint>.png` in the current directory.
 
     Raises:
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
     """
     sheet = None if output is None else _writable(output)
-    config = compose([_NO_MODEL, *overrides])
-    catalogue = source_of(config).catalogue()
-    dataset = _load(config, catalogue, console)
+    config, catalogue, dataset = _loaded(overrides, console)
     units = units_of(catalogue)
     path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
     counts = " / ".join(map(str, dataset.facts.counts))
     title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
     save(contact_sheet(dataset, units=units, title=title), path)
-    return Inspection(
-        config=config,
-        dataset=dataset,
-        survey=survey(dataset, units),
-        catalogue=catalogue,
-        sheet=path,
-    )
+    counted = survey(dataset, units)
+    return Inspection(config=config, dataset=dataset, survey=counted, catalogue=catalogue, sheet=path)
 
 
 def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:
@@ -65,21 +55,15 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
         TacevoError: as `check`.
     """
     path = _writable(output)
-    config = compose([_NO_MODEL, *overrides])
-    catalogue = source_of(config).catalogue()
-    dataset = _load(config, catalogue, console)
-    units = units_of(catalogue)
-    save(sample_figure(dataset, units=units, width=width), path)
+    _, catalogue, dataset = _loaded(overrides, console)
+    save(sample_figure(dataset, units=units_of(catalogue), width=width), path)
     return path
 
 
 def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
     """Draw the sample pictures of the data set that a run searched with.
 
-    Args:
-        path: the run directory.
-        store: where its stores lie, if not where the run had them; what is simulated again is kept there.
-        console: where progress is shown.
+    What is simulated again is kept in the store, the run's own unless another one is named.
 
     Raises:
         DataError: the data set is missing, or is not the one that the run had.
@@ -95,9 +79,7 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
 def simulate(settings: Sequence[str], console: Console) -> str:
     """Write a simulated data set as files.
 
-    Args:
-        settings: overrides as for a search, and two of its own: `out=DIR`, and `n=IMAGES` for `data.images`.
-        console: where progress is shown.
+    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`.
 
     Returns:
         What was written, and the command that reads it.
@@ -116,12 +98,14 @@ def simulate(settings: Sequence[str], console: Console) -> str:
     return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
 
 
-def _load(config: RunConfig, catalogue: Catalogue, console: Console) -> Dataset:
-    """Load a data set from its catalogue, and check that it suits its task, as a search does."""
+def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset]:
+    """Load a data set, and check that it suits its task, as a search does."""
+    config = compose([_NO_MODEL, *overrides])
+    catalogue = source_of(config).catalogue()
     with Progress(console) as view:
         dataset = load_data(config, view, catalogue=catalogue)
     load_task(config, dataset.facts)
-    return dataset
+    return config, catalogue, dataset
 
 
 def _writable(name: str) -> Path:

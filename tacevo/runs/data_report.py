@@ -119,13 +119,9 @@ def _duplicate_lines(found: Inspection) -> Iterator[str]:
 
 
 def _constant_lines(found: Inspection) -> Iterator[str]:
-    constant = found.survey.constant
-    shown = _shortened([_row(found, row) for row in constant], ", ")
-    yield (
-        f"constant:    {counted(len(constant), 'image')} of one colour: {shown}"
-        if constant
-        else "constant:    no image"
-    )
+    rows = [_row(found, row) for row in found.survey.constant]
+    images = f"{counted(len(rows), 'image')} of one colour: {_shortened(rows, ', ')}" if rows else "no image"
+    yield f"constant:    {images}"
 
 
 def _ignored_lines(found: Inspection) -> Iterator[str]:

@@ -23,12 +23,6 @@ from tacevo.runs.progress import Progress
 def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
     """Load the data set that a run had.
 
-    Args:
-        config: of the run.
-        facts: of the run's data set.
-        view: shows the progress.
-        catalogue: of the source, where it is there already.
-
     Raises:
         DataError: it is missing, or is not the one that the run had.
     """
@@ -46,10 +40,7 @@ def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue:
 def load_data(config: RunConfig, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
     """Load or make the data set that a configuration names.
 
-    Args:
-        config: the configuration.
-        view: shows how many images are made, and that those of another process are waited for.
-        catalogue: the catalogue of this very source, where it is there already.
+    A catalogue of this very source, where it is there already, is not listed again.
 
     Raises:
         DataError: it is missing or broken.

@@ -1,7 +1,7 @@
 """A search as its files have it: the first line of the ledger, one era after the other, and both archives."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
@@ -79,7 +79,7 @@ def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFi
             centroid=tuple(plan.prompts.centroids[niche].tolist()),
             id=prompts.archive.elites[niche].name,
             instruction=plan.task.instructions[trial.prompt].id,
-            **to_json(trial),
+            **asdict(trial),
         )
         for niche, trial in sorted(prompts.trials.items())
     )

@@ -68,12 +68,7 @@ def estimate(config: RunConfig) -> Estimate:
     if spent.answers:
         means = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
         likely = Tokens(input=next(means), output=next(means))
-    return Estimate(
-        requests=search.initial + later,
-        recorded=recorded,
-        samples=spent.answers,
-        likely=likely,
-    )
+    return Estimate(requests=search.initial + later, recorded=recorded, samples=spent.answers, likely=likely)
 
 
 def describe(config: RunConfig) -> str:

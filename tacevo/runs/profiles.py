@@ -15,10 +15,6 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
 
     They are read under the rules of the run. The code of no candidate runs, so no sandbox is needed.
 
-    Args:
-        path: the run directory.
-        store: where the stores lie, if not where the run had them.
-
     Raises:
         CacheMissError: a probe is missing.
         RunError: a candidate's file is not what was trained, or the limits of the run reject its source.

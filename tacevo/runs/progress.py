@@ -1,6 +1,5 @@
 """What a user sees while a command works: lines, and on a terminal bars with rate and time left."""
 
-import math
 from types import TracebackType
 from typing import Self
 
@@ -90,9 +89,8 @@ class Watcher:
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
         """Count a candidate, or write the line of a generation."""
-        archive = state.networks.archive
-        best = min((-elite.objective for elite in archive.elites.values()), default=math.nan)
-        reached = f"best {best:.4g}, coverage {coverage(archive, self._plan.networks.niches):.0%}"
+        covered = coverage(state.networks.archive, self._plan.networks.niches)
+        reached = f"best {state.best:.4g}, coverage {covered:.0%}"
         if isinstance(line, CandidateLine):
             self._done += 1
             self._view.advance("candidates", self._done, self._total, reached)

@@ -29,10 +29,7 @@ from tacevo.typed import parse
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
     """Put the store before the provider, and the budget between them; in a replay there is no provider.
 
-    Args:
-        config: the run's configuration.
-        mode: `replay`, or else the completions follow `llm.mode`.
-        seen: called with every store entry that is read.
+    In another mode than `replay` the completions follow `llm.mode`; `seen` is called with every entry that is read.
 
     Raises:
         ConfigError: a key, an extra, a model or a price is missing.

@@ -40,23 +40,28 @@ _PATHS: Mapping[str, Callable[[str], str]] = {
 }
 
 
-def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
-    """Return a run's configuration, as in run.json, without what belongs to one machine.
+#: What is published of settings that say where a run lies, or what tracks it.
+_ANYWHERE: Mapping[str, Mapping[str, Json]] = {
+    "llm": {"base_url": None},
+    "tracking": {"kind": "none", "uri": ""},
+    "store": {"root": "cache"},
+    "run": {"dir": None},
+}
 
-    Raises:
-        KeyError: it is not a configuration.
-    """
-    published = {group: dict(value) if isinstance(value, Mapping) else value for group, value in config.items()}
-    for key, shorten in _PATHS.items():
-        group, _, name = key.partition(".")
-        path = published[group].get(name)
-        if path is not None:
-            published[group][name] = shorten(path)
-    published["llm"]["base_url"] = None
-    published["tracking"] |= {"kind": "none", "uri": ""}
-    published["store"]["root"] = "cache"
-    published.setdefault("run", {})["dir"] = None
+
+def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
+    """Return a run's configuration, as in run.json, without what belongs to one machine."""
+    published = dict(config)
+    for group in (*config, "run"):  # which an early run lacks
+        settings = config.get(group, {})
+        if isinstance(settings, Mapping):
+            shortened = {name: _shortened(f"{group}.{name}", value) for name, value in settings.items()}
+            published[group] = {**shortened, **_ANYWHERE.get(group, {})}
     return published
+
+
+def _shortened(key: str, value: Json) -> Json:
+    return _PATHS[key](value) if key in _PATHS and isinstance(value, str) else value
 
 
 def published_overrides(overrides: Sequence[str]) -> tuple[str, ...]:

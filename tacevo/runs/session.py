@@ -22,17 +22,18 @@ from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import Workbench, build_plan
-from tacevo.sandbox.client import Run
+from tacevo.runs.wiring import Workbench, build_plan, start_zygote
+from tacevo.sandbox.client import Run, Zygote
 from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome
+from tacevo.search.effects import LLM
 from tacevo.search.files import read_ledger, write_archives
 from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
-from tacevo.storage.run_directory import Code, RunDirectory, RunRecord
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import sweep_stores
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import check_machine
@@ -59,13 +60,14 @@ def search(config: RunConfig, view: Progress) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    require_means(config)
-    data = load_data(config, view)
-    return record(config, load_task(config, data.facts), data, view)
+    llm = require_means(config)
+    with start_zygote(config) as zygote:
+        data = load_data(config, view)
+        return record(config, load_task(config, data.facts), data, view, zygote=zygote, llm=llm)
 
 
-def require_means(config: RunConfig) -> None:
-    """Check, before anything is made, that this machine has what a search needs.
+def require_means(config: RunConfig) -> LLM:
+    """Check, before anything is made, that this machine has what a search needs; return its model.
 
     Raises:
         SandboxError: candidates cannot be confined as the configuration asks.
@@ -73,7 +75,7 @@ def require_means(config: RunConfig) -> None:
     """
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device)
-    build_llm(config, Mode.record)
+    return build_llm(config, Mode.record)
 
 
 def record(
@@ -85,6 +87,8 @@ def record(
     begun: Sealed[Line] | None = None,
     eras: Sequence[RulesLine] = (RulesLine(generation=0, rules=CURRENT),),
     run: Run | None = None,
+    zygote: Zygote | None = None,
+    llm: LLM | None = None,
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
@@ -97,13 +101,15 @@ def record(
             of a stopped run.
         eras: the rules to search under, from which generation on.
         run: what runs candidates in place of a sandbox.
+        zygote: for the sandbox, where one was started before.
+        llm: what `require_means` returned, where it was asked.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
     plan, facts = build_plan(config, task, Mode.record), data.facts
     header = run_header(config, task, facts, plan, eras[0].rules)
-    decisive = [written(header), config.search.generations, *map(written, eras[1:])]
+    decisive: list[Json] = [written(header), config.search.generations, *map(written, eras[1:])]
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
@@ -113,7 +119,9 @@ def record(
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view):
             observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
-            with Workbench(config, task, facts, Mode.record, data=data, notice=walls.note, run=run) as bench:
+            with Workbench(
+                config, task, facts, Mode.record, data=data, notice=walls.note, run=run, zygote=zygote, llm=llm
+            ) as bench:
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
@@ -155,7 +163,6 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
         run = directory.read_run()
         if (run.task, run.data) == (task, facts):
             return
-    code = checked_out()
     directory.write_run(
         RunRecord(
             name=directory.path.name,
@@ -164,7 +171,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             data=facts,
             versions=versions(),
             machine=machine(),
-            code=None if code is None else Code(**code),
+            code=checked_out(),
             confinement=(),  # no candidate has run yet
             digest=None,
             pages=PAGES,
@@ -174,10 +181,8 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
 
 def _publishable(config: RunConfig) -> dict[str, Json]:
     """Write the configuration without the passwords that an address may hold: a run directory is there to be shared."""
-    plain = to_plain(config)
-    if config.llm.base_url is not None:
-        plain["llm"]["base_url"] = without_password(config.llm.base_url)
-    return plain
+    base_url = None if config.llm.base_url is None else without_password(config.llm.base_url)
+    return to_plain(replace(config, llm=replace(config.llm, base_url=base_url)))
 
 
 def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> None:

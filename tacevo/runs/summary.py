@@ -83,12 +83,12 @@ def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str]) -> 
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
-    best, reference = _fitness(ranked[0]), _fitness(baseline)
     return (
-        f"## Found\n\nBest fitness {_number(best)} by {ranked[0].id}: {_improvement(best, first)} than the best of "
-        f"generation 0 ({_number(first)}) and {_improvement(best, reference)} than the baseline "
-        f"({_number(reference)}). Fitness is the validation loss after the short training; lower wins.\n\n"
-        + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
+        f"## Found\n\nBest fitness {_number(_fitness(ranked[0]))} by {ranked[0].id}; the best of generation 0 has "
+        f"{_number(first)}, the baseline {_number(baseline.fitness)}. Fitness is the validation loss after the short "
+        "training; lower wins. Each is one draw, the loss of one training seed, and the best is the lowest of many: "
+        "`tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
+        "improvement.\n\n" + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
     )
 
 
@@ -190,9 +190,3 @@ def _trained(line: GenerationLine) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
-
-
-def _improvement(value: float, reference: float) -> str:
-    """Say how much lower a loss is than another, in per cent of the other."""
-    change = (reference - value) / reference if reference else 0.0
-    return f"{change:.1%} lower" if change >= 0 else f"{-change:.1%} higher"

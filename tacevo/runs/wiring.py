@@ -1,7 +1,9 @@
 """From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
+import threading
 from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -9,23 +11,25 @@ from typing import NoReturn, Self
 from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, Device, ExecutorKind
 from tacevo.config.schema import ArchiveConfig, ExecutorConfig, RunConfig
 from tacevo.data.dataset import Dataset
-from tacevo.errors import SandboxError
+from tacevo.errors import SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
-from tacevo.rules import CURRENT, STUDY, Rules
+from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Notice, Run, Sandbox
+from tacevo.sandbox.client import Died, Finished, Notice, Run, Sandbox, Zygote
 from tacevo.search.algorithm import Plan
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
 from tacevo.search.development import Tools
+from tacevo.search.effects import LLM
 from tacevo.search.proposals import Settings
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
 from tacevo.training.numerics import environment
+from tacevo.typed import convert
 
 #: What a sandbox runs: entry names to functions.
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
@@ -96,7 +100,13 @@ def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | 
 def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, seen: Seen | None) -> Tessellation:
     shape = {"niches": niches, "dimensions": dimensions, "samples": config.archive.samples, "seed": config.archive.seed}
     store = Store(Path(config.store.root), "centroids", mode, seen=seen)
-    return Tessellation(store.recall(shape, lambda: find_centroids(**shape)))
+    found = store.recall(shape, lambda: find_centroids(**shape))
+    return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
+
+
+def start_zygote(config: RunConfig) -> Zygote:
+    """Start the process that imports torch: that takes seconds, in which the search can load its data and plan."""
+    return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
 
 
 class Workbench:
@@ -113,6 +123,8 @@ class Workbench:
         seen: called with every store entry that is read.
         notice: called with the measures that confine a candidate, before its answer is kept.
         run: what runs jobs in place of a sandbox.
+        zygote: of `start_zygote`, for the sandbox; one starts with the first job where there is none.
+        llm: of `build_llm`, in the mode of the workbench; built where it is needed if there is none.
     """
 
     def __init__(
@@ -126,6 +138,8 @@ class Workbench:
         seen: Seen | None = None,
         notice: Notice | None = None,
         run: Run | None = None,
+        zygote: Zygote | None = None,
+        llm: LLM | None = None,
     ) -> None:
         self._config = config
         self._task = task
@@ -134,7 +148,9 @@ class Workbench:
         self._data = data
         self._seen = seen
         self._notice = notice
-        self._run = run
+        self._run = None if run is None else _at_most(config.executor.workers, run)
+        self._zygote = zygote
+        self._llm = llm
         self._stack = contextlib.ExitStack()
         #: The threads that wait for the sandbox.
         self.executor = _executor(config.executor)
@@ -153,9 +169,10 @@ class Workbench:
     def tools(self, rules: Rules) -> Tools:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed = derived_seed(self._config.seed, "training")
+        seed, mode = derived_seed(self._config.seed, "training"), self._mode_under(rules)
+        llm = self._llm if mode is self._mode else None
         return Tools(
-            llm=build_llm(self._config, self._mode_under(rules), seen=self._seen),
+            llm=llm or build_llm(self._config, mode, seen=self._seen),
             admit=gate.admit,
             inspect=gate.inspect,
             evaluate=lambda source: evaluator.evaluate(source, seed),
@@ -183,12 +200,11 @@ class Workbench:
         )
 
     def evaluator(self, rules: Rules) -> Evaluator:
-        """Return what trains candidates as a search does."""
-        mode = self._mode_under(rules)
+        """Return what trains candidates as a search under these rules does; under older ones it stores nothing."""
         return Evaluator(
-            run=self._sandbox(mode),
-            store=self._store("evaluations", mode),
-            setting=self._setting(),
+            run=self._sandbox(self._mode),
+            store=self._store("evaluations", self._mode_under(rules)),
+            setting=replace(self._setting(), contiguous=rules.training in CONTIGUOUS),
             examples=None if self._data is None else _examples(self._data),
             rules=rules.training,
         )
@@ -220,8 +236,9 @@ class Workbench:
                 arrays={} if self._data is None else {"images": self._data.images},
                 strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
                 notice=self._notice,
+                zygote=self._zygote,
             )
-            self._run = self._stack.enter_context(sandbox).run
+            self._run = _at_most(self._config.executor.workers, self._stack.enter_context(sandbox).run)
         return self._run
 
     def _store(self, kind: str, mode: Mode) -> Store:
@@ -243,10 +260,21 @@ def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> 
     )
 
 
+def _at_most(jobs: int, run: Run) -> Run:
+    """Run no more jobs at once than that; the others wait."""
+    free = threading.Semaphore(jobs)
+
+    def limited(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+        with free:
+            return run(entry, header, payload, limits)
+
+    return limited
+
+
 def _executor(executor: ExecutorConfig) -> Executor:
     match executor.kind:
-        case ExecutorKind.local:
-            return ThreadPoolExecutor(executor.workers, "worker")
+        case ExecutorKind.local:  # while a thread waits for the disk, another one keeps its processor busy
+            return ThreadPoolExecutor(2 * executor.workers, "worker")
 
 
 def recipe_of(config: RunConfig) -> Recipe:

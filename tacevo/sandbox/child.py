@@ -14,7 +14,7 @@ from tacevo.records import Json, Limits
 from tacevo.sandbox.confinement import confine
 from tacevo.sandbox.kernel import end_with
 from tacevo.sandbox.processes import close_all_but
-from tacevo.sandbox.protocol import Message, Sort, describe
+from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
 #: What an entry gets: the arrays of the sandbox by name, mapped read-only.
 Arrays = Mapping[str, np.ndarray[Any, Any]]
@@ -24,7 +24,7 @@ Send = Callable[[Json, bytes], None]
 
 #: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
 #: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
-Entry = Callable[[Json, bytes, Arrays, Send], object]
+Entry = Callable[[Header, bytes, Arrays, Send], object]
 
 
 class _Last:
@@ -34,7 +34,7 @@ class _Last:
         self.find_spec = find_spec
 
 
-def run(entry: Entry, job: Json, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int) -> NoReturn:
+def run(entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int) -> NoReturn:
     """Turn this fresh fork into a candidate's process, run the entry, and end without clean-up.
 
     Args:

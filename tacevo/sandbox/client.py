@@ -11,7 +11,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -24,7 +24,7 @@ from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import require
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
-from tacevo.sandbox.protocol import Channel, Message, Sort, describe, one_line
+from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe, one_line
 from tacevo.typed import convert
 
 #: Seconds that a zygote may take to import torch, and a supervisor to start on a busy machine.
@@ -106,9 +106,10 @@ class _UnpreparedError(SandboxError):
 class Sandbox:
     """Runs jobs, each in a fresh fork of one prepared process; several threads may call `run` at once.
 
-    The prepared process (the zygote) starts with the first job. If it dies, the supervisors finish the running jobs,
-    and the next job starts another zygote. A job that needs a module which the zygote has not imported runs again, from
-    its beginning, below a second zygote that has imported more; the two do not differ otherwise.
+    The prepared process (the zygote) starts with the first job, unless one was started before. If it dies, the
+    supervisors finish the running jobs, and the next job starts another zygote. A job that needs a module which the
+    zygote has not imported runs again, from its beginning, below a second zygote that has imported more; the two do not
+    differ otherwise.
 
     Args:
         entries: name to `module:function`; see `tacevo.sandbox.child.Entry`.
@@ -116,6 +117,7 @@ class Sandbox:
         arrays: name to an `.npy` file, mapped read-only for the entries.
         strongest: measures above this level are left out, so that tests run as on a weaker machine.
         notice: called for every candidate before its answer is returned, by the thread that waits for it.
+        zygote: one that was started with these entries and this environment; the sandbox ends it.
     """
 
     def __init__(
@@ -126,16 +128,16 @@ class Sandbox:
         arrays: Mapping[str, Path],
         strongest: Confinement = Confinement.kernel,
         notice: Notice | None = None,
+        zygote: "Zygote | None" = None,
     ) -> None:
         require(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
-        self._setup = {"entries": dict(entries), "arrays": {name: str(Path(p).resolve()) for name, p in arrays.items()}}
-        self._environment = {**environment, "PYTHONHASHSEED": "0"}
+        self._entries, self._environment, self._arrays = entries, environment, arrays
         self._strongest = strongest
         self._notice = notice
         self._lock = threading.Lock()
         #: By whether it is the one with all imports.
-        self._zygotes: dict[bool, _Zygote] = {}
+        self._zygotes: dict[bool, Zygote] = {} if zygote is None else {False: zygote}
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -155,9 +157,14 @@ class Sandbox:
             SandboxError: the sandbox itself failed; this says nothing about the candidate.
             KeyError: it is not an entry of the sandbox.
         """
-        if entry not in self._setup["entries"]:
-            raise KeyError(f"expected one of the entries {sorted(self._setup['entries'])}; got {entry!r}")
-        order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
+        if entry not in self._entries:
+            raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
+        order: dict[str, Json] = {
+            "entry": entry,
+            "header": header,
+            "limits": to_json(limits),
+            "strongest": self._strongest,
+        }
         try:
             answer = self._run(order, payload, limits, prepared=False)
         except _UnpreparedError:
@@ -168,7 +175,9 @@ class Sandbox:
             raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
         return Died(Reason.crashed, answer.detail)
 
-    def _run(self, order: Json, payload: bytes, limits: Limits, *, prepared: bool) -> "Finished | Died | _Killed":
+    def _run(
+        self, order: Mapping[str, Json], payload: bytes, limits: Limits, *, prepared: bool
+    ) -> "Finished | Died | _Killed":
         """Run a job, once more where it was killed, and each time once more where it was lost."""
         job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
         for is_last in (False, True):
@@ -197,7 +206,7 @@ class Sandbox:
             while self._zygotes:
                 self._zygotes.popitem()[1].close()
 
-    def _submit(self, job: socket.socket, prepared: bool) -> "_Zygote":
+    def _submit(self, job: socket.socket, prepared: bool) -> "Zygote":
         """Pass the socket of a job to its zygote, starting one where there is none."""
         with self._lock:
             if self._closed:
@@ -205,63 +214,81 @@ class Sandbox:
             zygote = self._zygotes.get(prepared)
             if zygote is not None:
                 with contextlib.suppress(_LostError):  # it is dying, which may not show yet
-                    zygote.submit(job)
+                    zygote.submit(job, self._arrays)
                     return zygote
                 self._zygotes.pop(prepared).close()
-            zygote = _Zygote({**self._setup, "imports": _LATE_IMPORTS if prepared else ()}, self._environment)
+            zygote = Zygote(self._entries, self._environment, imports=_LATE_IMPORTS if prepared else ())
             self._zygotes[prepared] = zygote
-            zygote.submit(job)
+            zygote.submit(job, self._arrays)
             return zygote
 
 
-class _Zygote:
-    """A running zygote: its process, and the socket that takes jobs."""
+class Zygote:
+    """A process that imports the entries, and with them torch, and then takes jobs; nothing here waits for it to start.
 
-    def __init__(self, setup: Json, environment: Mapping[str, str]) -> None:
-        ours, theirs = socket.socketpair()
-        self._stream = ours
-        with (
-            tempfile.TemporaryFile() as errors
-        ):  # until the start is over; unlike a pipe it cannot fill up and block the zygote
-            with theirs:
-                self._process = subprocess.Popen(
-                    boot.command(theirs.fileno()),
-                    env=environment,
-                    pass_fds=(theirs.fileno(),),
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=errors,
-                    start_new_session=True,  # Ctrl-C is the search's to handle
-                )
-            try:
-                self._await_start(setup, errors)
-            except BaseException:
-                self.close()
-                raise
+    Args:
+        entries: as of `Sandbox`.
+        environment: as of `Sandbox`.
+        imports: modules beside those that the entries need.
+    """
 
-    def _await_start(self, setup: Json, errors: IO[bytes]) -> None:
+    def __init__(
+        self, entries: Mapping[str, str], environment: Mapping[str, str], *, imports: Sequence[str] = ()
+    ) -> None:
+        self._stream, theirs = socket.socketpair()
+        #: What it writes until it has started; unlike a pipe this cannot fill up and block it.
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`, or when it has started
+        self._has_started = False
+        with theirs:
+            self._process = subprocess.Popen(
+                boot.command(theirs.fileno()),
+                env={**environment, "PYTHONHASHSEED": "0"},
+                pass_fds=(theirs.fileno(),),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=self._errors,
+                start_new_session=True,  # Ctrl-C is the search's to handle
+            )
+        with contextlib.suppress(OSError):  # who waits for its start is told that it died
+            Channel(self._stream).send(Message.of(Sort.setup, {"entries": dict(entries), "imports": list(imports)}))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _await_start(self, arrays: Mapping[str, Path]) -> None:
+        """Have the arrays mapped, and wait until jobs can be taken."""
         channel = Channel(self._stream)
         self._stream.settimeout(_START_SECONDS)
         try:
-            channel.send(Message.of(Sort.setup, setup))
+            channel.send(Message.of(Sort.arrays, {name: str(Path(p).resolve()) for name, p in arrays.items()}))
             problem = channel.receive().read_header()["error"]
         except (OSError, EOFError) as error:
-            said = _last_line(errors) or "nothing"
+            said = _last_line(self._errors) or "nothing"
             raise SandboxError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
         if problem is not None:
             raise SandboxError(problem, expected="a zygote that imports its entries and maps its arrays")
+        self._errors.close()
+        self._has_started = True
 
     def is_alive(self) -> bool:
         """Tell whether the process runs."""
         return self._process.poll() is None
 
-    def submit(self, job: socket.socket) -> None:
-        """Pass on the socket of a job.
+    def submit(self, job: socket.socket, arrays: Mapping[str, Path]) -> None:
+        """Pass on the socket of a job; the first one waits for the start, and has the arrays mapped for all.
 
         Raises:
             _LostError: the zygote is gone.
-            SandboxError: the kernel does not pass the socket on at the moment; the zygote and its jobs continue.
+            SandboxError: it did not start; or the kernel does not pass the socket on at the moment, and the zygote and
+                its jobs continue.
         """
+        if not self._has_started:
+            self._await_start(arrays)
         try:
             socket.send_fds(self._stream, [b"j"], [job.fileno()])
         except (BrokenPipeError, ConnectionResetError) as error:
@@ -272,6 +299,9 @@ class _Zygote:
     def close(self) -> None:
         """End the process and everything below it; harmless when it has ended already."""
         self._stream.close()  # its end of file is the order to end everything
+        self._errors.close()
+        if not self._has_started:  # it has no jobs to end, and would not see the end of file before torch is imported
+            self._process.kill()
         try:
             self._process.wait(_GRACE_SECONDS)
         except subprocess.TimeoutExpired:
@@ -286,7 +316,7 @@ def _last_line(errors: IO[bytes]) -> str:
     return one_line(lines[-1]) if lines else ""
 
 
-def _hand_over(channel: Channel, job: Message, zygote: _Zygote) -> int:
+def _hand_over(channel: Channel, job: Message, zygote: Zygote) -> int:
     """Send the job to its supervisor, before any code of the candidate runs; return the supervisor's process id."""
     channel.stream.settimeout(_START_SECONDS)
     try:
@@ -322,7 +352,7 @@ def _await_answer(
     return _judge(verdict, frames)
 
 
-def _judge(verdict: Json, messages: list[Message]) -> Finished | Died | _Killed:
+def _judge(verdict: Header, messages: list[Message]) -> Finished | Died | _Killed:
     """Turn the supervisor's verdict and the candidate's frames, which may be garbage, into the answer."""
     match verdict["ended"]:
         case "finished":

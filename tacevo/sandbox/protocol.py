@@ -13,9 +13,13 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Self
+from typing import Any, Self
 
 from tacevo.records import Json
+
+#: A header as it was sent. Those of the search are read as they are, because a child has no Pydantic; those of a
+#: candidate become records by `tacevo.sandbox.client.Frame.read`.
+Header = Any
 
 #: Levels of lists and objects in a header; the deepest honest one, a probe's answer, has six.
 _DEEPEST = 50
@@ -47,8 +51,10 @@ CHILD = Bounds(total_bytes=64 * 2**20, header_bytes=2 * 2**20, messages=10_000)
 class Sort(IntEnum):
     """What a message is."""
 
-    #: Search to zygote, once: imports, entries and arrays. Zygote to search: that it is ready, or why not.
+    #: Search to zygote, once: entries and imports. Zygote to search: that it is ready, or why not.
     setup = 1
+    #: Search to zygote, once: the files of the arrays, which are not known when it starts.
+    arrays = 11
     #: Search to supervisor: one job, with its limits.
     job = 2
     #: Supervisor to search: its process id.
@@ -75,7 +81,7 @@ class Message:
     header: bytes
     payload: bytes
 
-    def read_header(self) -> Json:
+    def read_header(self) -> Header:
         """Parse the header.
 
         Raises:

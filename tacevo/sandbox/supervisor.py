@@ -91,7 +91,7 @@ class _Watch:
         for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (search, select.POLLRDHUP)):
             self._poll.register(descriptor, event)
 
-    def until_the_end(self) -> Json:
+    def until_the_end(self) -> dict[str, Json]:
         """Wait until the candidate is done, dead or over a limit; return the verdict."""
         while True:
             if time.monotonic() >= self._deadline:
@@ -108,7 +108,7 @@ class _Watch:
                 finished = verdict["ended"] == "finished"
                 return self._out_of_memory() if finished and self._has_too_much_memory() else verdict
 
-    def _read(self) -> Json | None:
+    def _read(self) -> dict[str, Json] | None:
         """Read what is in the pipe; return the verdict if it ends the job."""
         try:
             data = os.read(self._pipe, _PIPE_SIZE)
@@ -125,7 +125,7 @@ class _Watch:
                 return verdict
         return None if data else self._lost()  # no data: every writer has closed the pipe
 
-    def _hear(self, message: Message) -> Json | None:
+    def _hear(self, message: Message) -> dict[str, Json] | None:
         """Take one message of the child; return the verdict if it is the last."""
         match message.sort:
             case Sort.ready if self.measures is None:
@@ -145,7 +145,7 @@ class _Watch:
                 return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
         return None
 
-    def _lost(self) -> Json | None:
+    def _lost(self) -> dict[str, Json] | None:
         """Return the verdict on a child that closed its pipe before it was done; None while it is still exiting."""
         end = os.waitid(os.P_PID, self._pid, os.WEXITED | os.WNOHANG)
         # A process closes its files before it can be waited for, sometimes long before.
@@ -178,7 +178,7 @@ class _Watch:
         self._files_mib[pid] = max(seen.of_files, self._files_mib.get(pid, 0.0))
         return max(seen.anonymous, seen.peak - self._files_mib[pid])
 
-    def _out_of_memory(self) -> Json:
+    def _out_of_memory(self) -> dict[str, Json]:
         return _died(Reason.out_of_memory, f"used more than {self._limits.memory_mib} MiB of resident memory")
 
 
@@ -187,5 +187,5 @@ def _last_words(message: Message) -> str:
     return one_line(message.payload[:_LONGEST_REASON].decode(errors="replace"))
 
 
-def _died(reason: Reason, detail: str) -> Json:
+def _died(reason: Reason, detail: str) -> dict[str, Json]:
     return {"ended": "died", "reason": reason.value, "detail": detail}

@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.errors import SandboxError
-from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Entry
 from tacevo.sandbox.kernel import become_subreaper, protect_memory
 from tacevo.sandbox.processes import close_all_but, end_own_descendants
-from tacevo.sandbox.protocol import Channel, Message, Sort, describe
+from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe
 from tacevo.sandbox.supervisor import supervise
 
 _OUTPUT, _ERRORS = 1, 2
@@ -31,7 +30,11 @@ def main(descriptor: int) -> None:
     become_subreaper()
     search = Channel(socket.socket(fileno=descriptor))
     try:
-        entries, arrays = _prepare(search.receive().read_header())
+        try:
+            entries = _prepare(search.receive().read_header())
+        finally:  # the search, which sends them when it has them, reads no answer before
+            files = search.receive().read_header()
+        arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in files.items()}
     except Exception as error:
         search.send(Message.of(Sort.setup, {"error": describe(error)}))
         return
@@ -41,8 +44,8 @@ def main(descriptor: int) -> None:
     os._exit(0)  # freeing torch object by object would take half a second
 
 
-def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
-    """Import the entries and map the arrays, as the search names them.
+def _prepare(setup: Header) -> dict[str, Entry]:
+    """Import the entries that the search names.
 
     Raises:
         SandboxError: an import started threads, which a fork would lose.
@@ -50,7 +53,6 @@ def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
     entries = {name: _import(place) for name, place in setup["entries"].items()}
     for name in setup["imports"]:
         importlib.import_module(name)
-    arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in setup["arrays"].items()}
     threads = len(os.listdir("/proc/self/task"))
     if threads > 1:
         raise SandboxError(
@@ -59,7 +61,7 @@ def _prepare(setup: Json) -> tuple[dict[str, Entry], Arrays]:
     gc.collect()
     gc.enable()
     gc.freeze()  # so that no garbage collection in a child writes to these shared pages
-    return entries, arrays
+    return entries
 
 
 def _import(place: str) -> Entry:

@@ -23,7 +23,6 @@ from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.search.archive import (
     AddStatus,
     Elite,
-    Growing,
     NetworkArchive,
     Placed,
     Places,
@@ -34,9 +33,10 @@ from tacevo.search.archive import (
 )
 from tacevo.search.descriptors import Descriptor, describe, scaled
 from tacevo.search.development import Outcome, Tools, begun, develop
+from tacevo.search.growing import Growing
 from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, with_training
 from tacevo.search.prompts import PromptArchive, Trial, curiosity
-from tacevo.search.proposals import Parent, Proposal, Settings, plan_generation, plan_initial
+from tacevo.search.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 from tacevo.search.temperature import next_temperature
 from tacevo.storage.canonical import content_hash
 
@@ -67,18 +67,6 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
-    """An evaluated candidate, as later generations need it."""
-
-    id: str
-    source: str
-    fitness: float
-    #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
-    curiosity: Fraction
-    curiosities: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SearchState:
     """Everything the next step depends on."""
 
@@ -88,8 +76,8 @@ class SearchState:
     networks: NetworkArchive
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
-    candidates: Growing[Candidate] = field(default_factory=Growing)
-    #: f*_{g-1}: the archive's best fitness after the last closed generation.
+    candidates: Growing[str, Candidate] = field(default_factory=Growing)
+    #: f*: the best fitness so far, which is that of the network archive; an archive never loses its best.
     best: float = math.inf
 
 
@@ -150,7 +138,7 @@ def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
         plan.task,
         plan.settings,
         generation=state.generation,
-        elites=[_parent(state.candidates[elites[niche].name]) for niche in sorted(elites)],
+        elites=[state.candidates[elites[niche].name] for niche in sorted(elites)],
         prompts=state.prompts,
         temperature=state.temperature,
     )
@@ -183,9 +171,10 @@ def commit(
     placed = Placed(elite=Elite(name=line.id, objective=-result.fitness), point=_point(descriptor, plan))
     networks, niche, status = state.networks.offer(plan.networks, placed)
     score = curiosity(result.fitness, inserted=status is not AddStatus.rejected)
-    candidates = _with_child(state.candidates, outcome.proposal, admitted.source, result.fitness, score)
+    candidates = _learned(state.candidates, outcome.proposal, admitted.source, result.fitness, score)
     line = replace(with_training(line, result), niche=niche, status=status, curiosity=score)
-    return _record_prompt(replace(state, networks=networks, candidates=candidates), plan, line, score)
+    best = min(state.best, result.fitness)
+    return _record_prompt(replace(state, networks=networks, candidates=candidates, best=best), plan, line, score)
 
 
 def close(
@@ -197,11 +186,10 @@ def close(
     only, as the paper has it; repaired ones are counted apart, where any answer was sent back.
     """
     elites, trials = state.networks.archive.elites, state.prompts.trials
-    best = min((-elite.objective for elite in elites.values()), default=math.inf)
     temperature = state.temperature
     if state.generation > 0:
         temperature = next_temperature(
-            plan.temperature_rule, temperature, best=best, best_before=before.best, step=plan.temperature_step
+            plan.temperature_rule, temperature, best=state.best, best_before=before.best, step=plan.temperature_step
         )
     fitnesses = [line.fitness for line in lines if line.fitness is not None]
     repaired = sum(line.fitness is not None for line in lines if line.repairs)
@@ -211,7 +199,7 @@ def close(
         next_temperature=temperature,
         candidates=len(lines),
         trained=len(fitnesses) - repaired,
-        best=best if math.isfinite(best) else None,
+        best=state.best if math.isfinite(state.best) else None,
         generation_best=min(fitnesses, default=None),
         generation_median=round(statistics.median(fitnesses), 12) if fitnesses else None,
         coverage=coverage(state.networks.archive, plan.networks.niches),
@@ -222,7 +210,7 @@ def close(
         prompt_archive=content_hash(to_json(trials)),
         repaired=repaired if any(line.repairs for line in lines) else None,
     )
-    return replace(state, generation=state.generation + 1, temperature=temperature, best=best), line
+    return replace(state, generation=state.generation + 1, temperature=temperature), line
 
 
 def _check_baseline(outcome: Outcome, task: Task) -> None:
@@ -256,19 +244,11 @@ def _point(descriptor: Descriptor, plan: Plan) -> tuple[float, ...]:
     return tuple(values[axis] for axis in plan.axes)
 
 
-def _with_child(
-    candidates: Growing[Candidate], proposal: Proposal, source: str, fitness: float, score: float
-) -> Growing[Candidate]:
+def _learned(
+    candidates: Growing[str, Candidate], proposal: Proposal, source: str, fitness: float, score: float
+) -> Growing[str, Candidate]:
     """Add a candidate, and its curiosity to that of the parent that it is a mutation of."""
-    exact = Fraction(score)
     for name in proposal.parents if proposal.operator is Operator.mutation else ():
-        parent = candidates[name]
-        taught = replace(parent, curiosity=parent.curiosity + exact, curiosities=parent.curiosities + 1)
-        candidates = candidates.adding(name, taught)
-    child = Candidate(id=proposal.id, source=source, fitness=fitness, curiosity=exact, curiosities=1)
+        candidates = candidates.adding(name, candidates[name].with_child(score))
+    child = Candidate(id=proposal.id, source=source, fitness=fitness, curiosities=Fraction(score))
     return candidates.adding(child.id, child)
-
-
-def _parent(candidate: Candidate) -> Parent:
-    mean = float(candidate.curiosity) / candidate.curiosities  # the sum is rounded once, so its order does not matter
-    return Parent(id=candidate.id, source=candidate.source, fitness=candidate.fitness, curiosity=mean)

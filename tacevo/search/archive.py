@@ -6,23 +6,19 @@ ablation puts in its place: the best networks, wherever they lie.
 """
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from itertools import islice
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import STRICT
+from tacevo.search.growing import Growing
 
 #: Coordinates of a point, shape (d,).
 Point = tuple[float, ...]
-
-T = TypeVar("T")
 
 
 class AddStatus(StrEnum):
@@ -46,7 +42,7 @@ class Elite:
 class Archive:
     """The elites, by niche."""
 
-    elites: Mapping[int, Elite] = field(default_factory=dict)
+    elites: Growing[int, Elite] = field(default_factory=Growing)
 
 
 class Tessellation:
@@ -115,7 +111,7 @@ def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStat
     incumbent = archive.elites.get(niche)
     if incumbent is not None and elite.objective <= incumbent.objective:
         return archive, AddStatus.rejected
-    grown = replace(archive, elites={**archive.elites, niche: elite})
+    grown = Archive(archive.elites.adding(niche, elite))
     return grown, AddStatus.new if incumbent is None else AddStatus.improved
 
 
@@ -182,57 +178,6 @@ class Bounds:
         return tuple(min(max((x - a) / (b - a), 0.0), 1.0) if b > a else 0.5 for x, a, b in axes)
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Growing(Mapping[str, T]):
-    """A mapping without a way to change it, whose keys are in the order in which they first came.
-
-    Mappings that grew from one another share one log of writes, to which only the longest of them appends; each knows
-    how many writes it is made of, and so stays what it was. One that grows a second time copies its part of the log
-    first. The log keeps values that were replaced.
-    """
-
-    _log: list[T] = field(default_factory=list)
-    #: Where in the log the values of a key stand, in order.
-    _places: dict[str, list[int]] = field(default_factory=dict)
-    #: How many writes, and how many keys, are this mapping's own.
-    _writes: int = 0
-    _keys: int = 0
-
-    def adding(self, key: str, value: T) -> "Growing[T]":
-        """Return the mapping with a value under a key, new or instead of its former value; this one stays as it is."""
-        if self._writes < len(self._log):
-            return self._copied().adding(key, value)
-        places = self._places.setdefault(key, [])
-        places.append(self._writes)
-        self._log.append(value)
-        return Growing(self._log, self._places, self._writes + 1, self._keys + (len(places) == 1))
-
-    def __getitem__(self, key: str) -> T:
-        """Return the value of a key.
-
-        Raises:
-            KeyError: there is no such key.
-        """
-        places = self._places.get(key, [])
-        own = bisect_left(places, self._writes)
-        if own == 0:
-            raise KeyError(key)
-        return self._log[places[own - 1]]
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the keys in the order in which they first came."""
-        return iter(list(islice(self._places, self._keys)))
-
-    def __len__(self) -> int:
-        """Return the number of keys."""
-        return self._keys
-
-    def _copied(self) -> "Growing[T]":
-        """Return an equal mapping with a log of its own."""
-        places = {key: [index] for index, key in enumerate(self)}
-        return Growing(list(self.values()), places, self._keys, self._keys)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
     """A candidate as the network archive sees it."""
@@ -256,7 +201,7 @@ class NetworkArchive:
     #: Bounds given by the config never move.
     fixed: bool = False
     #: Every candidate offered so far by its name, in order.
-    history: Growing[Placed] = field(default_factory=Growing)
+    history: Growing[str, Placed] = field(default_factory=Growing)
 
     def offer(self, niches: Tessellation | Places, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
         """Offer a candidate.
@@ -281,7 +226,7 @@ class NetworkArchive:
         archive, status = insert(archive, niche, newcomer.elite)
         return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
 
-    def _with(self, newcomer: Placed) -> Growing[Placed]:
+    def _with(self, newcomer: Placed) -> Growing[str, Placed]:
         return self.history.adding(newcomer.elite.name, newcomer)
 
 

@@ -1,10 +1,11 @@
 """From proposals to outcomes: the expensive half of a generation, with every effect passed in."""
 
+import heapq
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from tacevo.errors import CacheMissError
 from tacevo.profile import Admitted
@@ -66,9 +67,10 @@ class Outcome:
 def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
-    All requests are made at once; each answer goes through the gate and into training as soon as it arrives, and
-    equal sources are trained once. What the gate rejected is sent back together when all of that is
-    done, training included, up to `repairs` times.
+    All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
+    candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
+    a long training and the others idle; equal sources are trained once. What the gate rejected is sent back together
+    when the gate is done, up to `repairs` times.
 
     Args:
         proposals: the slots of a generation.
@@ -79,29 +81,22 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) ->
         LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
     """
-    tools = replace(tools, evaluate=_Once(tools.evaluate))
-    futures: dict[int, Future[Outcome]] = {}
+    trainings = _Trainings(tools)
+    judged: dict[int, Future[_Judged]] = {}
     asked: dict[int, Request] = {}
     for index, proposal in enumerate(proposals):
         if proposal.request is None:
-            futures[index] = tools.executor.submit(_develop_one, proposal, None, tools)
+            judged[index] = tools.executor.submit(_judge, proposal, None, tools, trainings)
         else:
             asked[index] = proposal.request
-    _ask(asked, proposals, tools, futures)
-    for _ in range(repairs):
-        asked = _sent_back(asked, futures)
-        _ask(asked, proposals, tools, futures)
-    for index in range(len(proposals)):
-        yield futures[index].result()
-
-
-def _ask(
-    asked: Mapping[int, Request], proposals: Sequence[Proposal], tools: Tools, futures: dict[int, Future[Outcome]]
-) -> None:
-    """Make requests at once, and develop each answer as it arrives; one of an earlier round becomes an attempt."""
-    for index, completion in _answers(asked, proposals, tools.llm):
-        before = futures[index].result() if index in futures else None
-        futures[index] = tools.executor.submit(_develop_one, proposals[index], completion, tools, before)
+    for round_ in range(1 + repairs):
+        if round_ > 0:
+            asked = _sent_back(asked, judged)
+        for index, completion in _answers(asked, proposals, tools.llm):
+            before = judged[index].result() if index in judged else None
+            judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, before)
+    for index, proposal in enumerate(proposals):
+        yield _outcome(proposal, judged[index].result())
 
 
 def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: LLM) -> Iterator[tuple[int, Completion]]:
@@ -125,64 +120,118 @@ def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
-def _sent_back(asked: Mapping[int, Request], futures: Mapping[int, Future[Outcome]]) -> dict[int, Request]:
-    """Wait until a round is judged and trained, and write the requests that send rejected ones back."""
+def _sent_back(asked: Mapping[int, Request], judged: Mapping[int, "Future[_Judged]"]) -> dict[int, Request]:
+    """Wait until the gate has judged a round, and write the requests that send rejected answers back."""
     again: dict[int, Request] = {}
     for index, request in asked.items():
-        outcome = futures[index].result()
-        if outcome.admitted is None and outcome.completion is not None and isinstance(outcome.result, Rejection):
-            repair = repair_request(request, outcome.completion.text, outcome.result)
+        verdict = judged[index].result()
+        if verdict.completion is not None and isinstance(verdict.gated, Rejection):
+            repair = repair_request(request, verdict.completion.text, verdict.gated)
             if repair is not None:
                 again[index] = repair
     return again
 
 
-def _develop_one(
-    proposal: Proposal, completion: Completion | None, tools: Tools, before: Outcome | None = None
-) -> Outcome:
-    """Take one answer through the gate and, where it passes, through training."""
+#: What a training gave, and its wall time in seconds.
+_Trained = tuple[Training | Rejection, float]
+
+
+class _Trainings:
+    """The trainings of a generation: each source once, and of those that wait the one with most FLOPs first."""
+
+    def __init__(self, tools: Tools) -> None:
+        self._tools = tools
+        self._lock = threading.Lock()
+        self._known: dict[str, Future[_Trained]] = {}
+        #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; the source.
+        self._waiting: list[tuple[int, int, str]] = []
+
+    def add(self, admitted: Admitted) -> Future[_Trained]:
+        """Have a candidate trained; equal sources share one training."""
+        with self._lock:
+            if admitted.source in self._known:
+                return self._known[admitted.source]
+            answer = self._known[admitted.source] = Future()
+            heapq.heappush(self._waiting, (-admitted.profile.flops, len(self._known), admitted.source))
+        self._tools.executor.submit(self._train_longest)
+        return answer
+
+    def _train_longest(self) -> None:
+        with self._lock:
+            *_, source = heapq.heappop(self._waiting)
+        began = time.perf_counter()
+        try:
+            result = self._tools.evaluate(source)
+        except BaseException as error:  # who waits for the answer must raise it
+            self._known[source].set_exception(error)
+        else:
+            self._known[source].set_result((result, time.perf_counter() - began))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Judged:
+    """An answer behind the gate."""
+
+    completion: Completion | None
+    gated: Admitted | Rejection
+    #: What came of it in the end; of a rejected one, that it was rejected.
+    training: Future[_Trained]
+    #: Wall time of the gate.
+    seconds: float
+    attempts: tuple[Attempt, ...]
+
+
+def _judge(
+    proposal: Proposal,
+    completion: Completion | None,
+    tools: Tools,
+    trainings: _Trainings,
+    before: _Judged | None = None,
+) -> _Judged:
+    """Take one answer through the gate and, where it passes, have it trained; `before` is one that was sent back."""
     began = time.perf_counter()
     try:
         gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
-        result = gated if isinstance(gated, Rejection) else tools.evaluate(gated.source)
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
-    return Outcome(
-        proposal=proposal,
+    return _Judged(
         completion=completion,
-        admitted=None if isinstance(gated, Rejection) else gated,
-        result=result,
+        gated=gated,
+        training=_done((gated, 0.0)) if isinstance(gated, Rejection) else trainings.add(gated),
         seconds=time.perf_counter() - began + (0.0 if before is None else before.seconds),
         attempts=() if before is None else _with_attempt(before),
     )
 
 
-def _with_attempt(before: Outcome) -> tuple[Attempt, ...]:
-    """Turn an outcome whose answer was sent back into the attempts of the one that follows."""
-    if before.completion is None or not isinstance(before.result, Rejection):
-        raise ValueError(f"{before.proposal.id} has no rejected answer that could have been sent back")
-    return (*before.attempts, Attempt(completion=before.completion, rejection=before.result))
+def _done(answer: _Trained) -> Future[_Trained]:
+    future: Future[_Trained] = Future()
+    future.set_result(answer)
+    return future
 
 
-class _Once:
-    """Evaluates equal sources of one generation once; a later asker waits for the first one's answer."""
+def _with_attempt(before: _Judged) -> tuple[Attempt, ...]:
+    """Turn an answer that was sent back into the attempts of the one that follows."""
+    if before.completion is None or not isinstance(before.gated, Rejection):
+        raise ValueError(f"{before.gated} is not the rejection of an answer that could have been sent back")
+    return (*before.attempts, Attempt(completion=before.completion, rejection=before.gated))
 
-    def __init__(self, evaluate: Evaluate) -> None:
-        self._evaluate = evaluate
-        self._lock = threading.Lock()
-        self._answers: dict[str, Future[Training | Rejection]] = {}
 
-    def __call__(self, source: str) -> Training | Rejection:
-        with self._lock:
-            first = source not in self._answers
-            answer = self._answers.setdefault(source, Future())
-        if first:
-            try:
-                answer.set_result(self._evaluate(source))
-            except BaseException as error:  # the waiting thread must raise it, too
-                answer.set_exception(error)
-        return answer.result()
+def _outcome(proposal: Proposal, judged: _Judged) -> Outcome:
+    """Wait for the training of what the gate admitted."""
+    try:
+        result, seconds = judged.training.result()
+    except CacheMissError as error:
+        _name_slot(error, proposal)
+        raise
+    return Outcome(
+        proposal=proposal,
+        completion=judged.completion,
+        admitted=judged.gated if isinstance(judged.gated, Admitted) else None,
+        result=result,
+        seconds=judged.seconds + seconds,
+        attempts=judged.attempts,
+    )
 
 
 def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:

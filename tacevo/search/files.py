@@ -169,8 +169,10 @@ def read_archives(directory: RunDirectory, last: GenerationLine) -> tuple[Networ
         RunError: a file is missing or damaged, or is not what the ledger says: its occupants, or its bounds.
     """
     networks, prompts = read_archive_files(directory)
-    elites = {str(entry.niche): {"name": entry.id, "objective": -entry.fitness} for entry in networks.elites}
-    trials = {
+    elites: dict[str, Json] = {
+        str(entry.niche): {"name": entry.id, "objective": -entry.fitness} for entry in networks.elites
+    }
+    trials: dict[str, Json] = {
         str(entry.niche): {name: getattr(entry, name) for name in ("prompt", "temperature", "inserted", "curiosity")}
         for entry in prompts.trials
     }

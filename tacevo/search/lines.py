@@ -13,6 +13,7 @@ from tacevo.errors import RunError
 from tacevo.records import STRICT, DataFacts, Json, Operator, Reason, Stage, Training
 from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import AddStatus, Bounds
+from tacevo.typed import FreeJson
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +25,7 @@ class RunLine:
     #: Layout of the ledger.
     schema: int
     #: The part of the configuration that decides results (`tacevo.config.identity`).
-    config: dict[str, Json]
+    config: dict[str, FreeJson]
     #: SHA-256 of the task's texts.
     task: str
     data: DataFacts

@@ -1,13 +1,14 @@
 """The prompt archive A_P: which instruction at which temperature was productive (paper, Algorithm 1, line 8)."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tacevo.choices import PromptPolicy
 from tacevo.search.archive import AddStatus, Archive, Elite, Point, Tessellation, insert
+from tacevo.search.growing import Growing
 
 
 def curiosity(fitness: float | None, *, inserted: bool) -> float:
@@ -46,7 +47,7 @@ class PromptArchive:
 
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
-    trials: Mapping[int, Trial] = field(default_factory=dict)
+    trials: Growing[int, Trial] = field(default_factory=Growing)
 
     def record(
         self, tessellation: Tessellation, trial: Trial, *, prompts: int, name: str
@@ -66,7 +67,7 @@ class PromptArchive:
         archive, status = insert(self.archive, niche, Elite(name=name, objective=float(trial.inserted)))
         if status is AddStatus.rejected:
             return self, niche, status
-        return replace(self, archive=archive, trials={**self.trials, niche: trial}), niche, status
+        return PromptArchive(archive=archive, trials=self.trials.adding(niche, trial)), niche, status
 
 
 def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:

@@ -6,6 +6,7 @@ Pure: `plan_initial` and `plan_generation` turn the state of a search into propo
 import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -20,15 +21,25 @@ _NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused,
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parent:
-    """An elite of the network archive, as parent choice sees it."""
+class Candidate:
+    """An evaluated candidate, as later generations need it."""
 
     id: str
     source: str
     #: Validation loss; lower is better.
     fitness: float
-    #: Mean curiosity of itself and its mutation children.
-    curiosity: float
+    #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
+    curiosities: Fraction
+    scores: int = 1
+
+    @property
+    def curiosity(self) -> float:
+        """The mean; the sum is rounded once, so that the order of its terms does not matter."""
+        return float(self.curiosities) / self.scores
+
+    def with_child(self, curiosity: float) -> "Candidate":
+        """Return the candidate with the curiosity of one more mutation child."""
+        return replace(self, curiosities=self.curiosities + Fraction(curiosity), scores=self.scores + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +105,7 @@ def plan_generation(
     settings: Settings,
     *,
     generation: int,
-    elites: Sequence[Parent],
+    elites: Sequence[Candidate],
     prompts: PromptArchive,
     temperature: float,
 ) -> tuple[Proposal, ...]:
@@ -128,8 +139,8 @@ def plan_generation(
 
 
 def draw_parents(
-    policy: ParentPolicy, elites: Sequence[Parent], *, number: int, best: int, rng: np.random.Generator
-) -> tuple[Parent, ...]:
+    policy: ParentPolicy, elites: Sequence[Candidate], *, number: int, best: int, rng: np.random.Generator
+) -> tuple[Candidate, ...]:
     """Draw different elites as parents.
 
     `uniform`, and `baseline`, whose pool is one: all alike. `best`: alike among the `best` fittest (at least as many
@@ -143,7 +154,7 @@ def draw_parents(
     pool = list(elites)
     if policy is ParentPolicy.best:
         pool = sorted(pool, key=lambda elite: (elite.fitness, elite.id))[: max(best, number)]
-    drawn: list[Parent] = []
+    drawn: list[Candidate] = []
     for _ in range(number):
         curious = policy is ParentPolicy.curiosity
         index = draw_weighted([e.curiosity for e in pool], rng) if curious else int(rng.integers(len(pool)))
@@ -238,9 +249,9 @@ def _baseline(task: Task) -> Proposal:
     )
 
 
-def _founder(task: Task) -> Parent:
+def _founder(task: Task) -> Candidate:
     """Return the baseline as a parent, without competitors that its figures could matter to."""
-    return Parent(id=_baseline(task).id, source=task.baseline, fitness=0.0, curiosity=1.0)
+    return Candidate(id=_baseline(task).id, source=task.baseline, fitness=0.0, curiosities=Fraction(1))
 
 
 def _mutates(settings: Settings, slot: _Slot) -> bool:
@@ -251,7 +262,7 @@ def _mutates(settings: Settings, slot: _Slot) -> bool:
 
 
 def _mutation(
-    task: Task, settings: Settings, slot: _Slot, elites: Sequence[Parent], prompts: PromptArchive
+    task: Task, settings: Settings, slot: _Slot, elites: Sequence[Candidate], prompts: PromptArchive
 ) -> Proposal:
     (parent,) = _parents_of(settings, slot, elites, 1)
     rng = stream(settings.seed, "prompt", slot.generation, slot.number)
@@ -267,7 +278,7 @@ def _mutation(
     )
 
 
-def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Parent]) -> Proposal:
+def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Candidate]) -> Proposal:
     first, second = _parents_of(settings, slot, elites, 2)
     text = crossover_text(first.source, second.source, task.crossover)
     return Proposal(
@@ -280,7 +291,7 @@ def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Par
     )
 
 
-def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Parent], number: int) -> tuple[Parent, ...]:
+def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Candidate], number: int) -> tuple[Candidate, ...]:
     rng = stream(settings.seed, "parents", slot.generation, slot.number)
     return draw_parents(settings.parents, elites, number=number, best=settings.best, rng=rng)
 

@@ -42,13 +42,7 @@ def readable(value: Json) -> str:
 
 
 def differences(recorded: Json, asked: Json, at: Field = ()) -> list[Field]:
-    """List the fields in which two requests differ, e.g. `("messages", 0, "content")`.
-
-    Args:
-        recorded: one request.
-        asked: the other.
-        at: where both stand in the values that are compared.
-    """
+    """List the fields in which two requests differ, e.g. `("messages", 0, "content")`, below the field `at`."""
     if isinstance(recorded, dict) and isinstance(asked, dict):
         found: list[Field] = []
         for key in sorted(recorded.keys() | asked.keys()):
@@ -69,5 +63,8 @@ def shown(field: Field) -> str:
 def value_at(value: Json, field: Field) -> Json:
     """Look a field up that `differences` found; None where it is missing."""
     for name in field:
-        value = value[int(name)] if isinstance(value, list) else value.get(name)
+        if isinstance(value, list):
+            value = value[int(name)]
+        else:
+            value = value.get(str(name)) if isinstance(value, Mapping) else None
     return value

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le
 
 from tacevo.errors import StoreError
-from tacevo.records import STRICT
+from tacevo.records import Record
 from tacevo.storage.canonical import canonical
 from tacevo.storage.store import KINDS, Entry
 from tacevo.typed import parse
@@ -51,22 +51,15 @@ CHUNK = 1024**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Header:
+class _Header(Record):
     """The first line."""
-
-    __pydantic_config__ = STRICT
 
     schema: Literal[1]
     entries: Annotated[int, Ge(0), Le(MOST_ENTRIES)]
 
 
 class Budget:
-    """Counts unpacked bytes, and stops at a limit.
-
-    Args:
-        source: the file that is unpacked.
-        size: of that file, in bytes.
-    """
+    """Counts the bytes that a file of a size unpacks to, and stops at a limit."""
 
     def __init__(self, source: Path, size: int) -> None:
         self._source = source
@@ -102,10 +95,6 @@ def pack(entries: Iterable[Entry]) -> bytes:
 def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
     """Read the entries of a file that anybody may have written, one at a time.
 
-    Args:
-        source: what `pack` wrote.
-        budget: what may be unpacked.
-
     Raises:
         StoreError: the file is damaged, or a line is not an entry; the message names it.
     """
@@ -119,10 +108,7 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
         entry = parse(Entry, line, place=place, error=StoreError)
         if entry.kind not in KINDS:
             raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(KINDS)}")
-        try:
-            key = entry.sealed()["key"]
-        except ValueError as error:
-            raise StoreError(str(error), place=place, expected="JSON") from error
+        key = entry.key
         if key in keys or number > count:
             raise StoreError("one more, or one that came before", place=place, expected=expected)
         keys.add(key)

@@ -14,6 +14,9 @@ from typing import BinaryIO
 
 from tacevo.errors import RunError, StoreError
 
+#: A lock for one process that does not wait for another one.
+NOW = fcntl.LOCK_EX | fcntl.LOCK_NB
+
 #: How often a lock that another process holds is tried again, and after how many seconds each.
 _PATIENCE, _PAUSE = 20, 0.05
 
@@ -26,14 +29,10 @@ _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
 @contextlib.contextmanager
 def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
-    """Keep other processes out of a directory.
+    """Keep other processes out of a directory; by default, wait for the one at work there, as long as it takes.
 
     Nothing is written: the directory itself is locked. A file system without locks, or one across a network that cannot
     lock directories, keeps no process out.
-
-    Args:
-        folder: the directory.
-        wait: for the other process, as long as it takes.
 
     Raises:
         RunError: another process is at work there, and `wait` is False.
@@ -42,7 +41,7 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
     handle = os.open(folder, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):  # no locks here
-            if not _flock(handle, wait=wait):
+            if not flock(handle, fcntl.LOCK_EX if wait else NOW):
                 got = "one that its search or another `tacevo track` is mirroring"
                 remedy = "give the command again when that is done"
                 raise RunError(got, place=str(folder), expected="an idle run", remedy=remedy)
@@ -53,7 +52,7 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def locked(folder: Path, setting: str) -> Iterator[None]:
-    """Lock a directory for this process alone.
+    """Lock a directory for this process alone; a killed process lets go of it by itself.
 
     Args:
         folder: made if it is absent.
@@ -70,7 +69,7 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
         raise RunError(str(error.strerror), place=f"{setting}={folder}", expected=expected) from error
     try:
         for _ in range(_PATIENCE):  # `RunDirectory.is_busy` locks it for a moment to see whether it is locked
-            if _flock(handle, wait=False):
+            if flock(handle):
                 break
             time.sleep(_PAUSE)
         else:
@@ -81,14 +80,14 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
         os.close(handle)
 
 
-def _flock(handle: int, *, wait: bool) -> bool:
+def flock(handle: int, how: int = NOW) -> bool:
     """Lock an open file or directory until it is closed; return False where another process holds it.
 
     Raises:
         OSError: the file system has no locks.
     """
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, how)
     except BlockingIOError:
         return False
     return True
@@ -110,7 +109,7 @@ def write_durably(path: Path, content: str | bytes) -> None:
             os.fsync(file.fileno())
             os.replace(file.name, path)  # atomic: a reader never sees half an entry
         for folder in (path.parent, *(folder.parent for folder in made)):
-            _sync_folder(folder)  # the names, too, must survive a crash
+            sync(folder)  # the names, too, must survive a crash
     except OSError as error:
         raise StoreError(
             f"cannot be written: {error.strerror}; what stood there is unchanged",
@@ -127,7 +126,7 @@ def sweep(folder: Path) -> None:
     for part in folder.rglob(".*.part"):
         if _PART.fullmatch(part.name):
             with contextlib.suppress(OSError), part.open("rb+") as file:
-                if _flock(file.fileno(), wait=False):
+                if flock(file.fileno()):
                     part.unlink()
 
 
@@ -150,14 +149,15 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
 def _lock(file: BinaryIO) -> None:
     """Lock a new file; where the file system cannot, it needs no lock, since `sweep` fails there too."""
     try:
-        _flock(file.fileno(), wait=True)
+        flock(file.fileno(), fcntl.LOCK_EX)
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
 
 
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
+def sync(path: Path) -> None:
+    """Wait until a file or directory is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

@@ -16,7 +16,7 @@ from typing import Generic, Self, TypeVar
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json, written
 from tacevo.storage.canonical import canonical, content_hash, differences, shown, value_at
-from tacevo.typed import convert
+from tacevo.typed import FreeJson, convert, parse
 
 #: A record of one line.
 L_co = TypeVar("L_co", covariant=True)
@@ -101,38 +101,38 @@ class Ledger:
             RunError: the disk is full or fails; the lines before this one are safe.
             ValueError: a number is NaN or infinite.
         """
-        sealed = seal(written(line), self.digest)
+        sealed, digest = seal(written(line), self.digest)
         if self.committed < self.recorded:
-            if self._recorded.hashes[self.committed] != sealed["hash"]:
-                raise _divergence(self._recorded.lines[self.committed], line)
+            if self._recorded.hashes[self.committed] != digest:
+                recorded = self._recorded.lines[self.committed]
+                field, (was, now) = first_difference(recorded, line)
+                raise DivergenceError(now, place=f"{place_of(recorded)}, {field}", expected=f"{was} as recorded")
         elif self._file is not None:
             _append(self._file, f"{canonical(sealed)}\n".encode())
         self.committed += 1
-        self.digest = sealed["hash"]
+        self.digest = digest
 
 
-def seal(entry: dict[str, Json], previous: str) -> dict[str, Json]:
-    """Link a line's JSON to the line before it and add its own hash."""
+def seal(entry: Mapping[str, Json], previous: str) -> tuple[dict[str, Json], str]:
+    """Link a line's JSON to the line before it; return it with its own hash, and that hash."""
     linked = {**entry, "previous": previous}
-    return {**linked, "hash": content_hash(linked)}
+    digest = content_hash(linked)
+    return {**linked, "hash": digest}, digest
 
 
 def sealed_text(lines: Sequence[object]) -> tuple[str, str]:
     """Return the text of a whole ledger, and its digest."""
     texts, digest = [], GENESIS
     for line in lines:
-        sealed = seal(written(line), digest)
-        digest = sealed["hash"]
+        sealed, digest = seal(written(line), digest)
         texts.append(f"{canonical(sealed)}\n")
     return "".join(texts), digest
 
 
-def _by_number(lines: Sequence[object]) -> str:
-    return f"line {len(lines) + 1}"
-
-
 def read_lines(
-    path: Path, kind_of: KindOf[L_co], name_line: Callable[[Sequence[L_co]], str] = _by_number
+    path: Path,
+    kind_of: KindOf[L_co],
+    name_line: Callable[[Sequence[L_co]], str] = lambda lines: f"line {len(lines) + 1}",
 ) -> Sealed[L_co]:
     """Read a ledger as records and check its chain; a last line torn by a crash is left out, and so is a missing file.
 
@@ -149,7 +149,7 @@ def read_lines(
     for text in _whole(path).splitlines():
         place = f"{path}, {name_line(lines)}"
         line, previous, own = read_line(text, kind_of, place)
-        if previous != hashes[-1] or own != seal(written(line), previous)["hash"]:
+        if previous != hashes[-1] or own != seal(written(line), previous)[1]:
             raise RunError(
                 "another one: it, or the line before it, was edited",
                 place=place,
@@ -167,12 +167,8 @@ def read_line(text: bytes, kind_of: KindOf[L_co], place: str) -> tuple[L_co, str
     Raises:
         RunError: it is not a line of such a ledger.
     """
-    try:
-        entry = json.loads(text)
-        canonical(entry)  # fails on NaN and infinity, which Python's reader lets through
-    except (ValueError, RecursionError) as error:
-        raise RunError(str(error), place=place, expected="JSON", remedy=_RESTORE) from error
-    kind = kind_of(entry) if isinstance(entry, dict) else None
+    entry = parse(dict[str, FreeJson], text, place=place, error=RunError, remedy=_RESTORE)
+    kind = kind_of(entry)
     if kind is None:
         raise RunError(_brief(entry), place=place, expected="a line of a known kind", remedy=_RESTORE)
     previous, own = (str(entry.pop(name, None)) for name in ("previous", "hash"))
@@ -197,12 +193,6 @@ def _append(file: FileIO, data: bytes) -> None:
             place=str(file.name),
             remedy="make room, and run the same command again",
         ) from error
-
-
-def _divergence(recorded: object, line: object) -> DivergenceError:
-    """Write the first field in which a recomputed line differs from the recorded one."""
-    field, (was, now) = first_difference(recorded, line)
-    return DivergenceError(now, place=f"{place_of(recorded)}, {field}", expected=f"{was} as recorded")
 
 
 def first_difference(one: object, other: object) -> tuple[str, tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from tacevo.storage.canonical import content_hash, readable, shown, value_at
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import KINDS, Entry, Store, check_entry, read_entry
 from tacevo.text import counted, table
-from tacevo.typed import convert
+from tacevo.typed import FreeJson, convert, parse
 
 #: Fewest digits that name an entry.
 _SHORTEST_KEY = 4
@@ -51,10 +51,7 @@ def scan(root: Path, kinds: Sequence[str] = KINDS) -> Iterator[Found]:
 def list_stores(root: Path, *, kind: str | None, model: str | None) -> str:
     """Count the entries of the stores by kind and model, with sizes, tokens and costs.
 
-    Args:
-        root: the directory of the stores.
-        kind: only this one.
-        model: only completions of models whose name contains this.
+    With `model`, only completions of models whose name contains it.
 
     Raises:
         StoreError: there is no such directory.
@@ -108,7 +105,8 @@ def explain(root: Path, what: str) -> str:
     path = _find(root, what)
     entry = read_entry(path)
     lines = [f"{entry.kind} {entry.key}: recorded in {path}", *_answered(path)]
-    lines += [f"  {name}: {_brief(value)}" for name, value in sorted(entry.request.items())]
+    parts = entry.request if isinstance(entry.request, Mapping) else {}
+    lines += [f"  {name}: {_brief(value)}" for name, value in sorted(parts.items())]
     return "\n".join([*lines, _nearest(root, entry.kind, entry.request)])
 
 
@@ -144,9 +142,8 @@ def _completion(place: Path, entry: Entry) -> tuple[str, Completion | None]:
     if entry.kind != "completions":
         return "", None
     answer = convert(Completion, entry.answer, place=f"{place}, answer", error=StoreError, remedy="delete it")
-    return convert(
-        Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it"
-    ).model, answer
+    request = convert(Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it")
+    return request.model, answer
 
 
 def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[str]:
@@ -176,20 +173,18 @@ def _find(root: Path, prefix: str) -> Path:
 
 def _asked(path: Path) -> tuple[str, Json]:
     """Read a request from a file: the request alone, or a mapping with its kind, such as a store's entry."""
-    expected, kinds = "a JSON object with a request", ", ".join(KINDS)
+    expected = "a JSON object with a request"
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-        content_hash(value)  # NaN and half characters, which no request holds
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(str(error), place=str(path), expected=expected) from error
-    if not isinstance(value, dict) or not isinstance(value.get("request", {}), dict):
-        raise ConfigError(_brief(value), place=str(path), expected=expected)
-    if "request" not in value:
-        return "completions", value
-    kind = value.get("kind", "completions")
+        value = parse(dict[str, FreeJson], path.read_bytes(), place=str(path), error=ConfigError)
+    except ConfigError as error:
+        error.expected = expected
+        raise
+    kind, request = value.get("kind", "completions"), value.get("request", value)
+    if not isinstance(request, dict):
+        raise ConfigError(_brief(request), place=str(path), expected=expected)
     if kind not in KINDS:
-        raise ConfigError(repr(kind), place=f"{path}, kind", expected=f"one of {kinds}")
-    return kind, value["request"]
+        raise ConfigError(repr(kind), place=f"{path}, kind", expected=f"one of {', '.join(KINDS)}")
+    return str(kind), request
 
 
 def _answered(path: Path) -> list[str]:
@@ -225,10 +220,7 @@ def _brief(value: Json) -> str:
 def take_in(source: Path, entries: Iterable[Entry], root: Path) -> tuple[int, int]:
     """Write store entries from elsewhere into the stores; every one is verified before the first is written.
 
-    Args:
-        source: where they come from, for messages.
-        entries: each of another key.
-        root: the directory of the stores.
+    `source` is where they come from, for messages.
 
     Returns:
         The number of entries that were written, and of those that stood there already.

@@ -14,51 +14,38 @@ import contextlib
 import fcntl
 import hashlib
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
 from tacevo.costs import Spending
+from tacevo.environment import Code
 from tacevo.errors import RunError
-from tacevo.records import STRICT, DataFacts, Json, Rejection, Task, to_json, written
+from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json, written
 from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable
-from tacevo.storage.files import locked, sweep, write_durably
-from tacevo.typed import parse
+from tacevo.storage.files import flock, locked, sweep, write_durably
+from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
 _ENDINGS = {".py", ".rejected.txt"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Code:
-    """A checkout of this project."""
-
-    __pydantic_config__ = STRICT
-
-    #: 40 hex digits.
-    commit: str
-    #: Whether a file was changed since.
-    dirty: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunRecord:
+class RunRecord(Record):
     """What run.json holds."""
-
-    __pydantic_config__ = STRICT
 
     #: Layout of the file.
     schema: Literal[1] = 1
     name: str
     #: As `tacevo.config.compose.to_plain` writes it.
-    config: dict[str, Json]
+    config: dict[str, FreeJson]
     task: Task
     data: DataFacts
     versions: dict[str, str]
-    machine: dict[str, Json]
+    machine: dict[str, FreeJson]
     #: None where the package was not run from a checkout, and in runs of the first release.
     code: Code | None = None
     #: Each way in which candidates were confined, in the order in which they came.
@@ -70,10 +57,8 @@ class RunRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
+class Timing(Record):
     """A line of timings.jsonl: of a candidate, or of a generation."""
-
-    __pydantic_config__ = STRICT
 
     id: str | None = None
     generation: int | None = None
@@ -100,11 +85,7 @@ class Timing:
 
 
 class RunDirectory:
-    """Writes and reads the files of one run.
-
-    Args:
-        path: the directory; made when something is written.
-    """
+    """Writes and reads the files of one run; the directory is made when something is written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -114,33 +95,18 @@ class RunDirectory:
         """The ledger's path."""
         return self.path / "ledger.jsonl"
 
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the directory for this process alone; a killed process lets go of it by itself.
-
-        Raises:
-            RunError: another process is at work in it, or the directory cannot be made.
-        """
-        with locked(self.path, "run.dir"):
-            yield
+    def locked(self) -> AbstractContextManager[None]:
+        """Hold the directory for this process alone (see `tacevo.storage.files.locked`)."""
+        return locked(self.path, "run.dir")
 
     @property
     def is_busy(self) -> bool:
         """Whether a process holds the directory at this moment."""
         try:
-            handle = os.open(self.path / ".lock", os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
+            with (self.path / ".lock").open("rb") as file:
+                return not flock(file.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError:  # nobody ever held it, or the file system has no locks
             return False
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:  # a file system without locks
-            return False
-        else:
-            return False
-        finally:
-            os.close(handle)
 
     def sweep(self) -> None:
         """Remove what killed writers left here."""
@@ -176,12 +142,7 @@ class RunDirectory:
                 remedy="unpack a published run, and use its run/" if is_file else "",
             ) from error
         remedy = "restore it, or delete it: the `tacevo search` command that began the run writes it again"
-        run = parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)
-        try:
-            canonical(to_json(run))  # machine and configuration are free JSON, in which NaN would pass
-        except ValueError as error:
-            raise RunError(str(error), place=str(path), expected="JSON", remedy=remedy) from error
-        return run
+        return parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)
 
     def keep_candidate(self, name: str, source: str) -> None:
         """Keep the source of an admitted candidate."""
@@ -200,11 +161,7 @@ class RunDirectory:
         return None
 
     def read_source(self, name: str, sha256: str) -> str:
-        """Read the source of an admitted candidate.
-
-        Args:
-            name: its id.
-            sha256: of the source, as its ledger line has it.
+        """Read the source of an admitted candidate, whose hash its ledger line has.
 
         Raises:
             RunError: the file is missing, or is not what was admitted.
@@ -237,7 +194,7 @@ class RunDirectory:
             RunError: the disk is full or fails.
         """
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
-        line = written(Timing(id=id, generation=generation, seconds=seconds, at=at, **to_json(spent)))
+        line = written(Timing(id=id, generation=generation, seconds=seconds, at=at, **asdict(spent)))
         path = self.path / "timings.jsonl"
         try:
             with path.open("ab+") as file:

@@ -8,6 +8,7 @@ which writer lives.
 """
 
 import contextlib
+import hashlib
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,10 +16,10 @@ from pathlib import Path
 from typing import Literal
 
 from tacevo.errors import CacheMissError, StoreError
-from tacevo.records import STRICT, Json, Mode
-from tacevo.storage.canonical import Field, content_hash, differences, readable, shown
+from tacevo.records import Json, Mode, Record
+from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
 from tacevo.storage.files import sweep, write_durably
-from tacevo.typed import parse
+from tacevo.typed import FreeJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
@@ -40,14 +41,12 @@ _COMPARED = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class Entry(Record):
     """A question of one kind, and its answer."""
 
-    __pydantic_config__ = STRICT
-
     kind: str
-    request: Json
-    answer: Json
+    request: FreeJson
+    answer: FreeJson
 
     @property
     def key(self) -> str:
@@ -61,28 +60,30 @@ class Entry:
         return f"{self.kind}/{key[:2]}/{key}.json"
 
     def sealed(self) -> dict[str, Json]:
-        """Return all that its file holds.
-
-        Raises:
-            ValueError: a number is NaN or infinite.
-        """
-        entry = {
-            "schema": SCHEMA, "kind": self.kind, "key": self.key, "request": self.request, "answer": self.answer
-        }  # fmt: skip
-        return {**entry, "checksum": content_hash(entry)}
+        """Return all that its file holds."""
+        # The canonical form of an object is made of those of its values, so that a long request is written once.
+        kind, request, answer = map(canonical, (self.kind, self.request, self.answer))
+        key = _sha256(f'{{"kind":{kind},"request":{request},"schema":{SCHEMA}}}')
+        checksum = _sha256(f'{{"answer":{answer},"key":"{key}","kind":{kind},"request":{request},"schema":{SCHEMA}}}')
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "key": key,
+            "request": self.request,
+            "answer": self.answer,
+            "checksum": checksum,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sealed:
+class _Sealed(Record):
     """What the file of an entry holds."""
-
-    __pydantic_config__ = STRICT
 
     schema: Literal[1]
     kind: str
     key: str
-    request: Json
-    answer: Json
+    request: FreeJson
+    answer: FreeJson
     checksum: str
 
 
@@ -92,7 +93,6 @@ class Store:
     Args:
         root: the directory that holds all kinds.
         kind: the name of this kind; part of every key.
-        mode: see `Mode`.
         seen: called with every entry that `read` finds, from the thread that reads.
     """
 
@@ -215,37 +215,28 @@ def sweep_stores(root: Path) -> None:
         sweep(root / kind)
 
 
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def _key(kind: str, request: Json) -> str:
     return content_hash({"schema": SCHEMA, "kind": kind, "request": request})
 
 
 def read_entry(path: Path) -> Entry:
-    """Read the entry in a file of a store.
-
-    Raises:
-        StoreError: as `check_entry`.
-    """
+    """Read the entry in a file of a store, by `check_entry`."""
     return check_entry(path, path.read_bytes(), path.parts[-3], path.stem)
 
 
 def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
     """Read an entry, and compare it with its checksum, its place and its question.
 
-    Args:
-        path: where it stands, for messages.
-        data: what stands there.
-        kind: the kind of the store.
-        key: what the file's name says.
-
     Raises:
         StoreError: it is damaged, of another schema, or answers another question than its key stands for.
     """
     read = parse(_Sealed, data, place=str(path), error=StoreError, remedy=_RESTORE)
     entry = Entry(kind=read.kind, request=read.request, answer=read.answer)
-    try:
-        sealed = entry.sealed()
-    except ValueError as error:
-        raise StoreError(str(error), place=str(path), expected="JSON", remedy=_RESTORE) from error
+    sealed = entry.sealed()
     if (kind, key) != (read.kind, read.key) or (read.key, read.checksum) != (sealed["key"], sealed["checksum"]):
         expected = "an entry that fits its name and its checksum"
         raise StoreError(

@@ -6,14 +6,14 @@ failed/NAME.json      why a job failed, until it is repeated and succeeds
 launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
 """
 
-import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT
+from tacevo.records import Record
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, sweep, write_durably
 from tacevo.storage.run_directory import RunDirectory
@@ -24,10 +24,8 @@ _TAKEN = frozenset({"", ".", "..", "failed", "launch"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
+class Job(Record):
     """One run of a sweep."""
-
-    __pydantic_config__ = STRICT
 
     #: Of its directory.
     name: str
@@ -41,10 +39,8 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sweep:
+class _Sweep(Record):
     """What sweep.json holds."""
-
-    __pydantic_config__ = STRICT
 
     schema: Literal[1] = 1
     overrides: tuple[str, ...]
@@ -52,21 +48,15 @@ class _Sweep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Failure:
+class _Failure(Record):
     """What failed/NAME.json holds."""
-
-    __pydantic_config__ = STRICT
 
     job: str
     reason: str
 
 
 class SweepDirectory:
-    """Writes and reads the files of one sweep.
-
-    Args:
-        path: the directory; created when something is written.
-    """
+    """Writes and reads the files of one sweep; the directory is made when something is written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -81,15 +71,9 @@ class SweepDirectory:
         """The directory of what launching leaves behind."""
         return self.path / "launch"
 
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the sweep for this process alone.
-
-        Raises:
-            RunError: another process is at work in it, or the directory cannot be created.
-        """
-        with locked(self.path, "--into"):
-            yield
+    def locked(self) -> AbstractContextManager[None]:
+        """Hold the sweep for this process alone (see `tacevo.storage.files.locked`)."""
+        return locked(self.path, "--into")
 
     def log(self, job: Job) -> Path:
         """Return the file that holds the last output of a job."""

@@ -16,12 +16,8 @@ def recall_verdict(
 ) -> T | Rejection:
     """Return the recorded verdict on a request, or judge and record it, as the store's mode says.
 
-    Args:
-        store: where the verdict is kept.
-        request: all that the verdict depends on.
-        kind: what a candidate passes with.
-        name: of that, in the entry.
-        judge: computes the verdict; what it raises passes through, and nothing is recorded.
+    What a candidate passes with is of the class `kind`, and stands under `name` in the entry. What `judge` raises
+    passes through, and nothing is recorded.
 
     Raises:
         CacheMissError: the store is in replay and has no such verdict.
@@ -32,7 +28,12 @@ def recall_verdict(
         verdict = judge()
         return {"rejection" if isinstance(verdict, Rejection) else name: to_json(verdict)}
 
-    return read_verdict(kind, name, store.recall(request, compute), place=f"entry {store.key(request)[:12]}")
+    answer = store.recall(request, compute)
+    try:
+        return read_verdict(kind, name, answer, place="entry")
+    except StoreError as error:  # hashing every long request for a name that is hardly ever told takes a tenth of it
+        error.place = error.place.replace("entry", f"entry {store.key(request)[:12]}", 1)
+        raise
 
 
 def read_verdict(

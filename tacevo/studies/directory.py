@@ -7,12 +7,13 @@ Both are written whole, so that several processes may end the same study at once
 """
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from tacevo.errors import RunError
-from tacevo.records import Json, to_json, written
+from tacevo.records import to_json, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import sweep, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
@@ -20,7 +21,7 @@ from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, Stu
 from tacevo.typed import parse
 
 #: What `name_study` returns, as a regular expression.
-NAME = r"elites\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
+NAME = r"(?:elites|noise)\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,11 +35,7 @@ class Scores:
 
 
 class StudyDirectory:
-    """Writes and reads the files of one study.
-
-    Args:
-        path: the directory; made when something is written.
-    """
+    """Writes and reads the files of one study; the directory is made when something is written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -52,12 +49,10 @@ class StudyDirectory:
     def _remedy(self) -> str:
         return f"delete {self.path}; `tacevo study` writes it again from the store"
 
-    def begin(self, header: StudyHeader, circumstances: Mapping[str, Json]) -> None:
-        """Write study.json, unless it describes this very study already.
+    def begin(self, header: StudyHeader, **circumstances: Any) -> None:
+        """Write study.json, unless it describes this very study already, whatever its circumstances.
 
-        Args:
-            header: what decides the scores.
-            circumstances: what else a reader wants to know: scale, units, versions and machine.
+        These are the fields of a `StudyRecord` that do not decide the scores: scale, units, versions and machine.
         """
         sweep(self.path)
         with contextlib.suppress(RunError):
@@ -134,8 +129,8 @@ class StudyDirectory:
 
 def name_study(header: StudyHeader) -> str:
     """Name the directory of a study after what it is; see `NAME`."""
-    elites, short = len(header.networks) - 1, content_hash(written(header))[:8]
-    return f"elites{elites}-seeds{header.seeds}-epochs{header.recipe.epochs}-{short}"
+    what, short = "elites" if header.terms else "noise", content_hash(written(header))[:8]
+    return f"{what}{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}-{short}"
 
 
 def studies_of(run: Path) -> list[StudyDirectory]:

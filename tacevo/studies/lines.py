@@ -10,19 +10,18 @@ from typing import Annotated, Final, Literal
 from annotated_types import Ge
 
 from tacevo.choices import Device, Numerics
-from tacevo.records import STRICT, DataFacts, Json, Reason, Recipe, Stage
+from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
 from tacevo.studies.terms import Terms
+from tacevo.typed import FreeJson
 
 #: Layout of both files.
 SCHEMA: Final = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Network:
+class Network(Record):
     """A network that is studied, with what its ledger line says of it."""
-
-    __pydantic_config__ = STRICT
 
     #: `baseline`, `variant 1`, ...
     name: str
@@ -35,7 +34,7 @@ class Network:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+class Design(Record):
     """All that the scores of a study follow from, and how they are judged."""
 
     #: Digest of the run.
@@ -48,10 +47,13 @@ class Design:
     device: Device
     #: S.
     seeds: Annotated[int, Ge(1)]
-    terms: Terms
+    #: None of a noise run, which trains as the search did and takes no test score.
+    terms: Terms | None = None
     #: The baseline first.
     networks: tuple[Network, ...]
-    #: Number of the full trainings.
+    #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
+    chosen_by: str = ""
+    #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
 
 
@@ -59,15 +61,13 @@ class Design:
 class StudyRecord(Design):
     """What study.json holds."""
 
-    __pydantic_config__ = STRICT
-
     schema: Literal[2]
     name: str
     #: Units of the labels for one unit of training, and their names; empty for classification.
     scale: tuple[float, ...]
     units: tuple[str, ...]
     versions: dict[str, str]
-    machine: dict[str, Json]
+    machine: dict[str, FreeJson]
     #: None until the study is finished.
     digest: str | None
 
@@ -76,17 +76,13 @@ class StudyRecord(Design):
 class StudyHeader(Design):
     """The first line of the scores."""
 
-    __pydantic_config__ = STRICT
-
     schema: Literal[2]
     kind: Literal["study"] = "study"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScoreLine:
+class ScoreLine(Record):
     """How the training of one network with one seed ended."""
-
-    __pydantic_config__ = STRICT
 
     network: str
     id: str
@@ -94,11 +90,12 @@ class ScoreLine:
     seed: int
     #: Key of the training in the store, which holds the losses of every epoch.
     evaluation: str
-    #: Of the lowest validation loss, from 1.
+    #: Of the lowest validation loss, from 1; of a noise run the last, whose loss is the fitness.
     epoch: int
     validation_loss: float
+    #: Empty of a noise run.
     metrics: dict[str, float]
-    #: None for regression.
+    #: None for regression, and of a noise run.
     confusion: tuple[tuple[int, ...], ...] | None
     predictions: str
     weights: str
@@ -107,10 +104,8 @@ class ScoreLine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FailedLine:
+class FailedLine(Record):
     """Why the training of one network with one seed failed."""
-
-    __pydantic_config__ = STRICT
 
     network: str
     id: str

@@ -1,6 +1,6 @@
 """Which networks a study is about; pure."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from tacevo.errors import RunError
 from tacevo.search.archive import best_of_their_own
@@ -8,7 +8,12 @@ from tacevo.search.lines import CandidateLine
 from tacevo.studies.lines import Network
 
 
-def networks_of(candidates: Sequence[CandidateLine], elites: Collection[str], count: int) -> tuple[Network, ...]:
+def networks_of(
+    candidates: Sequence[CandidateLine],
+    elites: Collection[str],
+    count: int | None,
+    estimates: Mapping[str, float] | None = None,
+) -> tuple[Network, ...]:
     """Choose the networks of a study: the baseline, then the elites of the lowest validation loss.
 
     The earlier id wins a tie. An elite with the source of the baseline or of a better elite is passed over, so there
@@ -17,7 +22,9 @@ def networks_of(candidates: Sequence[CandidateLine], elites: Collection[str], co
     Args:
         candidates: lines of a finished run, the baseline's first.
         elites: ids of the network archive's elites.
-        count: how many elites to take, at most.
+        count: how many elites to take, at most; None for all.
+        estimates: re-estimated fitness by id, which elites are chosen by in place of the recorded one; an elite
+            without one is passed over.
 
     Raises:
         RunError: the baseline or an elite was not trained.
@@ -25,7 +32,8 @@ def networks_of(candidates: Sequence[CandidateLine], elites: Collection[str], co
     baseline = _studied("baseline", candidates[0])
     lines = {line.id: line for line in candidates}
     offered = {name: _studied(name, lines.get(name)) for name in elites}
-    entries = [(network.fitness, network.id, network.source) for network in offered.values()]
+    fitness = {name: network.fitness for name, network in offered.items()} if estimates is None else estimates
+    entries = [(fitness[name], name, network.source) for name, network in offered.items() if name in fitness]
     best = best_of_their_own(entries, baseline.source)[:count]
     return baseline, *(_studied(f"variant {number}", lines[name]) for number, name in enumerate(best, start=1))
 

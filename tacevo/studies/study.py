@@ -1,25 +1,27 @@
-"""`tacevo study`: the baseline and the best elites of a run, trained fully with several seeds and tested.
+"""`tacevo study` and `tacevo noise`: the baseline and the best elites of a run, trained with several seeds.
 
-Every training is in the store as soon as it ends, so a study that was stopped goes on where it was, and several
+A study trains them fully and tests them. A noise run trains them as the search did, which gives their fitness under
+other seeds, and sees no test image. Each has seeds of its own, so elites that a noise run chose are studied by fresh
+draws. Every training is in the store as soon as it ends, so a study that was stopped goes on where it was, and several
 processes with one store may work on the same one. The order of the work enters no file.
 """
 
 import random
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence, Set
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
+from tacevo.choices import ChosenBy
 from tacevo.config.recorded import RecordedRun, doubting, read_recorded
-from tacevo.config.schema import RunConfig
-from tacevo.config.study import StudyConfig
+from tacevo.config.schema import ExecutorConfig, RunConfig
+from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
 from tacevo.randomness import derived_seed
-from tacevo.records import Kind, Limits, Mode, Rejection
-from tacevo.rules import STUDY
+from tacevo.records import Kind, Limits, Mode, Rejection, Training
+from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, recipe_of
@@ -28,10 +30,14 @@ from tacevo.storage.store import Seen, sweep_stores
 from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
 from tacevo.studies.networks import networks_of
-from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.studies.noise import estimates_of, noise_digest
+from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted
+from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.numerics import check_machine
+
+_Verdict = FullTraining | Training | Rejection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,30 +90,58 @@ def study(config: StudyConfig, view: Progress) -> Studied:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    path, limits = Path(config.run or ""), Limits(seconds=config.seconds, memory_mib=config.memory_mib)
+    run = read_recorded(Path(config.run or ""), config.store.root)
     plan = _plan(
-        read_recorded(path, config.store.root),
+        run,
         elites=config.elites,
         seeds=config.seeds,
         epochs=config.epochs,
-        limits=limits,
-        terms=partial(_stated, config),
+        limits=Limits(seconds=config.seconds, memory_mib=config.memory_mib),
+        terms=_stated(config, run.record.data.kind),
+        chosen_by=noise_digest(run) if config.choose is ChosenBy.reestimated else "",
         rules=STUDY,
     )
-    run, task, facts = replace(plan.config, executor=config.executor), plan.run.record.task, plan.run.record.data
+    return _carry_out(plan, config.elites, config.executor, view)
+
+
+def estimate_noise(path: Path, config: NoiseConfig, view: Progress) -> Studied:
+    """Train the elites of a finished run as its search did, with other seeds, or resume such a noise run.
+
+    Raises:
+        TacevoError: see its subclasses; the trainings that ended are kept.
+        KeyboardInterrupt: the user stopped it; the same command continues.
+    """
+    run = read_recorded(path, config.store.root)
+    elites = None if isinstance(config.elites, str) else config.elites
+    training = recipe_of(run.config)
+    plan = _plan(
+        run,
+        elites=elites,
+        seeds=config.seeds,
+        epochs=training.epochs,
+        limits=training.limits,
+        terms=None,
+        chosen_by="",
+        rules=CURRENT.training,
+    )
+    return _carry_out(plan, elites or 0, config.executor, view)
+
+
+def _carry_out(plan: _Plan, wanted: int, executor: ExecutorConfig, view: Progress) -> Studied:
+    """Train all that a plan asks for, and write it down; `wanted` elites were asked for."""
+    run, task, facts = replace(plan.config, executor=executor), plan.run.record.task, plan.run.record.data
     require(run.sandbox.require)
     check_machine(run.numerics.kind, run.training.device)
     catalogue = source_of(run).catalogue()
     data = load_same(run, facts, view, catalogue=catalogue)
     sweep_stores(Path(run.store.root))
-    directory = StudyDirectory(path / "studies" / name_study(plan.header))
+    directory = StudyDirectory(plan.run.directory.path / "studies" / name_study(plan.header))
     units = units_of(catalogue) if data.scale else ()
-    circumstances = {"scale": data.scale, "units": units, "versions": versions(), "machine": machine()}
-    directory.begin(plan.header, circumstances)
+    directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     with Workbench(run, task, facts, Mode.record, data=data) as bench:
-        evaluator = bench.studies(STUDY)
+        evaluator = _evaluator(bench, plan.header)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
-        _introduce(directory, plan, config, len(recorded), view)
+        _introduce(directory, plan, wanted, len(recorded), view)
         verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
         digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
@@ -118,15 +152,10 @@ def study(config: StudyConfig, view: Progress) -> Studied:
 
 
 def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
-    """Compute the scores of a run's finished studies again from the store alone, and compare every line.
+    """Compare every score of a run's finished studies with the store alone; return the digest of each, by its name.
 
-    Args:
-        run: the run.
-        view: shows which studies are passed over: unfinished ones, and those of the run before it was extended.
-        seen: called with every store entry that is read.
-
-    Returns:
-        The digest of each study, by its name.
+    Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
+    is read.
 
     Raises:
         DivergenceError: a score differs, or the study is not about the networks that the run found.
@@ -154,7 +183,8 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
         seeds=recorded.seeds,
         epochs=recorded.recipe.epochs,
         limits=recorded.recipe.limits,
-        terms=lambda _: recorded.terms,
+        terms=recorded.terms,
+        chosen_by=recorded.chosen_by,
         rules=recorded.rules,
     )
     place = f"{directory.path}/study.json"
@@ -165,7 +195,7 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
             expected="the study that follows from the run",
         )
     with Workbench(plan.config, run.record.task, run.record.data, Mode.replay, seen=seen) as bench:
-        evaluator = bench.studies(recorded.rules)
+        evaluator = _evaluator(bench, plan.header)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = directory.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
@@ -176,24 +206,33 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
 def _stated(config: StudyConfig, kind: Kind) -> Terms:
     """Return the terms that a configuration states for a kind of task."""
     chosen = config.margins.regression if kind is Kind.regression else config.margins.classification
-    return Terms(alpha=config.alpha, margin=Margin(value=chosen.value, kind=chosen.kind))
+    return Terms(alpha=config.alpha, margin=chosen)
+
+
+def _evaluator(bench: Workbench, header: StudyHeader) -> Evaluator | FullEvaluator:
+    """Return what trains the networks of a study, or those of a noise run."""
+    if header.terms is None:
+        return bench.evaluator(replace(CURRENT, training=header.rules))
+    return bench.studies(header.rules)
 
 
 def _plan(
     run: RecordedRun,
     *,
-    elites: int,
+    elites: int | None,
     seeds: int,
     epochs: int,
     limits: Limits,
-    terms: Callable[[Kind], Terms],
+    terms: Terms | None,
+    chosen_by: str,
     rules: int,
 ) -> _Plan:
     """Work out which networks of a run are trained, how, and on which terms they are judged."""
     training = replace(run.config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
     config = replace(run.config, training=training)
     archive, _ = run.read_archives()
-    networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites)
+    estimates = estimates_of(run, chosen_by) if chosen_by else None
+    networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites, estimates)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,
@@ -204,12 +243,14 @@ def _plan(
         numerics=config.numerics.kind,
         device=config.training.device,
         seeds=seeds,
-        terms=terms(run.record.data.kind),
+        terms=terms,
         networks=networks,
+        chosen_by=chosen_by,
         rules=rules,
     )
+    stream = "study" if terms else "noise"
     jobs = [
-        _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, "study", index))
+        _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, stream, index))
         for network in networks
         for source in [run.directory.read_source(network.id, network.source)]
         for index in range(seeds)
@@ -217,24 +258,23 @@ def _plan(
     return _Plan(run=run, config=config, header=header, jobs=tuple(jobs))
 
 
-def _introduce(directory: StudyDirectory, plan: _Plan, config: StudyConfig, recorded: int, view: Progress) -> None:
+def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     view.say(f"study: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
-    networks = plan.header.networks
+    networks, terms, seeds = plan.header.networks, plan.header.terms, plan.header.seeds
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
-    if len(networks) <= config.elites:
-        view.say(f"the archive has fewer elites with a source of their own than elites={config.elites}")
-    needed = fewest_seeds(config.alpha)
-    if config.seeds < needed:
+    if len(networks) <= wanted:
+        view.say(f"the archive has fewer elites with a source of their own than elites={wanted}")
+    if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
-            f"no comparison will be possible: at alpha {config.alpha} no outcome of seeds={config.seeds} is "
+            f"no comparison will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "
             f"significant; it takes seeds={needed} or more"
         )
 
 
 def _train(
-    jobs: Sequence[_Job], recorded: Set[str], evaluator: FullEvaluator, executor: Executor, view: Progress
-) -> list[FullTraining | Rejection]:
+    jobs: Sequence[_Job], recorded: Set[str], evaluator: Evaluator | FullEvaluator, executor: Executor, view: Progress
+) -> list[_Verdict]:
     """Train all that is not recorded, in parallel; return the verdicts in the order of the jobs.
 
     The progress counts only trainings that were not recorded before.
@@ -243,7 +283,7 @@ def _train(
     # Every process takes its own order, so that two on one study rarely train the same network with the same seed.
     random.SystemRandom().shuffle(order)
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
-    verdicts: dict[int, FullTraining | Rejection] = {}
+    verdicts: dict[int, _Verdict] = {}
     done = len(recorded)
     for future in as_completed(futures):
         place = futures[future]
@@ -258,13 +298,15 @@ def _train(
     return [verdicts[place] for place in range(len(jobs))]
 
 
-def _rows(plan: _Plan, evaluator: FullEvaluator, verdicts: Sequence[FullTraining | Rejection]) -> list[Row]:
+def _rows(plan: _Plan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
     """Return the lines of the scores, one for each job."""
     pairs = zip(plan.jobs, verdicts, strict=True)
     return [_row(job, evaluator.key(job.source, job.seed), verdict) for job, verdict in pairs]
 
 
-def _row(job: _Job, evaluation: str, verdict: FullTraining | Rejection) -> Row:
+def _row(job: _Job, evaluation: str, verdict: _Verdict) -> Row:
+    if isinstance(verdict, Training):
+        verdict = FullTraining(training=verdict, epoch=len(verdict.validation_losses), metrics={}, confusion=None)
     if isinstance(verdict, Rejection):
         return FailedLine(
             network=job.network.name,

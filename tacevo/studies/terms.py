@@ -7,42 +7,22 @@ from typing import Annotated
 
 from annotated_types import Gt, Lt
 
-from tacevo.choices import MarginKind
-from tacevo.records import STRICT
+from tacevo.config.study import Margin
+from tacevo.records import Record
 from tacevo.rounding import rounded
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Margin:
-    """The largest shift that is called no difference."""
-
-    __pydantic_config__ = STRICT
-
-    #: Above 0; 0.1 is 10 % of the baseline's median, or 0.1 of the metric.
-    value: Annotated[float, Gt(0)]
-    kind: MarginKind
-
-    def around(self, median: float) -> float:
-        """Return the margin in the unit of the metric, around a baseline's median."""
-        return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
-
-
 def fewest_seeds(alpha: float) -> int:
-    """Return the least S for which a two-sided rank test of S values against S can be significant at all.
+    """Return the least S for which a two-sided rank test of S values against S can be significant at a level alpha.
 
     Of the C(2S, S) orders, which are equally likely without a difference, the two extreme ones have the smallest p.
-
-    Args:
-        alpha: level of the test, in (0, 1).
     """
     return next(seeds for seeds in itertools.count(1) if rounded(2 / math.comb(2 * seeds, seeds)) <= alpha)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Terms:
+class Terms(Record):
     """How a study is judged."""
-
-    __pydantic_config__ = STRICT
 
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
     alpha: Annotated[float, Gt(0), Lt(1)]

@@ -6,14 +6,13 @@ recorded configurations (`analysis.tables.ablation.settings_table`); its name is
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from tacevo.config.compose import from_plain, to_plain
-from tacevo.config.identity import config_hash, decisive
+from tacevo.config.identity import config_hash
 from tacevo.config.recorded import read_run
 from tacevo.errors import DivergenceError
-from tacevo.records import Json
 from tacevo.runs.publishable import published_config
-from tacevo.storage.canonical import content_hash
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 
@@ -35,8 +34,8 @@ def check_jobs(directory: SweepDirectory) -> None:
                     place=f"{directory.path / 'sweep.json'}, job {job.name}, {field}",
                     expected=f"{recorded!r}, as in its run",
                 )
-        shown = decisive(from_plain(published_config(to_plain(config))))  # paths by their last part, as in a bundle
-        settings.append(content_hash({**shown, "config": {**shown["config"], "seed": None}}))
+        shown = from_plain(published_config(to_plain(config)))  # paths by their last part, as in a bundle
+        settings.append(config_hash(replace(shown, seed=0)))
     _check_different_jobs(jobs)
     _check_arms(jobs, settings)
 
@@ -50,10 +49,10 @@ def _check_different_jobs(jobs: Sequence[Job]) -> None:
             raise DivergenceError("the same", place=f"jobs {other} and {job.name}", expected="different configurations")
 
 
-def _check_arms(jobs: Sequence[Job], settings: Sequence[Json]) -> None:
+def _check_arms(jobs: Sequence[Job], settings: Sequence[str]) -> None:
     """Check that runs of one arm differ in their seeds only, and those of two arms in more."""
-    by_arm: dict[str, Json] = {}
-    by_settings: dict[Json, str] = {}
+    by_arm: dict[str, str] = {}
+    by_settings: dict[str, str] = {}
     for job, chosen in zip(jobs, settings, strict=True):
         if by_arm.setdefault(job.arm, chosen) != chosen:
             raise DivergenceError(

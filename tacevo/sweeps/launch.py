@@ -89,11 +89,7 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
 def fitted(launcher: Launcher, *, jobs: int, workers: int, cores: int) -> Launcher:
     """Return the launcher with what the user left open: as many jobs at once as the cores can take, say.
 
-    Args:
-        launcher: as the user asked for it.
-        jobs: how many there are, at least 1.
-        workers: `executor.workers`, the most of any job.
-        cores: of this machine, those that this process may use.
+    Jobs have up to so many workers; `cores` are those that this process may use.
     """
     sizes = {"cpus_per_task": workers, "timeout_min": 60}
     if not launcher.cluster:
@@ -121,11 +117,7 @@ def check_launcher(launcher: Launcher) -> None:
 def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]) -> None:
     """Run jobs to their ends; the sweep's directory keeps how each ended.
 
-    Args:
-        directory: the sweep's, with its sweep.json.
-        jobs: at least one.
-        launcher: checked and fitted.
-        show: called with each job that ends; if it raises, all others are stopped first.
+    The launcher is checked and fitted. `show` gets each job that ends; if it raises, all others are stopped first.
 
     Raises:
         RunError: the cluster does not take the jobs.
@@ -135,11 +127,15 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     if launcher.cluster:
         _launch_on_cluster(directory, jobs, launcher, show)
     else:
-        _launch_here(directory, jobs, launcher.options["n_jobs"], show)
+        _launch_here(directory, jobs, launcher, show)
 
 
-def _launch_here(directory: SweepDirectory, jobs: Sequence[Job], most: int, show: Callable[[Job], None]) -> None:
-    """Run jobs as processes, so many at once."""
+def _launch_here(
+    directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
+) -> None:
+    """Run jobs as processes, so many at once as the launcher says."""
+    most = launcher.options["n_jobs"]
+    assert isinstance(most, int)  # `check_launcher` refuses anything else
     waiting, running = list(jobs), dict[Job, subprocess.Popen[bytes]]()
     try:
         while waiting or running:
@@ -185,11 +181,7 @@ def run_job(sweep: Path, name: str) -> None:
 
 
 def _executor(launcher: Launcher, directory: Path) -> "submitit.AutoExecutor":
-    """Return the executor of a cluster, with its parameters.
-
-    Raises:
-        ConfigError: see `check_launcher`.
-    """
+    """Return the executor of a cluster, with its parameters."""
     cluster = _CLUSTERS[launcher.cluster]
     options = {key if key in _SHARED else f"{cluster}_{key}": value for key, value in launcher.options.items()}
     try:

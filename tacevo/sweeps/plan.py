@@ -15,7 +15,6 @@ from pathlib import Path
 
 from tacevo.config.compose import compose, spread
 from tacevo.config.identity import config_hash
-from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
@@ -27,7 +26,7 @@ from tacevo.runs.session import require_means
 from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
-from tacevo.sweeps.status import Standing, Status, status_of
+from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
 from tacevo.text import counted
 
 #: What distinguishes jobs even if it has one value only, so that more can be added.
@@ -128,11 +127,7 @@ def _run(
 
 
 def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Separate what all jobs share from what distinguishes them.
-
-    Args:
-        settings: as the user wrote them.
-        own: keys that distinguish jobs even if they have one value here.
+    """Separate what all jobs share from what distinguishes them: several values, or a key of `own`.
 
     Returns:
         The shared overrides, and those of each job.
@@ -162,10 +157,6 @@ def _own_keys(directory: SweepDirectory) -> frozenset[str]:
 
 def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Planned, ...]:
     """Compose all jobs; those that are the same search are one.
-
-    Args:
-        shared: overrides of all jobs.
-        varied: those of each.
 
     Raises:
         ConfigError: a job cannot be composed, or two would have the same directory.
@@ -205,10 +196,6 @@ def name_job(own: Sequence[str], seed: int) -> str:
 def folder(shared: Sequence[str], config: RunConfig) -> Path:
     """Name the directory of a sweep after what its jobs share, so that the same command finds it again.
 
-    Args:
-        shared: overrides of all jobs.
-        config: of any job.
-
     Raises:
         ConfigError: what they share is not a configuration by itself.
     """
@@ -228,13 +215,7 @@ def folder(shared: Sequence[str], config: RunConfig) -> Path:
 def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: Sequence[Job]) -> None:
     """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
-    Args:
-        directory: the sweep's.
-        shared: overrides of all jobs, now.
-        before: jobs of earlier commands, all of them: what is shared may be overridden by the arm of any one.
-
-    Raises:
-        RunError: a job would be another search.
+    All of them are checked: what is shared may be overridden by the arm of any one.
     """
     for job in before:
         try:
@@ -252,26 +233,16 @@ def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: S
 
 
 def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
-    """Return how a job stands, if what was begun in its directory is the job as it is asked for now.
-
-    Raises:
-        RunError: it is another configuration's, or the task's texts have changed since.
-    """
+    """Return how a job stands, if what was begun in its directory is the job as it is asked for now."""
     run = directory.run(job)
     begun = bool(read_ledger(run).lines)
     if not begun or not (run.path / "run.json").exists():
         return status_of(directory, job)
-    recorded, task, facts = read_run(run)
-    if config_hash(recorded) != job.config:
+    check_is_run_of(job, run)
+    record = run.read_run()
+    if load_task(config, record.data) != record.task:
         raise RunError(
-            "another configuration's run",
-            place=str(run.path),
-            expected="a run of the job",
-            remedy="move that directory away, or choose another --into",
-        )
-    if load_task(config, facts) != task:
-        raise RunError(
-            f"a run with other texts of task {task.name}",
+            f"a run with other texts of task {record.task.name}",
             place=str(run.path),
             expected="a run with the texts in conf/",
             remedy="choose another --into",

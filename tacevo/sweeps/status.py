@@ -53,23 +53,30 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
         return Status(job=job, standing=Standing.failed, reason=str(error))
     reason = directory.failure(job)
     if digest:
-        return Status(job=job, standing=Standing.finished, lines=len(lines), best=best, digest=digest)
-    if run.is_busy:
-        return Status(job=job, standing=Standing.running, lines=len(lines), best=best)
-    if reason is not None:
-        return Status(job=job, standing=Standing.failed, lines=len(lines), best=best, reason=reason)
-    standing = Standing.stopped if lines else Standing.waiting
-    return Status(job=job, standing=standing, lines=len(lines), best=best)
+        standing, reason = Standing.finished, None
+    elif run.is_busy:
+        standing, reason = Standing.running, None
+    elif reason is not None:
+        standing = Standing.failed
+    else:
+        standing = Standing.stopped if lines else Standing.waiting
+    return Status(job=job, standing=standing, lines=len(lines), best=best, digest=digest, reason=reason or "")
 
 
 def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
-    """Return the digest of a finished job; empty if it is not finished.
-
-    Raises:
-        TacevoError: the directory is damaged, or holds another configuration's run.
-    """
+    """Return the digest of a finished job; empty if it is not finished."""
     if not lines:
         return ""
+    check_is_run_of(job, run)
+    return finished_digest(run) or ""
+
+
+def check_is_run_of(job: Job, run: RunDirectory) -> None:
+    """Check that a run, begun or finished, has the configuration of a job.
+
+    Raises:
+        RunError: it has another one; or as `RunDirectory.read_run`.
+    """
     if config_hash(from_plain(run.read_run().config)) != job.config:
         raise RunError(
             "another configuration's run",
@@ -77,7 +84,6 @@ def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
             expected=f"a run of the job {job.name}",
             remedy="move that directory away, or choose another --into",
         )
-    return finished_digest(run) or ""
 
 
 def describe(statuses: Sequence[Status]) -> str:

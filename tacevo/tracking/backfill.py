@@ -16,7 +16,7 @@ from tacevo.redaction import check_address
 from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import shown_address
-from tacevo.tracking.facts import read_facts
+from tacevo.tracking.facts import read_settings
 from tacevo.tracking.process import prepare, store_address, without_address
 
 #: A directory with one of these is that of a run, perhaps a damaged one.
@@ -90,16 +90,16 @@ def find_runs(path: Path) -> tuple[Path, ...]:
 
 def _mirror(path: Path, given: str) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
-    settings = read_facts(path).settings()
-    read_ledger(RunDirectory(path))  # checks the chain
-    recorded = str(settings["tracking.uri"] or "")
-    uri: str = given or ("" if "***" in recorded else recorded)  # earlier versions hid passwords so
+    directory = RunDirectory(path)
+    settings = read_settings(directory.read_run(), f"{path}/run.json")
+    read_ledger(directory)  # checks the chain
+    uri = given or ("" if "***" in settings.uri else settings.uri)  # earlier versions hid passwords so
     address = store_address(uri)
     try:
         from tacevo.tracking.mirror import mirror
 
         logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
-        mirror(path, uri=address, experiment=settings["tracking.experiment"], finished=None)
+        mirror(path, uri=address, experiment=settings.experiment, finished=None)
     except TacevoError:
         raise
     except LookupError as error:  # lines that name what there is not

@@ -60,25 +60,18 @@ def config_params(config: Mapping[str, Json]) -> dict[str, str]:
 
 
 def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -> dict[str, str]:
-    """Return how a candidate was asked for and, where it was rejected, at which stage and why.
-
-    Args:
-        line: its ledger line.
-        instructions: the task's prompt library; the line's `prompt` is an index into it.
-
-    Returns:
-        Params by name; what does not apply to the candidate is left out.
-    """
-    shown: dict[str, Json] = {key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")}
-    shown["temperature"] = line.sent_temperature
-    shown["dropped"] = ",".join(line.dropped) or None
-    shown["parents"] = ",".join(line.parents) or None
-    shown["repairs"] = len(line.repairs) or None
-    if line.prompt is not None:
-        instruction = instructions[line.prompt]
-        shown |= {"instruction": instruction.id, "instruction_text": instruction.text}
-    elif line.operator is Operator.crossover:
-        shown["instruction"] = "crossover"
+    """Return how a candidate was asked for and, if rejected, where and why; what does not apply is left out."""
+    instruction = None if line.prompt is None else instructions[line.prompt]
+    crossover = "crossover" if line.operator is Operator.crossover else None
+    shown = {
+        **{key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")},
+        "temperature": line.sent_temperature,
+        "dropped": ",".join(line.dropped) or None,
+        "parents": ",".join(line.parents) or None,
+        "repairs": len(line.repairs) or None,
+        "instruction": instruction.id if instruction else crossover,
+        "instruction_text": instruction.text if instruction else None,
+    }
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 
@@ -128,9 +121,7 @@ def shown_address(uri: str) -> str:
 def viewing(uri: str, mlflow: str = "mlflow") -> str:
     """Return how to look at a store: a server's own page, or a command that serves one.
 
-    Args:
-        uri: the tracking URI; empty for the one in MLFLOW_TRACKING_URI.
-        mlflow: how MLflow's command is spelt here.
+    An empty URI is the one in MLFLOW_TRACKING_URI; `mlflow` is how that command is spelt here.
     """
     is_page = uri.startswith(("http://", "https://"))
     return uri if is_page else f"{mlflow} ui --backend-store-uri {shown_address(uri)}"
@@ -165,10 +156,6 @@ class Totals:
 
 def total_measures(totals: Totals, line: GenerationLine) -> tuple[Measure, ...]:
     """Return the metrics of what adds up over a search.
-
-    Args:
-        totals: after the generation.
-        line: the generation's ledger line.
 
     Returns:
         `improvement` on the first best, a part of it in (-inf, 1]; `trainable_rate`, the mean over generations 1 to

@@ -25,7 +25,7 @@ from tacevo.tracking.entries import (
     generation_measures,
     total_measures,
 )
-from tacevo.tracking.facts import data_set, read_facts, source_tags
+from tacevo.tracking.facts import data_set, source_tags
 from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
 
@@ -50,13 +50,14 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         OSError: the run directory cannot be read, or the directory of a SQLite database cannot be created.
         MlflowException: the store cannot be written.
     """
+    directory = RunDirectory(run_dir)
     with alone(run_dir, wait=finished is not None):
-        lines = follow(run_dir / "ledger.jsonl", finished or (lambda: True))
+        lines = follow(directory.ledger, finished or (lambda: True))
         header = next(lines, None)
         if header is None:
             return
         last = header[0]
-        facts, member = read_facts(run_dir), find_membership(run_dir)
+        record, member = directory.read_run(), find_membership(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
         nesting = {} if member is None else join_sweep(client, place, member)
@@ -67,31 +68,28 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             key=content_hash([header[0], name, "" if member is None else member.name]),
             name=name,
             tags=nesting,
-            source=source_tags(facts.code),
+            source=source_tags(record.code),
         )
-        writer.write_params(config_params(facts.config))
-        writer.write_data(data_set(facts))
-        sums = _Sums(run_dir)
+        writer.write_params(config_params(record.config))
+        writer.write_data(data_set(record))
+        sums = _Sums(directory)
         for last, line in lines:
             if isinstance(line, CandidateLine):
-                params = candidate_params(line, facts.task.instructions)
+                params = candidate_params(line, record.task.instructions)
                 measures = (*candidate_measures(line), *cost_measures(sums.of_candidate(line.id), 0))
                 writer.write_candidate(line, last, params, measures, run_dir / "candidates" / f"{line.id}.py")
             elif isinstance(line, GenerationLine):
                 writer.write_generation(line.generation, (*generation_measures(line), *sums.of_generation(line)))
-        if read_facts(run_dir).digest == last:
+        if directory.read_run().digest == last:
             writer.finish(last)
-        elif finished is not None or not RunDirectory(run_dir).is_busy:
+        elif finished is not None or not directory.is_busy:
             writer.stop()
         if member is not None:
             leave_sweep(client, nesting[PARENT_TAG], member.directory)
 
 
 def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Line]]:
-    """Yield a ledger's lines as they are committed, until `finished`; the file may not exist yet.
-
-    Returns:
-        The hash of each line, and its record.
+    """Yield hash and record of a ledger's lines as they are committed, until `finished`; the file may not exist yet.
 
     Raises:
         RunError: a line is damaged.
@@ -114,8 +112,8 @@ def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Line
 class _Sums:
     """What adds up over a search: its costs, which stand in the run directory before the ledger's lines, and more."""
 
-    def __init__(self, run_dir: Path) -> None:
-        self._directory = RunDirectory(run_dir)
+    def __init__(self, directory: RunDirectory) -> None:
+        self._directory = directory
         self._known: dict[str, Spending] = {}
         self._generation: list[Spending] = []
         self._totals = Totals()

@@ -21,7 +21,6 @@ class Mirror:
         run_dir: the run directory, which holds `run.json` when the mirror starts; the process logs to
             `tracking.log` there.
         uri: the MLflow tracking URI; empty for the one in MLFLOW_TRACKING_URI.
-        experiment: the name of the MLflow experiment.
     """
 
     def __init__(self, run_dir: Path, *, uri: str, experiment: str) -> None:
@@ -50,10 +49,7 @@ class Mirror:
             self._failure = str(error)
 
     def finish(self, timeout: float | None) -> str | None:
-        """End the input of the process, which means that no more lines come, and wait for its end.
-
-        Args:
-            timeout: how long to wait, in seconds; None waits as long as it takes.
+        """End the input of the process: no more lines come. Wait so many seconds for its end, or as long as it takes.
 
         Returns:
             None, or one line that warns the user: the mirror failed, or is still writing and continues by itself.

@@ -35,7 +35,6 @@ class SearchWriter:
     """A search's run, found by its tag or created, and what the store holds of the search already.
 
     Args:
-        client: the store.
         experiment: the experiment's id.
         key: identifies the search; a string without quotes.
         name: what a new run is called.
@@ -87,14 +86,7 @@ class SearchWriter:
     def write_candidate(
         self, line: CandidateLine, seal: str, params: Mapping[str, str], measures: Sequence[Measure], source: Path
     ) -> None:
-        """Write a candidate as a nested run.
-
-        Args:
-            line: its ledger line.
-            seal: the line's hash.
-            params: params by name.
-            measures: its metrics.
-            source: the file to keep as its artifact, where it exists.
+        """Write a candidate as a nested run; the hash of its line tells it apart, and its source is kept if it exists.
 
         Raises:
             RunError: the store holds this candidate of another ledger.

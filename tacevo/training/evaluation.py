@@ -60,6 +60,8 @@ class Setting:
     recipe: Recipe
     numerics: Numerics
     device: Device = Device.cpu
+    #: Whether images keep torch's default memory layout, as before number 3 of the rules; the keys hold that number.
+    contiguous: bool = False
 
     def request(self, source: str, seed: int, *, version: int) -> Json:
         """Return the request that a store keeps an evaluation under."""
@@ -95,7 +97,7 @@ class Setting:
         # Sent only where there are several groups, so that the message of a search, which has one, stays as it was.
         groups = {"groups": [len(rows) for rows in predicted]} if len(predicted) > 1 else {}
         rows = np.concatenate(predicted)
-        header = {
+        header: dict[str, Json] = {
             "source": source,
             "contract": to_json(self.contract),
             "recipe": to_json(self.recipe),
@@ -106,6 +108,7 @@ class Setting:
             "validation": len(rows),
             **groups,
             **self._sent_device(),
+            **({"contiguous": True} if self.contiguous else {}),
         }
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
         return run("train", header, payload, self.recipe.limits)

@@ -19,7 +19,12 @@ def measured(*units: str) -> Study:
     values = np.random.default_rng(0).random((2, 5, 3)).astype(np.float32)
     metrics = regression_metrics(values[0], values[1], names=NAMES, scale=(1.0, 2.0, 3.0))
     study = study_of({"baseline": [0.1]})
-    return replace(study, names=NAMES, units=units, scores=(score("baseline", 0, dict(sorted(metrics.items()))),))
+    return replace(
+        study,
+        data=replace(study.data, names=NAMES),
+        units=units,
+        scores=(score("baseline", 0, dict(sorted(metrics.items()))),),
+    )
 
 
 def test_metrics_of_a_regression_stand_in_the_order_of_the_docs() -> None:

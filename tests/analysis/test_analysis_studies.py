@@ -13,12 +13,13 @@ from studies import study_of
 
 from analysis.studies.scores import Study
 from analysis.studies.study import check_alike, load_study
-from tacevo.choices import MarginKind
+from tacevo.choices import MarginKind, Numerics
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Kind, Limits, Reason, Recipe, Stage
 from tacevo.studies.directory import StudyDirectory
 from tacevo.studies.lines import FailedLine, Row, ScoreLine
-from tacevo.studies.terms import Margin, Terms
+from tacevo.studies.terms import Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,
@@ -40,7 +41,7 @@ SCORES: list[Row] = [
 def written(path: Path, scores: Sequence[Row] = SCORES, **changes: Any) -> Path:
     """Write a finished study with sound hashes."""
     directory, header = StudyDirectory(path), replace(HEADER, **changes)
-    directory.begin(header, {"scale": (1.0,), "units": ("mm",), "versions": {}, "machine": {}})
+    directory.begin(header, scale=(1.0,), units=("mm",), versions={}, machine={})
     directory.finish(header, scores)
     return path
 
@@ -98,7 +99,7 @@ def test_what_is_not_whole_is_refused_with_its_rows(
 def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     """Before its scores are there, and where they were cut off after the digest was written."""
     directory = StudyDirectory(tmp_path / "begun")
-    directory.begin(HEADER, {"scale": (), "units": (), "versions": {}, "machine": {}})
+    directory.begin(HEADER, scale=(), units=(), versions={}, machine={})
     with refused(RunError, place="begun/scores.jsonl", expected="a header, then scores"):
         load_study(directory.path)
     path = written(tmp_path / "cut")
@@ -128,9 +129,13 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "field", "values"),
     [
-        (lambda study: replace(study, fingerprint="e" * 64), "fingerprint", ("f" * 64, "e" * 64)),
+        (
+            lambda study: replace(study, data=replace(study.data, fingerprint="e" * 64)),
+            "fingerprint",
+            ("f" * 64, "e" * 64),
+        ),
         (lambda study: replace(study, recipe=replace(RECIPE, epochs=9)), "recipe", ("epochs=2", "epochs=9")),
-        (lambda study: replace(study, numerics="fast"), "numerics", ("portable", "fast")),
+        (lambda study: replace(study, numerics=Numerics.fast), "numerics", ("portable", "fast")),
         (lambda study: replace(study, seeds=2), "seeds", ("3", "2")),
     ],
 )

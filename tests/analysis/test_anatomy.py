@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 from grammar_strategies import SIGNATURE, networks
-from hypothesis import given, settings
+from hypothesis import given
 from motif_cases import CLASSES, anatomy_of, baseline, built
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
@@ -183,7 +183,6 @@ def test_layers_of_tokens_are_no_head() -> None:
     assert (found.head, found.hidden, found.head_depth) == ((8, 3), (8,), 2)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
 @given(networks())
 def test_every_network_of_the_grammar_is_read_as_it_was_written(network: Network) -> None:
     """The grammar knows what it wrote; the steps tell the same without it."""

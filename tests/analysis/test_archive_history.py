@@ -21,7 +21,7 @@ PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 
 
-@pytest.mark.parametrize("name", ["force-grammar.zip", "grating-grammar.zip"])
+@pytest.mark.parametrize("name", [pytest.param("force-grammar.zip", marks=pytest.mark.slow), "grating-grammar.zip"])
 def test_archives_are_those_of_the_ledger(name: str) -> None:
     """Every generation of a published run has the elites whose hash its line has; its bounds moved many times."""
     with opened(PUBLISHED / name) as place:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import hand_runs
 import numpy as np
@@ -19,7 +20,6 @@ from analysis.runs.run import Run
 from analysis.tables.dynamics import generations_table
 from tacevo.cli.app import main
 from tacevo.errors import RunError
-from tacevo.records import Json
 from tacevo.search.archive import find_centroids
 from tacevo.storage.canonical import content_hash
 
@@ -86,7 +86,7 @@ def test_growth_names_places() -> None:
 
 
 @pytest.mark.parametrize(("archive", "networks", "axes"), [({"kind": "best"}, 0, 2), ({"axes": ["arch_div"]}, 3, 1)])
-def test_niches_are_those_that_were_searched(archive: Json, networks: int, axes: int, tmp_path: Path) -> None:
+def test_niches_are_those_that_were_searched(archive: Any, networks: int, axes: int, tmp_path: Path) -> None:
     """An archive without niches has no centroids, one with a single descriptor one number each; others are refused."""
     shape = {"niches": 3, "prompt_niches": 2, "samples": 50, "seed": 0, **archive}
     prompts = find_centroids(niches=2, dimensions=2, samples=50, seed=0)
@@ -117,8 +117,13 @@ def test_alarm_of_one_axis_names_that_axis() -> None:
     assert "constant ArchDiv" not in told
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", ["no_qd", "arch_div_only", "random_parents_only_baseline"])
+@pytest.mark.parametrize(
+    "arm",
+    [
+        pytest.param("no_qd", marks=pytest.mark.slow),
+        *(pytest.param(arm, marks=pytest.mark.long) for arm in ("arch_div_only", "random_parents_only_baseline")),
+    ],
+)
 def test_every_command_reads_a_run_of_an_arm(arm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Search, replay, show, tables, figures and report all end well on a real run."""
     sizes = ["search.generations=1", "search.candidates=2", "search.initial=1", f"ablation={arm}"]

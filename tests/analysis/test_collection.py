@@ -7,7 +7,8 @@ import pytest
 from hand_runs import closed, configured, elite, run, trained
 from studies import study_of
 
-from analysis.report.collection import Collection, Compared, pictures_of, tables_of, with_one_study
+from analysis.report.collection import Collection, Compared, tables_of, with_one_study
+from analysis.report.figure_list import pictures_of
 from analysis.runs.niches import Niches
 from analysis.runs.run import Run
 from analysis.studies.comparison import compare
@@ -34,7 +35,7 @@ def collection(*kinds: Kind, searched: Run) -> Collection:
         Compared(name=f"study{number}", study=study, comparisons=compare(study))
         for number, study in enumerate(studies, start=1)
     ]
-    return Collection(run=searched, niches=NICHES, studies=tuple(compared), left_out=())
+    return Collection(run=searched, niches=NICHES, studies=tuple(compared), reestimates=(), left_out=())
 
 
 def names(found: Collection) -> list[str]:

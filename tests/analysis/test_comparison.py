@@ -13,9 +13,9 @@ from analysis.studies.comparison import Comparisons, Verdict, compare
 from analysis.studies.scores import Study
 from analysis.studies.warnings import Caution
 from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import Kind
-from tacevo.studies.terms import Margin
 
 
 def verdicts(found: Comparisons) -> list[Verdict]:

@@ -17,8 +17,8 @@ from analysis.tables.comparison import (
 )
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.records import Kind
-from tacevo.studies.terms import Margin
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 STUDY = study_of(FOUR)

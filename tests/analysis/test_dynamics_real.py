@@ -1,54 +1,46 @@
-"""The dynamics of a real search agree with what the search itself counted, also where answers were repaired."""
+"""The dynamics of a real search agree with what the search itself counted."""
 
 from pathlib import Path
 
 import pytest
-from smallest import SMALLEST, UNTRACKED
 
 from analysis.runs.dynamics import by_prompt, gate_stages, progress
 from analysis.runs.run import Run, load_run, was_inserted
 from analysis.tables.dynamics import gate_table
-from tacevo.cli.app import main
 from tacevo.records import Stage
 
 
-@pytest.fixture(scope="module")
-def repaired(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Return a finished search, as small as one can be, whose model often slips and is asked again."""
-    folder = tmp_path_factory.mktemp("repaired")
-    size = ["search.generations=1", "search.candidates=6", "search.initial=2", "run.dir=run"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        slips = ["llm.slip_rate=0.7", "proposals.repair_attempts=2"]
-        assert main(["search", *SMALLEST, UNTRACKED, *size, *slips]) == 0
-        return load_run(Path("run").resolve())
+@pytest.fixture
+def run(whole_search: tuple[Path, str]) -> Run:
+    """Return a finished search, some of whose candidates were rejected."""
+    return load_run(whole_search[0] / "run")
 
 
-def test_first_answers_are_counted_as_the_search_did(repaired: Run) -> None:
+def test_first_answers_are_counted_as_the_search_did(run: Run) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
-    left = gate_stages(repaired)[-1].left
-    assert left == sum(line.trained for line in repaired.generations) - 1 < len(repaired.candidates) - 1
-    for entry in progress(repaired):
+    left = gate_stages(run)[-1].left
+    assert left == sum(line.trained for line in run.generations) - 1 < len(run.candidates) - 1
+    for entry in progress(run):
         assert entry.line.trained == entry.line.candidates - sum(entry.rejected.values())
 
 
-def test_summary_and_gate_table_count_alike(repaired: Run) -> None:
+def test_summary_and_gate_table_count_alike(run: Run) -> None:
     """Rejected and left, stage by stage, as summary.md and the table of the gate have them."""
-    page = (repaired.path / "summary.md").read_text(encoding="utf-8")
+    page = (run.path / "summary.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.split("|")[1:4]] for line in page.splitlines()]
     stages = [row for row in rows if row[:1] and row[0] in set(Stage)]
-    assert stages == [[str(cell) for cell in row[:3]] for row in gate_table(repaired).rows]
+    assert stages == [[str(cell) for cell in row[:3]] for row in gate_table(run).rows]
 
 
-def test_elites_follow_from_the_growth(repaired: Run) -> None:
+def test_elites_follow_from_the_growth(run: Run) -> None:
     """The archive ends with as many elites as its generations brought."""
-    found = progress(repaired)
-    assert sum(entry.growth for entry in found) == found[-1].elites == len(repaired.elites)
+    found = progress(run)
+    assert sum(entry.growth for entry in found) == found[-1].elites == len(run.elites)
 
 
-def test_prompts_were_tried_once_a_mutation(repaired: Run) -> None:
+def test_prompts_were_tried_once_a_mutation(run: Run) -> None:
     """Every mutation of generation 1 was asked with one instruction; each inserted child belongs to one."""
-    later = [it for it in repaired.candidates if it.generation > 0 and it.prompt is not None]
-    assert sum(entry.tried for entry in by_prompt(repaired)) == len(later) > 0
+    later = [it for it in run.candidates if it.generation > 0 and it.prompt is not None]
+    assert sum(entry.tried for entry in by_prompt(run)) == len(later) > 0
     inserted = sum(map(was_inserted, later))
-    assert sum(entry.inserted for entry in by_prompt(repaired)) == inserted
+    assert sum(entry.inserted for entry in by_prompt(run)) == inserted

@@ -4,11 +4,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import bootstrap, mannwhitneyu
+from scipy.stats import bootstrap, mannwhitneyu, norm
 
-from analysis.statistics.effects import a12, cliffs_delta, effects, median, median_confidence, median_difference
+from analysis.statistics.effects import (
+    a12,
+    cliffs_delta,
+    effects,
+    median,
+    median_confidence,
+    median_difference,
+    superiority,
+)
 
 VALUES = st.lists(st.integers(-3, 3).map(float), min_size=2, max_size=8)
+
+#: One value is enough for a chance.
+SAMPLES = st.lists(st.integers(-3, 3).map(float), min_size=1, max_size=8)
 
 
 def test_effects_by_hand() -> None:
@@ -56,11 +67,16 @@ def test_intervals_are_near_scipys_percentile_bootstrap() -> None:
     """Same method, other resamples: the ends differ by their own noise."""
     x, y = np.random.default_rng(4).normal(size=20), np.random.default_rng(5).normal(0.7, size=20)
     found = effects(x, y, rng=np.random.default_rng(0))
-    for measure, interval in ((cliffs_delta, found.cliffs_delta), (median_difference, found.median_difference)):
-        library = bootstrap(
-            (x, y), measure, vectorized=False, n_resamples=2_000, method="percentile", rng=np.random.default_rng(1)
-        ).confidence_interval
-        assert (interval.low, interval.high) == pytest.approx((library.low, library.high), abs=0.08)
+    interval = found.median_difference
+    library = bootstrap(
+        (x, y),
+        median_difference,
+        vectorized=False,
+        n_resamples=2_000,
+        method="percentile",
+        rng=np.random.default_rng(1),
+    ).confidence_interval
+    assert (interval.low, interval.high) == pytest.approx((library.low, library.high), abs=0.08)
 
 
 def test_intervals_cover_the_truth_about_as_often_as_they_say() -> None:
@@ -73,10 +89,40 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say() -> None:
     assert 0.9 <= held / 200 <= 0.99
 
 
-def test_separated_samples_have_an_interval_without_width() -> None:
-    """No resample can show an overlap that the samples lack; a caution says so elsewhere."""
-    found = effects([4, 5, 6], [1, 2, 3], rng=np.random.default_rng(0)).a12
-    assert (found.estimate, found.low, found.high) == (1, 1, 1)
+def test_a12_is_the_chance_that_the_second_sample_is_lower() -> None:
+    """With the interval of `superiority`, which leaves separated samples room for doubt; Cliff's delta doubles it."""
+    found = effects([4, 5, 6], [1, 2, 3], rng=np.random.default_rng(0))
+    assert found.a12 == superiority([1, 2, 3], [4, 5, 6])
+    assert (found.a12.estimate, found.a12.high) == (1, 1)
+    assert 0.4 < found.a12.low < 0.6
+    assert found.cliffs_delta.low == pytest.approx(2 * found.a12.low - 1)
+
+
+@given(SAMPLES, SAMPLES)
+def test_chance_lies_in_its_interval_and_mirrors(x: list[float], y: list[float]) -> None:
+    """Low, estimate and high are in order and in [0, 1]; from the other side all three are reflected."""
+    here, there = superiority(x, y), superiority(y, x)
+    assert 0 <= here.low <= here.estimate <= here.high <= 1
+    assert (here.estimate, here.low, here.high) == pytest.approx((1 - there.estimate, 1 - there.high, 1 - there.low))
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (5, 5), (20, 20), (5, 20)])
+def test_ends_solve_newcombes_equation(n: int, m: int) -> None:
+    """Both ends of an interval are z standard deviations of their own variance away from the estimate."""
+    rng = np.random.default_rng(n)
+    found = superiority(rng.normal(size=n), rng.normal(0.5, size=m))
+    for end in {found.low, found.high} - {0.0, 1.0}:
+        more = (n + m) / 2 - 1
+        variance = end * (1 - end) * (1 + more * (1 - end) / (2 - end) + more * end / (1 + end)) / (n * m)
+        assert abs(end - found.estimate) == pytest.approx(norm.ppf(0.975) * np.sqrt(variance), rel=1e-5)
+
+
+def test_separated_samples_leave_room_for_doubt() -> None:
+    """Five seeds that all beat five others show a chance of 1, and rule out a half only; one seed rules out nothing."""
+    separated = superiority(range(5), range(10, 15))
+    assert (separated.estimate, separated.high) == (1, 1)
+    assert 0.5 < separated.low < 0.8
+    assert superiority([1.0], [2.0]).low < 0.5
 
 
 def test_too_few_resamples_are_refused() -> None:

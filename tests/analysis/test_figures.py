@@ -71,7 +71,11 @@ def confused() -> Study:
     networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
     study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
     counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
-    return replace(study, names=("a", "b", "c"), scores=tuple(replace(one, confusion=counts) for one in study.scores))
+    return replace(
+        study,
+        data=replace(study.data, names=("a", "b", "c")),
+        scores=tuple(replace(one, confusion=counts) for one in study.scores),
+    )
 
 
 def of_networks(study: Study, count: int) -> Study:
@@ -96,11 +100,11 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
 }
 
 
-@pytest.fixture(params=DRAWN)
-def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
-    """Return every figure in turn, with the width it must have."""
-    draw, width = DRAWN[request.param]
-    return draw(), width
+@pytest.fixture(scope="module", params=DRAWN)
+def figure(request: pytest.FixtureRequest) -> tuple[Figure, bytes]:
+    """Return every figure in turn, drawn once, and its picture."""
+    drawn = DRAWN[request.param][0]()
+    return drawn, render(drawn, ".png")
 
 
 def texts(figure: Figure) -> list[str]:
@@ -127,21 +131,19 @@ def cells_of(axes: Axes, label: str | None) -> int:
     return sum(len(one.get_paths()) for one in chosen)
 
 
-def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, float]) -> None:
+def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, bytes], request: pytest.FixtureRequest) -> None:
     """To the pixel: nothing is cropped or added when it is saved."""
-    drawn, width = figure
-    assert Image.open(io.BytesIO(render(drawn, ".png"))).width == int(width * 300)
+    (width,) = (width for name, (_, width) in DRAWN.items() if f"[{name}]" in request.node.name)
+    assert Image.open(io.BytesIO(figure[1])).width == int(width * 300)
 
 
-def test_letters_have_7_or_8_points(figure: tuple[Figure, float]) -> None:
+def test_letters_have_7_or_8_points(figure: tuple[Figure, bytes]) -> None:
     """Sub- and superscripts aside, which are parts of a text."""
-    drawn, _ = figure
-    render(drawn, ".png")
-    sizes = {text.get_fontsize() for text in drawn.findobj(Text) if isinstance(text, Text) and text.get_text()}
+    sizes = {text.get_fontsize() for text in figure[0].findobj(Text) if isinstance(text, Text) and text.get_text()}
     assert sizes <= {7.0, 8.0}
 
 
-def test_no_text_leaves_its_figure(figure: tuple[Figure, float]) -> None:
+def test_no_text_leaves_its_figure(figure: tuple[Figure, bytes]) -> None:
     """Every word that is drawn lies within the page; half a point of slack for what surrounds the letters."""
     drawn, _ = figure
     with house_style():
@@ -341,7 +343,8 @@ def test_names_of_users_are_no_formulas() -> None:
     """An instruction or a class whose name Matplotlib would read as broken mathematics is written as it is."""
     name = r"50$ or $\nonsense$"
     named = replace(RUN, instructions=(name, name))
-    study = replace(confused(), names=(name, "b", "c"))
+    study = confused()
+    study = replace(study, data=replace(study.data, names=(name, "b", "c")))
     for drawn in (
         prompt_productivity(by_prompt(named)),
         lineage(find_lineage(named, "g01s00")),
@@ -403,7 +406,7 @@ def test_confusion_shows_every_network_at_its_median_seed() -> None:
     """Not one seed for all, which may be the best of one network and the worst of another."""
     study = study_of({"baseline": [1.0, 0.8, 0.9], "variant 1": [0.7, 0.8, 0.9]}, kind=Kind.classification)
     best = replace(study, scores=tuple(replace(one, confusion=_diagonal(one.seed + 1)) for one in study.scores))
-    left, right = confusion_matrices(replace(best, names=("a", "b"))).axes
+    left, right = confusion_matrices(replace(best, data=replace(best.data, names=("a", "b")))).axes
     assert [axes.get_title() for axes in (left, right)] == ["baseline, seed 2", "variant 1, seed 1"]
     assert {text.get_text() for text in left.texts} == {"3\n100"}
     assert len(confusion_matrices(confused()).axes) == 5

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hand_runs import closed, elite, run, trained
@@ -17,7 +18,6 @@ from analysis.runs.run import Run, descriptors_of, load_run
 from analysis.tables.motifs import anatomies_table
 from tacevo.choices import Scale
 from tacevo.errors import RunError
-from tacevo.records import Json
 from tacevo.studies.networks import networks_of
 
 
@@ -41,12 +41,12 @@ def test_elites_are_those_of_the_ledger(published: Path) -> None:
     assert found.prompt_trials
 
 
-def _elite(field: str, value: Json) -> Callable[[Json], None]:
+def _elite(field: str, value: Any) -> Callable[[Any], None]:
     """Change a field of the first elite."""
     return lambda archive: archive["elites"][0].update({field: value})
 
 
-def _trial(field: str, value: Json) -> Callable[[Json], None]:
+def _trial(field: str, value: Any) -> Callable[[Any], None]:
     """Change a field of the first trial."""
     return lambda prompts: prompts["trials"][0].update({field: value})
 
@@ -67,7 +67,7 @@ def _trial(field: str, value: Json) -> Callable[[Json], None]:
         ("prompts.json", lambda prompts: prompts["trials"].clear()),
     ],
 )
-def test_edited_archive_is_refused(name: str, edit: Callable[[Json], None], spoilt: Path) -> None:
+def test_edited_archive_is_refused(name: str, edit: Callable[[Any], None], spoilt: Path) -> None:
     """Fitness, id, niche, bounds and trials are all held against the ledger's last generation."""
     content = json.loads((spoilt / name).read_text())
     edit(content)
@@ -96,7 +96,7 @@ def test_archive_that_is_no_json_is_refused(name: str, content: str | None, spoi
         lambda described: described["task"]["instructions"][0].update({"id": "mine"}),
     ],
 )
-def test_edited_description_is_refused(edit: Callable[[Json], None], spoilt: Path) -> None:
+def test_edited_description_is_refused(edit: Callable[[Any], None], spoilt: Path) -> None:
     """Tables of a set-up that the ledger contradicts would be wrong."""
     described = json.loads((spoilt / "run.json").read_text())
     edit(described)

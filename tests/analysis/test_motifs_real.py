@@ -5,6 +5,7 @@ The answers are beside the checkout, not part of it. They run in the sandbox, as
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from gate_cases import completion, contract, examples, needs_shared
@@ -14,7 +15,7 @@ from analysis.motifs.motifs import motifs_of
 from analysis.motifs.structure import Anatomy, read_anatomy
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Json, Limits, Mode
+from tacevo.records import Completion, Limits, Mode
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Sandbox
 from tacevo.storage.store import Store
@@ -84,7 +85,7 @@ def probed(sandbox: Sandbox, folder: Path, task: str, answer: Completion) -> Ana
     return read_anatomy(found.profile)
 
 
-def motifs_in(sandbox: Sandbox, folder: Path, example: Json) -> frozenset[str]:
+def motifs_in(sandbox: Sandbox, folder: Path, example: Any) -> frozenset[str]:
     """Name the motifs of a real answer."""
     task = example["task"]
     baseline = (LIBRARY / task / "baseline.py").read_text(encoding="utf-8")
@@ -96,7 +97,7 @@ def motifs_in(sandbox: Sandbox, folder: Path, example: Json) -> frozenset[str]:
 
 @needs_shared
 @pytest.mark.parametrize("example", [e for e in examples("llm_answers") if e["file"] in ASKED], ids=lambda e: e["file"])
-def test_motif_that_was_asked_for_is_found(sandbox: Sandbox, tmp_path: Path, example: Json) -> None:
+def test_motif_that_was_asked_for_is_found(sandbox: Sandbox, tmp_path: Path, example: Any) -> None:
     """However the model wrote it, and whatever its parent had besides."""
     assert ASKED[example["file"]] in motifs_in(sandbox, tmp_path, example)
 
@@ -105,6 +106,6 @@ def test_motif_that_was_asked_for_is_found(sandbox: Sandbox, tmp_path: Path, exa
 @pytest.mark.parametrize(
     "example", [e for e in examples("llm_answers") if e["file"] in REFACTORED], ids=lambda e: e["file"]
 )
-def test_new_form_of_the_code_is_no_motif(sandbox: Sandbox, tmp_path: Path, example: Json) -> None:
+def test_new_form_of_the_code_is_no_motif(sandbox: Sandbox, tmp_path: Path, example: Any) -> None:
     """Only what runs counts."""
     assert motifs_in(sandbox, tmp_path, example) == {"2 to 4 convolutional blocks"}

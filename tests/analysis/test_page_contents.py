@@ -28,7 +28,7 @@ NICHES = Niches(
 
 def contents(given: Run, texts: dict[str, str] | None = None) -> RunContents:
     """Return the contents of a run by hand."""
-    found = Collection(run=given, niches=NICHES, studies=(), left_out=())
+    found = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
     return run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts=texts or {})))
 
 
@@ -61,7 +61,15 @@ def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, Ru
         assert one.source == line.source
         if one.source is not None:
             assert hashlib.sha256(sources[one.source].text.encode()).hexdigest() == one.source
-    assert all(one.reestimates == () for one in shown.candidates)
+
+
+def test_network_of_a_study_has_its_reestimates(whole: tuple[Collection, RunContents]) -> None:
+    """One for each seed that trained it again; the others have none."""
+    found, shown = whole
+    (study,) = found.studies
+    again = {network.id for network in study.study.networks}
+    expected = [study.study.seeds if one.id in again else 0 for one in shown.candidates]
+    assert [len(one.reestimates) for one in shown.candidates] == expected
 
 
 def test_study_comes_with_its_seeds_and_tables(whole: tuple[Collection, RunContents]) -> None:
@@ -104,7 +112,9 @@ def test_archive_without_niches_has_places_and_no_cells() -> None:
     """Its axes are then as long as the networks found so far are apart."""
     lines = [trained(0, 0, 0.5, descriptors=(0.2, 3.0)), trained(1, 0, 0.4, descriptors=(0.7, 1.0))]
     given = run(lines, [closed(0), closed(1)], archive={"kind": "best", "kept": 3}, bounds=None)
-    found = Collection(run=given, niches=replace(NICHES, networks=np.empty((0, 2))), studies=(), left_out=())
+    found = Collection(
+        run=given, niches=replace(NICHES, networks=np.empty((0, 2))), studies=(), reestimates=(), left_out=()
+    )
     shown = run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts={})))
     assert (shown.cells, shown.places) == ((), 3)
     assert [line.bounds for line in shown.generations] == [((0.2, 0.2), (3.0, 3.0)), ((0.2, 0.7), (1.0, 3.0))]
@@ -113,7 +123,9 @@ def test_archive_without_niches_has_places_and_no_cells() -> None:
 def test_one_axis_gives_bands_that_cover_the_map() -> None:
     """By hand: niches at 0.2 and 0.6 meet half-way."""
     given = run([trained(0, 0)], [closed(0)], archive={"axes": ["arch_div"]}, bounds=((0.0, 1.0),))
-    found = Collection(run=given, niches=replace(NICHES, networks=np.array([[0.6], [0.2]])), studies=(), left_out=())
+    found = Collection(
+        run=given, niches=replace(NICHES, networks=np.array([[0.6], [0.2]])), studies=(), reestimates=(), left_out=()
+    )
     shown = run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts={})))
     assert [(cell[0][0], cell[1][0]) for cell in shown.cells] == [(0.4, 1.0), (0.0, 0.4)]
 

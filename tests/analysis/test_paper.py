@@ -9,9 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 from refusals import refused
 
-from analysis.report.document import ENGINES, Chapter, Illustration, document, make_pdf, write_document
+from analysis.report.document import ENGINES, Chapter, Illustration, document, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture
-from analysis.report.writing import write_chapter
 from analysis.table import Between, Percent, PValue, Table
 from tacevo.errors import RunError
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hand_sweeps import VERSIONS, finished, run_to, sweep_of
@@ -11,7 +12,6 @@ from analysis.sweeps.sweep import Finished
 from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
 from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.errors import IncomparableError
-from tacevo.records import Json
 from tacevo.rules import FIRST
 from tacevo.search.lines import RulesLine
 
@@ -58,7 +58,7 @@ def test_arms_may_differ_in_how_they_search() -> None:
     ],
 )
 def test_other_settings_are_refused(
-    settings: Mapping[str, Json], place: str, values: tuple[str, str], remedy: str
+    settings: Mapping[str, Any], place: str, values: tuple[str, str], remedy: str
 ) -> None:
     """The message has both jobs, the field, both values, and what to do."""
     with refused(

@@ -1,6 +1,7 @@
 """Promise: a published run is continued by its own lines and under its own settings, and is itself left as it is."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,77 +20,70 @@ TINY = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=3", "se
 MORE = ["search.generations=2", UNTRACKED, "run.dir=mine"]
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give an empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def content(folder: Path) -> dict[Path, bytes]:
     """Read every file of a folder."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_continued_run_equals_one_that_was_never_stopped(published: Path, folder: Path) -> None:
+def test_continued_run_equals_one_that_was_never_stopped(published: Path, place: Path) -> None:
     """The new ledger starts with the old one, where that was cut makes no difference, and nothing published changed."""
     before = content(published)
     command = ["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]
     assert main(command) == 0
     assert content(published) == before
-    old, new = ((path / "ledger.jsonl").read_bytes() for path in (published / "run", folder / "mine"))
+    old, new = ((path / "ledger.jsonl").read_bytes() for path in (published / "run", place / "mine"))
     assert new.startswith(old)
     assert len(new) > len(old)
     assert main(command) == 0  # the same command again finds it finished
     assert main(["search", *TINY, "search.generations=2", "run.dir=whole"]) == 0
     for run in ("mine", "whole"):
-        assert (folder / run / "ledger.jsonl").read_bytes() == new
+        assert (place / run / "ledger.jsonl").read_bytes() == new
     assert main(["replay", "mine", "--diff", "whole"]) == 0
     assert main(["replay", "mine", "--diff", str(published / "run")]) == 1
 
 
-def test_bundle_is_verified_and_continued_without_its_publishers_folders(published: Path, folder: Path) -> None:
+def test_bundle_is_verified_and_continued_without_its_publishers_folders(published: Path, place: Path) -> None:
     """One file is enough, it stays as it is, and an entry that a bundle's replay needs reaches the stores here."""
     bundle = published / "run.zip"
     before = bundle.read_bytes()
     assert main(["continue", str(bundle), *MORE]) == 0
     assert bundle.read_bytes() == before
-    old, new = (path / "ledger.jsonl" for path in (published / "run", folder / "mine"))
+    old, new = (path / "ledger.jsonl" for path in (published / "run", place / "mine"))
     assert new.read_bytes().startswith(old.read_bytes())
     assert main(["replay", "mine"]) == 0
     assert main(["replay", str(bundle), "--diff", str(published / "run")]) == 0
-    theirs, ours = content(published / "cache"), content(folder / "cache")
+    theirs, ours = content(published / "cache"), content(place / "cache")
     (one, *_) = (path for path in theirs if path.parts[-3] == "completions")
-    entry = ours[folder / "cache" / one.relative_to(published / "cache")]
+    entry = ours[place / "cache" / one.relative_to(published / "cache")]
     assert json.loads(entry) == json.loads(theirs[one])
     assert entry.count(b"\n") == theirs[one].count(b"\n")
 
 
 def test_other_data_are_refused_before_anything_is_written(
-    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Another fingerprint is the user's mistake, and no store entry and no run comes of it."""
     command = ["continue", str(published / "run"), "--store", str(published / "cache"), *MORE, "data.seed=5"]
     assert main(command) == 2
     assert "the run's data set" in capsys.readouterr().err
-    assert not (folder / "mine").exists()
-    assert not (folder / "cache" / "completions").exists()
+    assert not (place / "mine").exists()
+    assert not (place / "cache" / "completions").exists()
 
 
-def test_edited_run_is_not_continued(published: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_edited_run_is_not_continued(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The published run is replayed before anything is asked."""
-    edited = folder / "edited"
+    edited = place / "edited"
     for path, data in content(published / "run").items():
         target = edited / path.relative_to(published / "run")
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(data + b"# edited\n" if path.name == "g00s00.py" else data)
     assert main(["continue", str(edited), "--store", str(published / "cache"), *MORE]) == 1
     assert "g00s00" in capsys.readouterr().err
-    assert not (folder / "mine").exists()
+    assert not (place / "mine").exists()
 
 
 def test_published_folder_is_no_place_for_the_new_run(
-    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What was published stays as it is, however the user spells its folder."""
     same = f"run.dir={published}/../published/run"
@@ -97,13 +91,15 @@ def test_published_folder_is_no_place_for_the_new_run(
     assert "run.dir: expected another directory than that of the published run" in capsys.readouterr().err
 
 
-def test_folder_of_another_run_is_refused(published: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_of_another_run_is_refused(
+    published: Path, swept: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A run directory that holds another run is not written to."""
-    assert main(["search", *TINY, "search.generations=0", "seed=7", "run.dir=mine"]) == 0
-    before = content(folder / "mine")
+    shutil.copytree(swept / "sweep" / "none-seed1", place / "mine")
+    before = content(place / "mine")
     assert main(["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 2
     assert "got another run" in capsys.readouterr().err
-    assert content(folder / "mine") == before
+    assert content(place / "mine") == before
 
 
 @pytest.mark.parametrize(
@@ -134,7 +130,7 @@ def test_run_that_is_not_longer_is_refused(generations: int) -> None:
 
 
 def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
-    """Stores, folder, tracker and workers of the publisher are not the reader's; budget and mode may be chosen."""
+    """Stores, place, tracker and workers of the publisher are not the reader's; budget and mode may be chosen."""
     theirs = compose([*TINY, "run.dir=theirs/run", "store.root=theirs/cache", "executor.workers=7"])
     here = continued(theirs, ["search.generations=3", "tracking=none", "llm.mode=replay", "llm.budget_usd=2"])
     default = compose([])
@@ -158,10 +154,10 @@ def test_publisher_chooses_neither_the_server_nor_the_walls() -> None:
 
 
 def test_other_versions_are_named_and_the_run_is_tried_all_the_same(
-    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A run of another version replays where nothing that matters changed; a difference comes with the versions."""
-    run = RunDirectory(folder / "older")
+    run = RunDirectory(place / "older")
     for path, data in content(published / "run").items():
         target = run.path / path.relative_to(published / "run")
         target.parent.mkdir(parents=True, exist_ok=True)

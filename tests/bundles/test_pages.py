@@ -1,32 +1,39 @@
 """Promise: a published run says plainly what answered, where its images come from, and under which terms it stands."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
+from fakes import TASK
+from hand_runs import configured
+from ledger_lines import FACTS, candidate, run_record
 from refusals import refused
 
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
+from tacevo.config.recorded import RecordedRun
 from tacevo.errors import ConfigError
-from tacevo.records import Json
+from tacevo.search.lines import Line
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import RunDirectory
 
 
 def subject(*, provider: str, source: str) -> Subject:
-    """Make a run of a provider and a source of images."""
-    data: dict[str, Json] = {"source": source, "root": "ViTacTip", "images": 600, "image_size": 32, "seed": 0}
-    run: dict[str, Json] = {
-        "name": "one",
-        "digest": "d" * 64,
-        "task": {"name": "force"},
-        "config": {
-            "seed": 3,
-            "llm": {"provider": provider, "model": "model-1"},
-            "data": {**data, "sensor_seed": 0, "light": "standard", "spacings_mm": [0.5, 1.0]},
-            "numerics": {"kind": "portable"},
-            "training": {"device": "cpu"},
-        },
-        "data": {"counts": [480, 60, 60], "fingerprint": "f" * 64, "image_size": 32},
-        "versions": {"tacevo": "0.1.0", "python": "3.11", "torch": "2.13", "numpy": "2.4"},
-        "machine": {"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
-    }
-    return Subject(runs=(run,), candidates=86, studies=({"s": "e" * 64, "t": "f" * 64},))
+    """Make a run of a provider and a source of images, with 86 candidates."""
+    config = configured(
+        seed=3,
+        llm={"provider": provider, "model": "model-1"},
+        data={"source": source, "root": "ViTacTip", "images": 600, "image_size": 32, "spacings_mm": [0.5, 1.0]},
+    )
+    record = run_record(
+        name="one",
+        task=replace(TASK, name="force"),
+        data=replace(FACTS, counts=(480, 60, 60), fingerprint="f" * 64),
+        versions={"tacevo": "0.1.0", "python": "3.11", "torch": "2.13", "numpy": "2.4"},
+        machine={"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
+    )
+    ledger: Sealed[Line] = Sealed(lines=(candidate("g00s00"),) * 86, hashes=("d" * 64,))
+    run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger, eras=())
+    return Subject(runs=(run,), studies=({"s": "e" * 64, "t": "f" * 64},))
 
 
 def test_grammar_is_not_passed_off_as_a_model() -> None:

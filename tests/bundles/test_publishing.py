@@ -55,9 +55,14 @@ def test_nothing_tells_of_the_machine(published: Path) -> None:
     assert [name for name, data in members.items() if host in data.split()] == []
 
 
-def test_settings_of_one_machine_are_left_out(published: Path, tmp_path: Path) -> None:
-    """Paths, addresses and a tracker, none of which decides a result; the bundle can be replayed as any."""
+def test_settings_of_one_machine_and_unfinished_studies_are_left_out(
+    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Paths, addresses and a tracker decide no result, and a study at work is named; the rest replays as any bundle."""
     shutil.copytree(published / "run", tmp_path / "run")
+    (study,) = (tmp_path / "run" / "studies").iterdir()
+    told = json.loads((study / "study.json").read_text())
+    (study / "study.json").write_text(json.dumps({**told, "digest": None}))
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     run["config"]["tracking"] = {"kind": "mlflow", "uri": "http://secret-host:5000", "experiment": "tacevo"}
     run["config"]["llm"] |= {"base_url": "http://secret-host:8000/v1", "prices": "/home/secret-user/prices.yaml"}
@@ -65,7 +70,9 @@ def test_settings_of_one_machine_are_left_out(published: Path, tmp_path: Path) -
     run["config"]["task"] |= {"baseline": "/home/secret-user/baseline.py"}
     (tmp_path / "run" / "run.json").write_text(json.dumps(run))
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
+    assert f"study {study.name} is left out: it is not finished" in capsys.readouterr().err
     members = members_of(tmp_path / "x.zip")
+    assert not [name for name in members if "studies" in name]
     assert [name for name, data in members.items() if b"secret" in data] == []
     assert json.loads(members["run/run.json"])["config"]["data"]["root"] == "images"
     assert main(["replay", str(tmp_path / "x.zip")]) == 0
@@ -185,6 +192,7 @@ def test_retrained_bundle_keeps_its_images_in_a_new_folder(published: Path, tmp_
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["data"]
 
 
+@pytest.mark.slow
 def test_only_the_named_study_is_published(published: Path, tmp_path: Path) -> None:
     """And the store entries of others stay at home."""
     shutil.copytree(published / "run", tmp_path / "run")
@@ -204,19 +212,6 @@ def test_study_of_another_place_is_refused(published: Path, tmp_path: Path, caps
     target = str(tmp_path / "x.zip")
     assert main(["publish", str(published / "run"), str(tmp_path), "-o", target]) == 2
     assert f"expected the directory of a finished study of {published}" in capsys.readouterr().err
-
-
-def test_unfinished_study_is_left_out_and_named(
-    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A study that is still at work does not keep a run from being published."""
-    shutil.copytree(published / "run", tmp_path / "run")
-    (study,) = (tmp_path / "run" / "studies").iterdir()
-    told = json.loads((study / "study.json").read_text())
-    (study / "study.json").write_text(json.dumps({**told, "digest": None}))
-    assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
-    assert f"study {study.name} is left out: it is not finished" in capsys.readouterr().err
-    assert not [name for name in members_of(tmp_path / "x.zip") if "studies" in name]
 
 
 def test_run_that_its_stores_do_not_give_is_not_published(

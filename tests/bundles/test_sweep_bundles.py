@@ -5,9 +5,10 @@ import lzma
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
-from bundles import Members, Refused, entries_of, members_of, resealed, with_entries
+from bundles import Members, Refused, entries_of, members_of, resealed
 from tiny_sweep import OWN, edited, jobs_text
 
 from tacevo.bundles.format import JOBS, STORE
@@ -36,6 +37,7 @@ def run_of(members: Members, job: str) -> Members:
     return {name.removeprefix(place): data for name, data in members.items() if name.startswith(place)}
 
 
+@pytest.mark.slow
 def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
     """Another folder and name of the sweep, other stores, and more in them."""
     shutil.copytree(swept / "sweep", tmp_path / "elsewhere")
@@ -97,11 +99,8 @@ def test_replay_tells_every_digest_and_the_sweeps(
 
 
 @pytest.mark.slow
-def test_retraining_draws_from_all_runs(
-    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two of all evaluations, each counted once; every one is told with its job."""
-    monkeypatch.chdir(tmp_path)
     assert main(["replay", str(swept / "sweep.zip"), "--retrain", "2"]) == 0
     said = capsys.readouterr()
     assert "retrained: 2 of" in said.out
@@ -159,7 +158,7 @@ def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsy
         ({"seed": "one"}, "sweep.json, jobs.1.seed: expected an integer"),
     ],
 )
-def test_edited_job_is_found(change: dict[str, object], words: str, whole: Members, refused: Refused) -> None:
+def test_edited_job_is_found(change: dict[str, Any], words: str, whole: Members, refused: Refused) -> None:
     """Where its run is, what it is called, and whose it is."""
     refused({**whole, JOBS: edited(whole[JOBS], 1, **change)}, words)
 
@@ -219,12 +218,6 @@ def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) ->
     header, row, *rest = whole[name].decode().split("\r\n")
     text = "\r\n".join([header, ",".join(["mine", *row.split(",")[1:]]), *rest])
     refused({**whole, name: text.encode()}, f"table {name.removeprefix('tables/')}: row 1, column ")
-
-
-def test_foreign_entry_is_found(whole: Members, refused: Refused) -> None:
-    """What no run of the sweep reads has no place in it."""
-    entries = [*entries_of(whole), {"kind": "probes", "request": "of another run", "answer": {}}]
-    refused(with_entries(whole, entries), "expected only entries that the replay reads")
 
 
 def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:

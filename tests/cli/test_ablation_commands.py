@@ -45,10 +45,9 @@ def with_hash(directory: SweepDirectory, job: Job) -> Job:
 
 
 @pytest.fixture
-def sweep(compared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def sweep(compared: Path, place: Path) -> Path:
     """Give a copy of the sweep, to be spoilt, and work beside it."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(compared / "sweep", tmp_path / "sweep")
+    shutil.copytree(compared / "sweep", place / "sweep")
     return Path("sweep")
 
 

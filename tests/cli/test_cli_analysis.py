@@ -6,20 +6,19 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bundles import entries_of, members_of, resealed, with_entries
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
-from tacevo.records import Json
 
 
 @pytest.fixture
-def run(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(published: Path, place: Path) -> Path:
     """Give a copy of the run, to be spoilt, and work beside it."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(published / "run", tmp_path / "run")
+    shutil.copytree(published / "run", place / "run")
     return Path("run")
 
 
@@ -139,7 +138,7 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     assert "Motifs of" not in told.out
 
 
-def shown_in(page: Path) -> Json:
+def shown_in(page: Path) -> Any:
     """Read the contents that lie in a page."""
     found = re.search(r'<script type="application/json" id="contents">(.*?)</script>', page.read_text(), re.DOTALL)
     assert found is not None
@@ -183,6 +182,7 @@ def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> Non
     assert set(shown["sources"]) == used
 
 
+@pytest.mark.slow
 def test_paper_without_latex_is_a_document(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

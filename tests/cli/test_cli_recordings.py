@@ -34,22 +34,16 @@ def searched(overrides: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @needs_recordings
-def test_search_on_tactip_recordings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_search_on_tactip_recordings(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Depth, roll and pitch from 3,000 TacTip images: the stand-in for three forces."""
-    monkeypatch.chdir(tmp_path)
     columns = "data.target_columns=[depth_mm,roll_deg,pitch_deg]"
     found = searched(["data=csv", f"data.root={DATA / 'tactip_surface'}", columns], capsys)
     assert "2400 training, 300 validation and 300 test images" in found
 
 
 @needs_recordings
-def test_search_on_gelsight_recordings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_search_on_gelsight_recordings(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ten materials from 1,000 GelSight images: the stand-in for gratings."""
-    monkeypatch.chdir(tmp_path)
     found = searched(
         ["task=grating", "data=folder", f"data.root={DATA / 'gelsight_materials'}", "task.outputs=10"], capsys
     )
@@ -57,11 +51,8 @@ def test_search_on_gelsight_recordings(
 
 
 @needs_recordings
-def test_wrong_number_of_classes_is_refused_with_the_remedy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_number_of_classes_is_refused_with_the_remedy(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A task of seven classes does not silently train on ten."""
-    monkeypatch.chdir(tmp_path)
     arguments = ["task=grating", "data=folder", f"data.root={os.path.relpath(DATA / 'gelsight_materials')}"]
     assert main(["search", *SMALL, *arguments]) == 2
     assert "set task.outputs=10" in capsys.readouterr().err

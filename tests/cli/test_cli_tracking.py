@@ -2,21 +2,14 @@
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import pytest
 from commands import tacevo
+from interruptions import PATIENCE, mirrored
 from smallest import SMALLEST
 from tiny_sweep import SIZES
-
-from tacevo.cli.app import main
-from tacevo.storage.files import alone
-
-if TYPE_CHECKING:
-    from mlflow.entities import Run
-
-# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
+from waiting import eventually
 
 CANDIDATES = 1 + 1 + 2
 
@@ -57,26 +50,12 @@ def database(folder: Path) -> str:
     return f"sqlite:///{folder}/mlflow.db"
 
 
-def runs_in(uri: str, monkeypatch: pytest.MonkeyPatch) -> "list[Run]":
-    """Read every run of a store."""
-    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
-    from mlflow import MlflowClient
-
-    client = MlflowClient(uri)
-    experiment = client.get_experiment_by_name("tacevo")
-    assert experiment is not None
-    return list(client.search_runs([experiment.experiment_id]))
-
-
-def said_by(runs: "list[Run]") -> dict[str, object]:
-    """Give all that runs say of themselves, by id."""
-    return {run.info.run_id: run.to_dictionary() for run in runs}
-
-
 def test_tracking_changes_no_bit(untracked: Searched, tracked: Searched) -> None:
-    """A mirrored search has the digest of one that is not mirrored."""
+    """A mirrored search has the digest of one that is not mirrored, and stands in MLflow with all candidates."""
     assert tracked.digest == untracked.digest
-    assert tracked.digest.startswith("digest: ")
+    whole = (1 + CANDIDATES, tracked.digest.removeprefix("digest: "))
+    # a slow mirror may still be at work
+    assert eventually(lambda: mirrored(tracked.folder / "mlflow.db") == whole, seconds=PATIENCE)
 
 
 @pytest.mark.slow
@@ -92,37 +71,3 @@ def test_search_without_tracking_leaves_no_trace_of_it(untracked: Searched) -> N
     """Neither a database nor a log of the mirror is made."""
     assert not (untracked.folder / "mlflow.db").exists()
     assert not (untracked.run / "tracking.log").exists()
-
-
-def test_track_again_adds_nothing(tracked: Searched, monkeypatch: pytest.MonkeyPatch) -> None:
-    """MLflow holds one parent and a nested run a candidate; `tacevo track` twice leaves them as they are."""
-    with alone(tracked.run):  # a slow mirror may still be at work until here
-        pass
-    assert main(["track", str(tracked.run)]) == 0
-    first = runs_in(database(tracked.folder), monkeypatch)
-    (parent,) = [run for run in first if "tacevo.run" in run.data.tags]
-    nested = [run for run in first if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]
-    assert len(nested) == CANDIDATES == len(first) - 1
-    assert f"digest: {parent.data.tags['tacevo.digest']}" == tracked.digest
-    assert main(["track", str(tracked.run)]) == 0
-    second = runs_in(database(tracked.folder), monkeypatch)
-    assert said_by(second).keys() == said_by(first).keys()
-    assert [said_by(second)[run.info.run_id] for run in nested] == [said_by(first)[run.info.run_id] for run in nested]
-
-
-def test_untracked_run_can_be_tracked_later(
-    untracked: Searched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`tacevo track --uri` builds the store from the run directory alone."""
-    assert main(["track", str(untracked.run), "--uri", database(tmp_path)]) == 0
-    assert len(runs_in(database(tmp_path), monkeypatch)) == 1 + CANDIDATES
-
-
-def test_track_without_a_uri_is_the_users_mistake(
-    untracked: Searched, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A run made with tracking=none does not name a store: status 2, and one line that says what to set."""
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    assert main(["track", str(untracked.run)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "--uri" in line

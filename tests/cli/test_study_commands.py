@@ -10,10 +10,10 @@ from rich.console import Console
 
 from tacevo.choices import MarginKind
 from tacevo.cli.app import main
-from tacevo.cli.study import SETTINGS
-from tacevo.config.compose import compose_study
+from tacevo.cli.study import NOISE_SETTINGS, SETTINGS
+from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.schema import ExecutorConfig, keys
-from tacevo.config.study import StudyConfig
+from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 
@@ -22,8 +22,9 @@ UNTOLD = {"executor", "executor.kind", "store", "margins", "margins.regression",
 
 
 def test_every_setting_is_told() -> None:
-    """What a study takes stands in its help, and nothing else."""
+    """What a study or a noise run takes stands in its help, and nothing else."""
     assert SETTINGS.keys() == set(keys(StudyConfig)) - UNTOLD
+    assert NOISE_SETTINGS.keys() == set(keys(NoiseConfig)) - UNTOLD
 
 
 def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,6 +54,7 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
     [
         ("run=", "run", "the directory of a finished run"),
         ("elites=0", "elites", "an integer of at least 1"),
+        ("choose=luck", "choose", "'fitness' or 'reestimated'"),
         ("seeds=0", "seeds", "an integer of at least 1"),
         ("epochs=ten", "epochs", "an integer"),
         ("seconds=0", "seconds", "a number above 0"),
@@ -84,6 +86,14 @@ def test_unknown_setting_is_refused(override: str, remedy: str) -> None:
     """In the words of a study, not of a search."""
     with refused(ConfigError, got="not a setting", remedy=remedy):
         compose_study(["run=x", override])
+
+
+@pytest.mark.parametrize("override", ["elites=0", "elites=some"])
+def test_elites_of_a_noise_run_are_all_or_a_number(override: str) -> None:
+    """Unless set, all."""
+    assert (compose_noise([]).elites, compose_noise(["elites=3"]).elites) == ("all", 3)
+    with refused(ConfigError, expected="all, or an integer of at least 1"):
+        compose_noise([override])
 
 
 def test_settings_reach_the_configuration() -> None:

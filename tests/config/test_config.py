@@ -21,10 +21,10 @@ from tacevo.choices import (
     Tracking,
 )
 from tacevo.config.compose import compose, from_plain, to_plain
-from tacevo.config.identity import identity
+from tacevo.config.identity import identity, llm_identity
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
-from tacevo.records import Delivery, Json, Mode
+from tacevo.records import Delivery, Mode
 from tacevo.storage.canonical import canonical
 
 CONFIG = compose([])
@@ -117,23 +117,23 @@ POSSIBLE: dict[str, list[Any]] = {
 }
 
 
-def changed(key: str, value: Json, config: RunConfig = CONFIG) -> RunConfig:
+def changed(key: str, value: Any, config: RunConfig = CONFIG) -> RunConfig:
     """Build a configuration that differs in one setting."""
-    plain = to_plain(config)
+    plain: Any = to_plain(config)
     group, _, name = key.rpartition(".")
     (plain[group] if group else plain)[name] = value
     return from_plain(plain)
 
 
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key in IMPOSSIBLE for value in IMPOSSIBLE[key]])
-def test_impossible_value_is_refused_by_its_key(key: str, value: Json) -> None:
+def test_impossible_value_is_refused_by_its_key(key: str, value: Any) -> None:
     """The error names the key as the user wrote it."""
     with refused(ConfigError, place=key):
         changed(key, value, HOSTED)
 
 
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key in POSSIBLE for value in POSSIBLE[key]])
-def test_ends_of_a_range_are_possible(key: str, value: Json) -> None:
+def test_ends_of_a_range_are_possible(key: str, value: Any) -> None:
     """Ranges include their ends."""
     assert canonical(identity(changed(key, value)))
 
@@ -195,7 +195,7 @@ def test_address_in_a_message_holds_no_login() -> None:
 
 
 #: Another possible value of each setting that decides a run's results.
-DECIDES: dict[str, Json] = {
+DECIDES: dict[str, Any] = {
     "seed": 1,
     "search.candidates": 9,
     "search.initial": 5,
@@ -239,7 +239,7 @@ DECIDES: dict[str, Json] = {
 }
 
 #: Likewise the settings that only hosted models have.
-DECIDES_WHEN_HOSTED: dict[str, Json] = {
+DECIDES_WHEN_HOSTED: dict[str, Any] = {
     "llm.top_p": 0.9,
     "llm.top_k": 40,
     "llm.stop_sequences": ["END"],
@@ -247,7 +247,7 @@ DECIDES_WHEN_HOSTED: dict[str, Json] = {
 }
 
 #: Another possible value of each setting that only says where a run is computed, watched and written, and how long.
-DECIDES_NOTHING: dict[str, Json] = {
+DECIDES_NOTHING: dict[str, Any] = {
     "search.generations": 40,
     "llm.mode": Mode.replay,
     "llm.base_url": "http://localhost:1",
@@ -292,15 +292,16 @@ def test_places_decide_where_there_are_no_niches() -> None:
 def test_setting_of_a_hosted_model_enters_the_identity_once_set(key: str) -> None:
     """Set it is part of the run; left alone it is not, so that runs without it stay the runs they were."""
     set_ = identity(changed(key, DECIDES_WHEN_HOSTED[key], HOSTED))["llm"]
-    assert set_ == {**identity(HOSTED)["llm"], key.removeprefix("llm."): DECIDES_WHEN_HOSTED[key]}
+    assert set_ == {**llm_identity(HOSTED.llm), key.removeprefix("llm."): DECIDES_WHEN_HOSTED[key]}
 
 
 def test_identity_without_later_settings_is_golden() -> None:
     """What came after the first version of a ledger leaves no trace in a run that does not use it."""
-    assert set(identity(HOSTED)["llm"]) == {"provider", "model", "max_tokens", "slip_rate"}
-    assert set(identity(CONFIG)["prompts"]) == {"policy"}
-    assert set(identity(CONFIG)["proposals"]) == {"mutation_probability", "parents", "best"}
-    assert not set(identity(CONFIG)["archive"]) & {"kind", "kept", "axes"}
+    assert set(llm_identity(HOSTED.llm)) == {"provider", "model", "max_tokens", "slip_rate"}
+    told: Any = identity(CONFIG)
+    assert set(told["prompts"]) == {"policy"}
+    assert set(told["proposals"]) == {"mutation_probability", "parents", "best"}
+    assert not set(told["archive"]) & {"kind", "kept", "axes"}
 
 
 def test_delivery_stays_out_of_the_identity() -> None:

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra import compose as hydra_compose
@@ -10,14 +11,14 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 from tacevo.cli.app import main
-from tacevo.config.compose import compose, compose_study, from_plain, to_plain
+from tacevo.config.compose import compose, compose_study, from_plain
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
-from tacevo.records import Json
+from tacevo.records import to_json
 
 #: What a run of `experiment=paper_force llm=anthropic` begins its ledger with (docs/paper.md says whose decisions).
-PAPER: dict[str, Json] = {
+PAPER: dict[str, Any] = {
     "seed": 0,
     "search": {"candidates": 50, "initial": 10},
     "llm": {"provider": "anthropic", "model": "claude-haiku-4-5-20251001", "max_tokens": 4096, "slip_rate": 0.0},
@@ -47,10 +48,10 @@ PAPER: dict[str, Json] = {
 }
 
 #: What differs where the grammar answers.
-GRAMMAR: Json = {"provider": "grammar", "model": "grammar-1", "max_tokens": 4096, "slip_rate": 0.05}
+GRAMMAR: Any = {"provider": "grammar", "model": "grammar-1", "max_tokens": 4096, "slip_rate": 0.05}
 
 #: Their data; the number of images is the task's.
-DATA: dict[str, Json] = {
+DATA: dict[str, Any] = {
     "source": "simulated",
     "image_size": 256,
     "seed": 0,
@@ -63,7 +64,7 @@ DATA: dict[str, Json] = {
 }
 
 #: What a study of their runs is.
-STUDY: dict[str, Json] = {
+STUDY: dict[str, Any] = {
     "elites": 4,
     "seeds": 20,
     "epochs": 50,
@@ -75,19 +76,19 @@ STUDY: dict[str, Json] = {
 TASKS = pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])
 
 
-def insist(config: RunConfig, task: str, images: int, llm: Json) -> None:
+def insist(config: RunConfig, task: str, images: int, llm: Any) -> None:
     """Compare a configuration with what is written above."""
     assert identity(config) == {**PAPER, "llm": llm}
     assert config.search.generations == 20
     assert config.task.name == task
-    plain = to_plain(config)["data"]
+    plain = to_json(config.data)
     assert {key: plain[key] for key in DATA} == DATA
     assert plain["images"] == images
 
 
 @TASKS
 @pytest.mark.parametrize("llm", [PAPER["llm"], GRAMMAR])
-def test_paper_experiments_are_what_is_written_here(task: str, images: int, llm: Json) -> None:
+def test_paper_experiments_are_what_is_written_here(task: str, images: int, llm: Any) -> None:
     """Every setting that decides a result has the value above; who changes one changes this test, and says why."""
     insist(compose([f"experiment=paper_{task}", f"llm={llm['provider']}"]), task, images, llm)
 
@@ -142,22 +143,20 @@ def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:
 @pytest.mark.parametrize("options", [[], ["--estimate"], ["-m", "seed=0,1"], ["ablation=llm_vs_grammar"]])
 @pytest.mark.parametrize("task", ["force", "grating"])
 def test_paper_experiment_without_a_model_says_what_to_add(
-    task: str, options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    task: str, options: list[str], place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In one line, before anything is made."""
-    monkeypatch.chdir(tmp_path)
     assert main(["search", f"experiment=paper_{task}", *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert f"experiment=paper_{task} leaves the choice of the model to you; add llm=anthropic (Claude)" in line
     assert "llm=grammar (a control without a language model, whose results are not a reproduction" in line
-    assert list(tmp_path.iterdir()) == []
+    assert list(place.iterdir()) == []
 
 
 def test_data_of_a_paper_experiment_are_looked_at_without_a_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Images do not need a model, so a model need not be chosen."""
-    monkeypatch.chdir(tmp_path)
     assert main(["data", "check", "experiment=paper_force", "data.images=10", "data.image_size=32"]) == 0
     assert "10" in capsys.readouterr().out
 

@@ -6,8 +6,10 @@ import pytest
 from refusals import refused
 
 from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.errors import RunError
-from tacevo.studies.terms import Margin, Terms, fewest_seeds
+from tacevo.records import Json
+from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.typed import convert
 
 
@@ -38,7 +40,7 @@ def test_margin_that_nothing_fits_in_is_refused(value: float) -> None:
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -1.0, math.nan])
 def test_level_out_of_range_is_refused(alpha: float) -> None:
     """A level is in the open interval."""
-    terms = {"alpha": alpha, "margin": {"value": 0.1, "kind": "relative"}}
+    terms: Json = {"alpha": alpha, "margin": {"value": 0.1, "kind": "relative"}}
     with refused(RunError, place="study.json, alpha", expected="number"):
         convert(Terms, terms, place="study.json", error=RunError)
 

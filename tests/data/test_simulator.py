@@ -113,6 +113,7 @@ def printed_digest(*emulator: str, before: str = "pass", **variables: str) -> st
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
 
 
+@pytest.mark.slow
 def test_plainest_loops_of_numpy_draw_the_same_bytes() -> None:
     """Without AVX, NumPy takes other machine code for every operation."""
     assert printed_digest(before=f"t.{require_plainest.__name__}()", **PLAINEST) == DIGEST

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
@@ -14,7 +15,7 @@ from gate_cases import VALID, candidate, completion, contract, examples, needs_s
 from tacevo.errors import CacheMissError, SandboxError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted, Graph, Node, Profile, Step
-from tacevo.records import Contract, Json, Limits, Mode, Reason, Rejection, Stage, to_json
+from tacevo.records import Contract, Limits, Mode, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.search.descriptors import describe
@@ -39,9 +40,9 @@ PROFILE = Profile(
     ),
     output=(1,),
 )
-ANSWER = {"profile": to_json(PROFILE)}
+ANSWER: Any = {"profile": to_json(PROFILE)}
 
-Run = Callable[[str, Json, bytes, Limits], Finished | Died]
+Run = Callable[[str, Any, bytes, Limits], Finished | Died]
 
 
 class FakeSandbox:
@@ -49,9 +50,9 @@ class FakeSandbox:
 
     def __init__(self, outcome: Finished | Died | Exception) -> None:
         self.outcome = outcome
-        self.headers: list[Json] = []
+        self.headers: list[Any] = []
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
         """Answer as told."""
         assert (entry, payload, limits.memory_mib) == ("probe", b"", PROBE_LIMITS.memory_mib)
         self.headers.append(header)
@@ -60,7 +61,7 @@ class FakeSandbox:
         return self.outcome
 
 
-def sent(*headers: Json) -> Finished:
+def sent(*headers: Any) -> Finished:
     """Make the outcome of a child that sent these frames."""
     return Finished(tuple(Frame(header, b"") for header in headers))
 
@@ -137,7 +138,7 @@ def test_equal_sources_are_probed_once(tmp_path: Path) -> None:
         {"numerics": "fast"},
     ],
 )
-def test_everything_that_can_change_a_verdict_enters_its_key(tmp_path: Path, change: dict[str, Json]) -> None:
+def test_everything_that_can_change_a_verdict_enters_its_key(tmp_path: Path, change: dict[str, Any]) -> None:
     """A probe under one setting does not answer for another."""
     fake = FakeSandbox(sent(ANSWER))
     gate(fake.run, tmp_path).inspect(VALID)
@@ -176,20 +177,20 @@ def test_replay_never_probes(tmp_path: Path) -> None:
     assert fake.headers == []
 
 
-def _with_profile(**changes: Json) -> Json:
+def _with_profile(**changes: Any) -> Any:
     return {"profile": {**ANSWER["profile"], **changes}}
 
 
-def _with_graph(**changes: Json) -> Json:
+def _with_graph(**changes: Any) -> Any:
     return _with_profile(graph={**ANSWER["profile"]["graph"], **changes})
 
 
-def _with_node(**changes: Json) -> Json:
+def _with_node(**changes: Any) -> Any:
     first, second = ANSWER["profile"]["graph"]["nodes"]
     return _with_graph(nodes=[{**first, **changes}, second])
 
 
-def _with_step(**changes: Json) -> Json:
+def _with_step(**changes: Any) -> Any:
     first, second = ANSWER["profile"]["steps"]
     return _with_profile(steps=[first, {**second, **changes}])
 
@@ -206,7 +207,7 @@ def test_answer_is_read_once(tmp_path: Path) -> None:
 def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
     """Python 3.12 parses what 3.11 refuses, so a replay believes the recording and not its own parser."""
     text = "an answer that another version of Python found to hold the source"
-    request = {
+    request: Any = {
         "version": CURRENT.static,
         "text": text,
         "stop_reason": "end_turn",
@@ -294,7 +295,7 @@ def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, rea
         pytest.param([_with_step(op="x" * 101)], id="step with a long name"),
     ],
 )
-def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Json]) -> None:
+def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Any]) -> None:
     """A candidate can write frames of its own; what is no probe's answer counts against it."""
     found = gate(FakeSandbox(sent(*headers)).run, tmp_path).inspect(VALID)
     assert isinstance(found, Rejection)
@@ -342,7 +343,7 @@ def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -
 @needs_shared
 @pytest.mark.parametrize("image_size", [32, 64])
 @pytest.mark.parametrize("example", examples("llm_answers"), ids=lambda example: example["file"])
-def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Json, image_size: int) -> None:
+def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Any, image_size: int) -> None:
     """What trains in a plain process is admitted, with as many parameters; the rest is rejected."""
     task = contract(example["task"], image_size)
     found = gate(sandbox.run, tmp_path, task=task).admit(completion(example["response"], example["stop_reason"]))
@@ -354,7 +355,7 @@ def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example:
 @needs_shared
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("example", examples("hostile"), ids=lambda example: example["id"])
-def test_attack_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Json) -> None:
+def test_attack_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Any) -> None:
     """What must be rejected is, harmless oddities are admitted, and the rest may be either but never an error."""
     limits = Limits(seconds=4.0, memory_mib=1_000)
     found = gate(sandbox.run, tmp_path, probe_limits=limits).admit(completion(example["source"]))

@@ -3,8 +3,6 @@
 These tests run `run` in this process, on harmless candidates only; test_admission.py goes through the sandbox.
 """
 
-from collections.abc import Iterator
-
 import pytest
 import torch
 from gate_cases import SHARED, VALID, candidate, contract, needs_shared
@@ -15,16 +13,9 @@ from tacevo.records import Contract, Json, Reason, Rejection, Stage, to_json
 from tacevo.search.descriptors import describe
 from tacevo.storage.verdicts import read_verdict
 
+pytestmark = pytest.mark.usefixtures("torch_settings")
+
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
-
-
-@pytest.fixture(autouse=True)
-def _torch_settings() -> Iterator[None]:
-    """Undo what the probe sets for the whole process, because here it does not end with it."""
-    deterministic = torch.are_deterministic_algorithms_enabled()
-    with torch.random.fork_rng(devices=[]):
-        yield
-    torch.use_deterministic_algorithms(deterministic)
 
 
 def probe(source: str, task: Contract, **limits: int) -> Profile | Rejection:

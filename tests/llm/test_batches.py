@@ -17,16 +17,13 @@ from refusals import refused
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Delivery, Request
+from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
+
+pytestmark = pytest.mark.usefixtures("keys")
 
 ASKED = [request(text) for text in ("a", "b", "c", "d", "e")]
 ANSWERS = ["a!", "b!", "c!", "d!", "e!"]
-
-
-@pytest.fixture(autouse=True)
-def _key(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put the key where the SDK looks for it."""
-    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
 
 
 @pytest.fixture
@@ -105,7 +102,7 @@ def test_what_no_submission_can_mend_stops_the_run(fault: str, words: str, serve
     with refused(ConfigError, got=words):
         recorded(server.url, tmp_path, asked)
     assert sizes(server) == [3]
-    assert [entry.answer["text"] for entry in Store(tmp_path, "completions").entries()] == ["a!"]
+    assert [value_at(entry.answer, ("text",)) for entry in Store(tmp_path, "completions").entries()] == ["a!"]
 
 
 @pytest.mark.parametrize(("fault", "stop_reason"), [("too_long", "invalid_request"), ("filtered", "refusal")])
@@ -214,10 +211,10 @@ print(recorded(sys.argv[1], Path(sys.argv[2])))
 """
 
 
-@pytest.mark.parametrize("stall", ["polled", "results"])
+@pytest.mark.parametrize("stall", ["polled", pytest.param("results", marks=pytest.mark.slow)])
 def test_killed_run_submits_nothing_twice(stall: str, tmp_path: Path) -> None:
     """SIGKILL while it waits for the batch, and while it reads."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ANTHROPIC_API_KEY": KEY}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with serving(Script(stall=stall)) as server:
         child = subprocess.Popen([sys.executable, "-c", _RUN, server.url, str(tmp_path)], env=environment)
         assert server.stalled.wait(timeout=60)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.llm.retry import SAMPLING, Fault, FaultKind, Patience, fault_of_status, setting_to_drop
+from tacevo.records import Json
 
 PASSING = Fault(kind=FaultKind.passing, message="529: busy")
 
@@ -56,7 +57,7 @@ def test_filtered_request_ends_as_a_refusal_and_a_long_one_as_invalid() -> None:
 
 
 @pytest.mark.parametrize("body", [None, "", "<html>bad gateway</html>", {}, {"error": "plain"}, {"error": None}, []])
-def test_any_body_is_read(body: object) -> None:
+def test_any_body_is_read(body: Json) -> None:
     """A proxy may answer with anything."""
     fault = fault_of_status(502, {}, body, path="/")
     assert fault.kind is FaultKind.passing

@@ -7,13 +7,14 @@ import sys
 import urllib.request
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
-from hosted import KEY, batched, hosted, request
+from hosted import batched, hosted, request
 from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
-from tacevo.records import Completion, Json, Request
+from tacevo.records import Completion, Request
 from tacevo.search.effects import LLM
 
 ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
@@ -22,7 +23,7 @@ SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"
 recorded_ones = pytest.mark.skipif(not ANSWERS.exists(), reason="the recorded answers are not here")
 
 
-def recordings() -> dict[str, Json]:
+def recordings() -> dict[str, Any]:
     """Read the recorded answers by the names of their files."""
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(ANSWERS.glob("*.json"))}
 
@@ -70,9 +71,9 @@ def test_only_delivered_answers_are_billed() -> None:
 
 
 @recorded_ones
-def test_recorded_answers_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("keys")
+def test_recorded_answers_are_served() -> None:
     """Each request gets one of the task's answers, always the same."""
-    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     with serving(recorded_answers(ANSWERS, "force")) as server:
         first, again = (answers(hosted(server.url), [request(str(n)) for n in range(30)]) for _ in range(2))
     assert first == again
@@ -81,13 +82,10 @@ def test_recorded_answers_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @recorded_ones
+@pytest.mark.usefixtures("keys")
 @pytest.mark.parametrize("provider", ["anthropic", "openai", "batches"])
-def test_every_recorded_answer_comes_whole_through_the_sdks(
-    provider: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_every_recorded_answer_comes_whole_through_the_sdks(provider: str, tmp_path: Path) -> None:
     """Text and stop reason of all files, by each of the three APIs."""
-    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
-        monkeypatch.setenv(name, KEY)
     files = recordings()
     with serving(recorded_answers(ANSWERS, "")) as server:
         llm = batched(server.url, tmp_path) if provider == "batches" else hosted(server.url, provider)

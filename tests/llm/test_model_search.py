@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import pytest
 import yaml
+from hosted import KEY
 from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
 from smallest import SMALLEST, UNTRACKED
@@ -20,7 +21,7 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 from tacevo.costs import dollars
 
-KEY = "sk-ant-a-secret-key"
+pytestmark = pytest.mark.usefixtures("keys")
 
 TINY = [
     *SMALLEST,
@@ -57,14 +58,6 @@ def network(body: Body) -> str:
     )
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return an empty working directory, and a key in the environment."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
-    return tmp_path
-
-
 def search(server: LLMServer, *overrides: str) -> int:
     """Search with a server; return the exit status."""
     return main(["search", *TINY, f"llm.base_url={server.url}", *overrides])
@@ -75,16 +68,14 @@ def digest(out: str) -> str:
     return out.splitlines()[-1].removeprefix("digest: ")
 
 
-def prices(folder: Path) -> str:
+def prices(place: Path) -> str:
     """Write a table in which an answer of the server costs 7 dollars, and may cost 64 at 64 tokens."""
     entry = {"input_usd": 0, "output_usd": 1_000_000, "dated": "2026-11-21", "source": "this test"}
-    (folder / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-haiku-4-5": entry}}))
-    return str(folder / "prices.yaml")
+    (place / "prices.yaml").write_text(yaml.safe_dump({"batch_factor": 0.5, "models": {"claude-haiku-4-5": entry}}))
+    return str(place / "prices.yaml")
 
 
-def test_search_of_5_generations_is_replayed_without_a_network(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_search_of_5_generations_is_replayed_without_a_network(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The same digest, in a process that is refused every socket; and the replay says what the recording cost."""
     with serving(Script(answer=network)) as server:
         assert search(server, "search.generations=5", "run.dir=run") == 0
@@ -108,26 +99,31 @@ def test_offline_process_is_offline() -> None:
     assert "this process has no network" in done.stderr
 
 
-def test_key_is_written_nowhere(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Neither run, store nor output holds it, where the server repeats it in answers and in errors that are retried."""
+def test_key_is_written_nowhere_and_an_unknown_price_is_said(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither run, store nor output holds it, where the server repeats it in answers and in errors that are retried.
+
+    Without a budget a model of unknown price can be asked.
+    """
     with serving(Script(answer=lambda body: f"no idea, {KEY}", failing=1)) as server:
-        assert search(server, "search.generations=0", "proposals.repair_attempts=1") == 0
+        settings = ["search.generations=0", "proposals.repair_attempts=1", "llm.model=claude-unheard-of"]
+        assert search(server, *settings) == 0
         assert server.logins == {KEY}
         assert server.tried.total() > server.billed.total()
-    texts = [path.read_bytes() for path in folder.rglob("*") if path.is_file()]
+    texts = [path.read_bytes() for path in place.rglob("*") if path.is_file()]
     captured = capsys.readouterr()
+    assert "tokens, price unknown" in captured.out
     assert not [text for text in [*texts, captured.out.encode(), captured.err.encode()] if KEY.encode() in text]
 
 
 @pytest.mark.slow
-def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_budget_stops_the_search_and_a_larger_one_goes_on(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Stopped twice, the run ends with the digest of one without limit, and nothing was paid for twice."""
     with serving(Script(answer=network)) as server:
         assert search(server, "llm.max_tokens=64", "run.dir=free", "store.root=other") == 0
         unlimited = digest(capsys.readouterr().out)
         distinct = len(server.billed)
     with serving(Script(answer=network)) as server:
-        limited = ["llm.max_tokens=64", "run.dir=run", f"llm.prices={prices(folder)}"]
+        limited = ["llm.max_tokens=64", "run.dir=run", f"llm.prices={prices(place)}"]
         for budget, answers in ((64, 1), (71, 2)):
             assert search(server, *limited, f"llm.budget_usd={budget}") == 2
             errors = capsys.readouterr().err
@@ -142,7 +138,7 @@ def test_budget_stops_the_search_and_a_larger_one_goes_on(folder: Path, capsys: 
 
 
 @pytest.mark.slow
-def test_repaired_run_is_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_repaired_run_is_replayed(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What was sent back is a request like any other, recorded and replayed; with one worker or two."""
     with serving(Script(answer=network)) as server:
         assert search(server, "proposals.repair_attempts=1", "run.dir=run", "search.candidates=4") == 0
@@ -155,13 +151,13 @@ def test_repaired_run_is_replayed(folder: Path, capsys: pytest.CaptureFixture[st
     assert digest(capsys.readouterr().out) == digest(recorded)
     assert main(["replay", "run"]) == 0
     assert digest(capsys.readouterr().out) == digest(recorded)
-    lines = map(json.loads, (folder / "run" / "ledger.jsonl").read_text().splitlines())
+    lines = map(json.loads, (place / "run" / "ledger.jsonl").read_text().splitlines())
     sent_back = next(line["id"] for line in lines if "repairs" in line)
     assert main(["show", "run", sent_back]) == 0
     assert "Answers that were sent back before this one: 1 (extract: no_class)" in capsys.readouterr().out
 
 
-def test_model_of_unknown_price_has_no_budget(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_model_of_unknown_price_has_no_budget(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A limit that nobody could keep is refused before anything is made, with what to do."""
     assert main(["search", *TINY, "llm.model=claude-unheard-of", "llm.budget_usd=5"]) == 2
     errors = capsys.readouterr().err
@@ -169,28 +165,21 @@ def test_model_of_unknown_price_has_no_budget(folder: Path, capsys: pytest.Captu
         "llm.budget_usd: expected a model of known price; got claude-unheard-of without a price in prices.yaml"
         in errors
     )
-    assert list(folder.iterdir()) == []
+    assert list(place.iterdir()) == []
 
 
-def test_no_budget_needs_no_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A model without a known price can be asked; its cost is then said to be unknown."""
-    with serving(Script(answer=network)) as server:
-        assert search(server, "search.generations=0", "llm.model=claude-unheard-of") == 0
-    assert "2 answers, 22 + 14 tokens, price unknown" in capsys.readouterr().out
-
-
-def test_missing_price_table_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_price_table_is_named(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A table that the user names must be there, before anything is made."""
     assert main(["search", *TINY, "llm.prices=mine.yaml"]) == 2
     assert "llm.prices" in capsys.readouterr().err
-    (folder / "broken.yaml").write_text("models: [")
-    assert main(["search", *TINY, f"llm.prices={folder}/broken.yaml"]) == 2
+    (place / "broken.yaml").write_text("models: [")
+    assert main(["search", *TINY, f"llm.prices={place}/broken.yaml"]) == 2
     assert "broken.yaml: expected YAML; got" in capsys.readouterr().err
-    assert [path.name for path in folder.iterdir()] == ["broken.yaml"]
+    assert [path.name for path in place.iterdir()] == ["broken.yaml"]
 
 
 @pytest.mark.slow
-def test_optional_settings_reach_the_server(folder: Path) -> None:
+def test_optional_settings_reach_the_server(place: Path) -> None:
     """What is set is sent under its own name, and what is not set is not sent."""
     with serving(Script(answer=network)) as server:
         chosen = ["llm.top_p=0.9", "llm.stop_sequences=[END]", "search.generations=0", "search.initial=1"]
@@ -202,7 +191,7 @@ def test_optional_settings_reach_the_server(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refused_temperature_is_told_and_no_arm_is_about_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ledger, summary, report and `show` say that it was not sent; a replay agrees; an arm over it is not begun."""
     with serving(Script(answer=network, refused=("temperature",))) as server:
         assert search(server, "run.dir=run") == 0
@@ -216,10 +205,10 @@ def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys
             assert search(server, *arm) == 2
             said = capsys.readouterr().err
             assert "got claude-haiku-4-5-20251001, which refuses temperatures" in said
-        assert not (folder / "sweeps").exists()
+        assert not (place / "sweeps").exists()
         assert search(server, "temperature=fixed", "search.generations=0") == 0
     capsys.readouterr()
-    lines = [json.loads(line) for line in (folder / "run" / "ledger.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (place / "run" / "ledger.jsonl").read_text().splitlines()]
     answered = [line for line in lines if line.get("answer")]
     assert all(line["dropped"] == ["temperature"] for line in answered)
     assert main(["replay", "run"]) == 0
@@ -227,11 +216,11 @@ def test_refused_temperature_is_told_and_no_arm_is_about_it(folder: Path, capsys
     assert main(["show", "run", answered[0]["id"]]) == 0
     assert f"not sent: the model refuses it ({answered[0]['temperature']:.6g} was planned)" in capsys.readouterr().out
     assert main(["report", "run"]) == 0
-    assert "temperature was not sent: the model refuses it" in (folder / "run" / "report.html").read_text()
+    assert "temperature was not sent: the model refuses it" in (place / "run" / "report.html").read_text()
 
 
 @pytest.mark.slow
-def test_batches_ask_the_same_questions_at_half_the_price(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_batches_ask_the_same_questions_at_half_the_price(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One digest for both deliveries, and a store of one serves the other."""
     with serving(Script(answer=network, polls=0)) as server:
         assert search(server, "run.dir=direct") == 0
@@ -257,9 +246,7 @@ class Moody(Script):
         return self.moods.setdefault(key_of(body), faults[len(self.moods) % len(faults)])
 
 
-def test_answers_that_are_none_are_typed_recorded_and_replayed(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_answers_that_are_none_are_typed_recorded_and_replayed(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each way to give no answer has its reason in ledger and summary, costs what it cost, and is not asked again."""
     with serving(Moody(answer=lambda body: "```python\nclass ImageRegressionCNN(nn.Module):\n")) as server:
         overrides = ["search.generations=0", "search.initial=4", "llm.concurrency=1", "run.dir=run"]
@@ -268,7 +255,7 @@ def test_answers_that_are_none_are_typed_recorded_and_replayed(
         asked = sum(server.tried.values())
         assert search(server, *overrides) == 0
         assert sum(server.tried.values()) == asked
-    lines = [json.loads(line) for line in (folder / "run" / "ledger.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (place / "run" / "ledger.jsonl").read_text().splitlines()]
     reasons = {(line["stage"], line["reason"]) for line in lines if "stage" in line}
     assert reasons == {("extract", reason) for reason in ("refused", "truncated", "empty", "invalid_request")}
     assert "empty 1, invalid_request 1, refused 1, truncated 1" in summary

@@ -98,7 +98,7 @@ QUICK = ["import", "constructor", "forward", "backward hook", "finaliser"]
 def test_candidate_that_hangs_anywhere_is_out_of_time_and_gone(trainer: Trainer, place: str) -> None:
     """In Python, in native code or deaf to signals, it is killed and reaped before the search hears of the limit."""
     with watching_candidates() as seen:
-        found = trainer.train(sources.ENDLESS[place], seconds=2)
+        found = trainer.train(sources.ENDLESS[place], seconds=1)
         left = living(seen)
     assert rejection(found).reason is Reason.out_of_time
     assert seen
@@ -159,7 +159,7 @@ def test_more_steps_than_the_time_limit_allows_give_no_fitness(trainer: Trainer)
     """Whoever trains for ever is out of time: what an answer may cost bounds what can be gained."""
     endless = sources.MORE_STEPS.replace("range(20)", "iter(int, 1)")
     assert endless != sources.MORE_STEPS
-    assert rejection(trainer.train(endless, seconds=2)).reason is Reason.out_of_time
+    assert rejection(trainer.train(endless, seconds=1)).reason is Reason.out_of_time
 
 
 def test_forged_answer_is_worth_what_it_predicts(trainer: Trainer) -> None:
@@ -211,7 +211,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
             llm=MixedLLM(),
             admit=lambda completion: admit(completion.text),
             inspect=admit,
-            evaluate=lambda source: trainer.train(source, seconds=4),
+            evaluate=lambda source: trainer.train(source, seconds=2),
         )
         run_search(plan, tools, Ledger(), recorder)
     found = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]

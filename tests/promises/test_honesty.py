@@ -3,8 +3,8 @@
 What looks alike and is honest is admitted.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -17,27 +17,20 @@ from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import check
 from tacevo.gate.probe import run
-from tacevo.records import MISREPORTING, Json, Reason, to_json
+from tacevo.records import MISREPORTING, Reason, to_json
 from tacevo.sandbox.candidate import check_leaves
 
 #: Reasons that lies have, too, and that are older than these rules.
 OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}
 
+pytestmark = pytest.mark.usefixtures("torch_settings")
+
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 
 
-@pytest.fixture(autouse=True)
-def _torch_settings() -> Iterator[None]:
-    """Undo what the probe sets for the whole process, because here it does not end with it."""
-    deterministic = torch.are_deterministic_algorithms_enabled()
-    with torch.random.fork_rng(devices=[]):
-        yield
-    torch.use_deterministic_algorithms(deterministic)
-
-
-def probed(source: str) -> Json:
+def probed(source: str) -> Any:
     """Probe a source whatever the policy says of it; return what is sent."""
-    frames: list[Json] = []
+    frames: list[Any] = []
     header = {"source": source, "contract": to_json(contract()), "limits": LIMITS}
     run(header, b"", {}, lambda frame, _: frames.append(frame))
     (answer,) = frames

@@ -7,6 +7,7 @@ search is changed, and a decent candidate gets the very bits that it gets alone.
 
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from gate_cases import examples as shared
 from hostile_runs import Harness, examples, open_sandbox
 from waiting import eventually
 
-from tacevo.records import Json, Reason, Rejection, Stage, Training
+from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.sandbox.processes import descendants
 
 PROGRAMS = shared("hostile")
@@ -71,7 +72,7 @@ def contained(
 
 
 @EVERY_PROGRAM
-def test_program_gets_its_outcome_at_the_gate(program: Json, harness: Harness, contained: list[object]) -> None:
+def test_program_gets_its_outcome_at_the_gate(program: Any, harness: Harness, contained: list[object]) -> None:
     """What must be refused is refused by the stage that must, and what trains repeats itself."""
     found = harness.through_the_gate(program["source"])
     contained.append(found)
@@ -91,7 +92,7 @@ def test_program_gets_its_outcome_at_the_gate(program: Json, harness: Harness, c
 
 
 @EVERY_PROGRAM
-def test_program_is_contained_in_the_probe(program: Json, harness: Harness, contained: list[object]) -> None:
+def test_program_is_contained_in_the_probe(program: Any, harness: Harness, contained: list[object]) -> None:
     """Past the policy, the probe still refuses what it is there for, and holds the rest."""
     outcome = harness.probed(program["source"])
     contained.append(outcome)
@@ -99,7 +100,7 @@ def test_program_is_contained_in_the_probe(program: Json, harness: Harness, cont
 
 
 @EVERY_PROGRAM
-def test_program_is_contained_in_the_training(program: Json, harness: Harness, contained: list[object]) -> None:
+def test_program_is_contained_in_the_training(program: Any, harness: Harness, contained: list[object]) -> None:
     """Past policy and probe, no program forges a fitness or gets out."""
     found = harness.trained(program["source"])
     contained.append(found)

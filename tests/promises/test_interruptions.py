@@ -85,7 +85,11 @@ def strike(counts: dict[Phase, int], root: Path, whole: tuple[Path, str], *, see
     return struck
 
 
-@pytest.mark.parametrize("phases", [(Phase.evaluating, Phase.committing), pytest.param(Phase, marks=pytest.mark.slow)])
+QUICK = [Phase.evaluating, Phase.committing]
+OTHERS = [phase for phase in Phase if phase not in QUICK]
+
+
+@pytest.mark.parametrize("phases", [QUICK, pytest.param(OTHERS, marks=pytest.mark.slow)])
 def test_one_kill_in_each_phase(phases: Iterable[Phase], tmp_path: Path, whole_search: tuple[Path, str]) -> None:
     """A search that is killed once in each phase ends as if nothing had happened."""
     counts = dict.fromkeys(phases, 1)

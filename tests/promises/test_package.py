@@ -39,22 +39,14 @@ def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> Non
     library = tmp_path / "library"
     zipfile.ZipFile(wheel).extractall(library)
     overrides = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
-    done = subprocess.run(
-        [sys.executable, "-m", "tacevo.cli.app", "search", *overrides],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(library)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "digest: " in done.stdout
-    where = subprocess.run(
-        [sys.executable, "-c", "import tacevo.config.folder; print(tacevo.config.folder.conf_root())"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(library)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert where.stdout.strip() == str(library / "tacevo" / "conf")
+
+    def python(*arguments: str) -> str:
+        environment = {**os.environ, "PYTHONPATH": str(library)}
+        command = [sys.executable, *arguments]
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True, check=True
+        ).stdout.strip()
+
+    assert "digest: " in python("-m", "tacevo.cli.app", "search", *overrides)
+    where = python("-c", "import tacevo.config.folder; print(tacevo.config.folder.conf_root())")
+    assert where == str(library / "tacevo" / "conf")

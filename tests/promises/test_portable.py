@@ -139,7 +139,7 @@ def test_lesser_host_gives_the_same_bits(native: dict[str, str]) -> None:
     assert printed("portable_jobs.networks", variables=LESSER) == native
 
 
-@pytest.mark.slow
+@portable
 def test_lesser_host_is_one() -> None:
     """The C library, NumPy and its BLAS each compute other bits there, or name an older CPU."""
     here, there = printed("portable_jobs.surroundings"), printed("portable_jobs.surroundings", variables=LESSER)

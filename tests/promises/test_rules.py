@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from commands import tacevo
@@ -12,7 +13,7 @@ from refusals import refused
 from smallest import UNTRACKED
 
 from tacevo.errors import RunError
-from tacevo.records import Json, written
+from tacevo.records import written
 from tacevo.rules import CORES, CURRENT, FIRST, LAST_RELEASES, TRAININGS, check_known
 from tacevo.search.files import read_ledger
 from tacevo.search.lines import Line, RulesLine, by_rules, eras_of
@@ -147,7 +148,7 @@ def test_eras_that_do_not_follow_each_other_are_refused(generations: tuple[int, 
 
 
 @pytest.mark.parametrize("value", [{}, {"static": 1}, {**asdict(FIRST), "core": "1"}, {**asdict(FIRST), "more": 1}])
-def test_rules_that_no_release_writes_are_refused(value: Json) -> None:
+def test_rules_that_no_release_writes_are_refused(value: Any) -> None:
     """A ledger can be edited."""
     with refused(RunError, place="rules"):
         convert(RulesLine, {"kind": "rules", "generation": 2, "rules": value}, place="line 3", error=RunError)

@@ -44,13 +44,12 @@ def test_published_training_comes_again_bit_for_bit(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.long
-def test_published_run_is_taken_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_published_run_is_taken_up(place: Path) -> None:
     """Ten generations more stand behind lines that are the published ones, byte for byte."""
-    monkeypatch.chdir(tmp_path)
     bundle = PUBLISHED / "force-grammar.zip"
     assert main(["continue", str(bundle), "search.generations=30", "run.dir=longer", "tracking=none"]) == 0
     with opened(bundle) as published:
         recorded = (published.folder / "ledger.jsonl").read_bytes()
-    continued = (tmp_path / "longer" / "ledger.jsonl").read_bytes()
+    continued = (place / "longer" / "ledger.jsonl").read_bytes()
     assert continued.startswith(recorded)
     assert continued.count(b'"kind":"generation"') == 31

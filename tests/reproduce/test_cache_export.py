@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
@@ -11,7 +12,6 @@ from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.errors import StoreError
-from tacevo.records import Json
 from tacevo.reproduce.export import import_file
 from tacevo.storage.entries import Budget, pack, unpack
 from tacevo.storage.store import SEARCHED, Entry, Store
@@ -67,15 +67,12 @@ def test_import_into_nothing_is_enough_for_a_replay(exported: Path, tmp_path: Pa
     assert import_file(exported / "run.jsonl.xz", tmp_path / "cache") == (0, written)
 
 
-def test_export_has_the_same_bytes_from_anywhere(
-    exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_export_has_the_same_bytes_from_anywhere(exported: Path, place: Path) -> None:
     """Another day, folder and set of stores give the same file."""
-    shutil.copytree(exported / "run", tmp_path / "elsewhere")
-    import_file(exported / "run.jsonl.xz", tmp_path / "stores")
-    monkeypatch.chdir(tmp_path)
+    shutil.copytree(exported / "run", place / "elsewhere")
+    import_file(exported / "run.jsonl.xz", place / "stores")
     assert main(["cache", "export", "elsewhere", "-o", "again.jsonl.xz", "--store", "stores"]) == 0
-    assert (tmp_path / "again.jsonl.xz").read_bytes() == (exported / "run.jsonl.xz").read_bytes()
+    assert (place / "again.jsonl.xz").read_bytes() == (exported / "run.jsonl.xz").read_bytes()
 
 
 def test_run_that_its_stores_do_not_give_is_not_exported(exported: Path, tmp_path: Path) -> None:
@@ -95,7 +92,7 @@ def test_run_that_its_stores_do_not_give_is_not_exported(exported: Path, tmp_pat
     ],
 )
 def test_completion_that_cannot_be_read_is_refused(
-    asked: Json, said: Json, expected: str, exported: Path, tmp_path: Path
+    asked: Any, said: Any, expected: str, exported: Path, tmp_path: Path
 ) -> None:
     """What `verify` would condemn does not come in: the last entry is verified before the first is written."""
     entries = entries_of(exported / "run.jsonl.xz")
@@ -108,7 +105,8 @@ def test_other_answer_in_the_store_is_kept(exported: Path, tmp_path: Path) -> No
     """A conflict is the user's to decide; nothing is written over, and nothing beside."""
     entries = entries_of(exported / "run.jsonl.xz")
     mine = next(entry for entry in entries if entry.kind == "completions")
-    Store(tmp_path / "cache", "completions").write(mine.request, {**mine.answer, "text": "mine"})
+    answer: Any = mine.answer
+    Store(tmp_path / "cache", "completions").write(mine.request, {**answer, "text": "mine"})
     import_refused(entries, tmp_path, "the answer that")
 
 

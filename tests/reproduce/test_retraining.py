@@ -20,6 +20,7 @@ from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluations, retrain, sampled
+from tacevo.rules import FIRST
 from tacevo.runs.progress import Progress
 from tacevo.search.files import read_ledger
 from tacevo.search.lines import CandidateLine
@@ -159,7 +160,7 @@ def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> 
         ledger=Sealed((header(), LINE, replace(LINE, id="g00s04"), slow, untrained)),
         eras=(),
     )
-    assert evaluations([run, run]) == [(run, LINE)]
+    assert evaluations([run, run]) == [(run, FIRST, LINE)]
 
 
 def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:

@@ -6,6 +6,7 @@ from refusals import refused
 from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.errors import ConfigError
 from tacevo.runs.publishable import published_config, published_overrides
+from tacevo.storage.canonical import value_at
 
 #: Settings that are paths, in every form.
 PATHS = [
@@ -30,23 +31,23 @@ def test_no_path_and_no_address_is_left() -> None:
     """Each keeps its last part, or goes."""
     published = published_config(to_plain(compose(PATHS)))
     assert "secret" not in str(published)
-    assert published["data"]["root"] == "images"
-    assert published["data"]["table"] == "labels.csv"
-    assert (published["data"]["sensor"], published["data"]["pattern"]) == ("gelsight", "pattern")
+    assert value_at(published, ("data", "root")) == "images"
+    assert value_at(published, ("data", "table")) == "labels.csv"
+    assert [value_at(published, ("data", name)) for name in ("sensor", "pattern")] == ["gelsight", "pattern"]
 
 
 @pytest.mark.parametrize("root", [".", "..", "/", "images/.."])
 def test_folder_without_a_name_gets_one(root: str) -> None:
     """An empty name would make the published configuration none that can be read."""
     published = published_config(to_plain(compose(["data=folder", f"data.root={root}"])))
-    assert published["data"]["root"] == "data"
+    assert value_at(published, ("data", "root")) == "data"
     assert from_plain(published).data.root == "data"
 
 
 def test_relative_files_stay() -> None:
     """They say nothing of the machine, and which file it was."""
     config = to_plain(compose(["data=csv", "data.root=x", "data.target_columns=[fx]", "data.table=tables/labels.csv"]))
-    assert published_config(config)["data"]["table"] == "tables/labels.csv"
+    assert value_at(published_config(config), ("data", "table")) == "tables/labels.csv"
     assert published_config(config)["task"] == config["task"]
 
 

@@ -2,13 +2,14 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
 
 from tacevo.cli.app import main
 from tacevo.errors import ConfigError, StoreError
-from tacevo.records import Completion, Delivery, Json, Message, Price, Request, to_json
+from tacevo.records import Completion, Delivery, Message, Price, Request, to_json
 from tacevo.storage.listing import explain, list_stores, verify
 from tacevo.storage.store import Store
 
@@ -133,7 +134,7 @@ def test_damage_is_named_and_gives_status_1(
     ("asked", "said"),
     [({"of": "something else"}, {"x": 1}), ({"model": 5}, to_json(answer())), ({"model": "m"}, "text")],
 )
-def test_completion_that_is_none_is_found(asked: Json, said: Json, root: Path) -> None:
+def test_completion_that_is_none_is_found(asked: Any, said: Any, root: Path) -> None:
     """A sound entry among the completions that is no completion is named, and stops no command."""
     Store(root, "completions").write(asked, said)
     (problem,) = verify(root)[0]

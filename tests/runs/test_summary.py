@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from fakes import TASK
 from ledger_lines import ended, header, rejected, run_record, trained
 
@@ -52,7 +51,7 @@ LINES = (
 
 
 def test_summary_is_golden() -> None:
-    """A whole summary, worked out by hand: 75.0% from 0.4 to 0.1, 80.0% from the baseline's 0.5."""
+    """A whole summary; it calls each fitness one draw, and no improvement of one over another stands in it."""
     golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
     assert page_of(*LINES, elites=["g01s00", "g00s01"]) == golden
 
@@ -146,23 +145,6 @@ def test_baseline_among_the_best_is_listed_once() -> None:
     ends = generation(0, trained=2, candidates=2, best=0.1, median=0.15)
     page = page_of(*lines, ends, elites=["g00s00", "g00s01"])
     assert [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| g0")] == ["g00s00", "g00s01"]
-
-
-@pytest.mark.parametrize(
-    ("best", "words"), [(0.25, "50.0% lower than the baseline"), (0.75, "50.0% higher than the baseline")]
-)
-def test_change_says_its_direction(best: float, words: str) -> None:
-    """A worse best is said to be higher, not a negative improvement."""
-    lines: list[Line] = [trained("g00s00", 0.5), trained("g00s01", best)]
-    ends = generation(0, trained=2, candidates=2, best=best, median=0.5)
-    page = page_of(*lines, ends, elites=["g00s01"])
-    assert words in page
-
-
-def test_perfect_reference_divides_by_nothing() -> None:
-    """Against a loss of 0 there is no per cent, and no error either."""
-    lines: list[Line] = [trained("g00s00", 0.0), generation(0, trained=1, candidates=1, best=0.0, median=0.0)]
-    assert "0.0% lower" in page_of(*lines, elites=["g00s00"])
 
 
 def test_table_lines_up() -> None:

@@ -1,5 +1,8 @@
 """The settings of a run reach their source, and data that do not suit the task are refused before they are decoded."""
 
+import threading
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +15,15 @@ from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.errors import ConfigError, DataError
-from tacevo.records import Completion, Mode, Request, to_json
+from tacevo.llm.recording import RecordingLLM
+from tacevo.records import Completion, Mode, Reason, Request, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import provider_settings, require_temperature
 from tacevo.runs.wiring import Workbench
-from tacevo.sandbox.confinement import available, in_force
+from tacevo.sandbox.client import Died
+from tacevo.sandbox.confinement import in_force
 from tacevo.storage.store import Store
 
 
@@ -113,23 +118,57 @@ def test_archive_of_the_other_kind_is_refused(
         load(tmp_path, "data=numpy", f"task={task}")
 
 
-@pytest.mark.parametrize(
-    ("overrides", "level"),
-    [
-        ([], available()),
-        (["training.device=cuda", "sandbox.require=none", "numerics=fast"], Confinement.none),
-    ],
-    ids=["cpu", "cuda"],
-)
-def test_run_is_told_what_holds_its_candidates(overrides: list[str], level: Confinement, tmp_path: Path) -> None:
-    """On a GPU the walls are left out, on a CPU they are those of the machine, and either is told as it is."""
+def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
+    """On a GPU the walls are left out, which is told as it is; a search on a CPU tells those of the machine."""
+    overrides = ["training.device=cuda", "sandbox.require=none", "numerics=fast"]
     config = compose([f"store.root={tmp_path}", "archive.samples=100", *overrides])
     facts = facts_without_data(config)
     task = load_task(config, facts)
     told: list[tuple[str, ...]] = []
     with Workbench(config, task, facts, Mode.record, notice=told.append) as bench:
         bench.gate(CURRENT).inspect(task.baseline)
-    assert [in_force(measures)["level"] for measures in told] == [level]
+    assert [in_force(measures)["level"] for measures in told] == [Confinement.none]
+
+
+def test_no_more_candidates_run_at_once_than_there_are_workers(tmp_path: Path) -> None:
+    """There are more threads, which wait for disks, but the sandbox never has more jobs than workers."""
+    config = compose([f"store.root={tmp_path}", "executor.workers=2"])
+    facts = facts_without_data(config)
+    task = load_task(config, facts)
+    lock, running, most = threading.Lock(), 0, 0
+
+    def run(*job: object) -> Died:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+        time.sleep(0.02)
+        with lock:
+            running -= 1
+        return Died(Reason.crashed, "")
+
+    with Workbench(config, task, facts, Mode.record, run=run) as bench:
+        gate = bench.gate(CURRENT)
+        sources = [f"{task.baseline}\nVERSION = {number}\n" for number in range(8)]
+        judged = list(bench.executor.map(gate.measure, sources))
+    assert len(judged) == 8
+    assert most <= 2
+
+
+def test_model_is_not_built_in_a_replay_nor_twice_in_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stores answer a replay, which needs no key of a provider; a search uses the model that was checked for it."""
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    config = compose([f"store.root={tmp_path}", "archive.samples=100", "llm=openai", "llm.model=m"])
+    facts = facts_without_data(config)
+    task = load_task(config, facts)
+    with Workbench(config, task, facts, Mode.replay) as bench:
+        assert isinstance(bench.tools(CURRENT).llm, RecordingLLM)
+    with pytest.raises(ConfigError), Workbench(config, task, facts, Mode.record) as bench:
+        bench.tools(CURRENT)
+    given = RecordingLLM(None, Store(tmp_path, "completions"))
+    with Workbench(config, task, facts, Mode.record, llm=given) as bench:
+        assert bench.tools(CURRENT).llm is given
+        assert bench.tools(replace(CURRENT, static=0)).llm is not given  # under other rules, stores answer all
 
 
 @pytest.mark.parametrize("other", ["llm.thinking_tokens=null", "llm.max_tokens=2048", "llm.model=another"])

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import attacks
 import numpy as np
@@ -26,8 +27,8 @@ from witness import is_gone, living, watching_candidates
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.errors import SandboxError
-from tacevo.records import Json, Limits, Reason
-from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
+from tacevo.records import Limits, Reason
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox, Zygote
 from tacevo.sandbox.processes import children, descendants
 from tacevo.sandbox.protocol import Message, Sort
 from tacevo.training.numerics import environment
@@ -85,7 +86,7 @@ def death(sandbox: Sandbox, entry: str, limits: Limits = LIMITS, payload: bytes 
     return answer
 
 
-def answer(sandbox: Sandbox, entry: str, header: Json = None) -> Json:
+def answer(sandbox: Sandbox, entry: str, header: Any = None) -> Any:
     """Run an attack that must answer with one frame; give its header."""
     finished = sandbox.run(entry, header, b"", LIMITS)
     assert isinstance(finished, Finished), finished
@@ -106,7 +107,7 @@ JSON = st.recursive(
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(header=JSON, payload=st.binary(max_size=300_000))
-def test_header_and_payload_pass_through_unchanged(sandbox: Sandbox, header: Json, payload: bytes) -> None:
+def test_header_and_payload_pass_through_unchanged(sandbox: Sandbox, header: Any, payload: bytes) -> None:
     """What an entry gets and sends is what was meant."""
     assert sandbox.run("echo", header, payload, LIMITS) == Finished((Frame(header, payload),))
 
@@ -237,6 +238,28 @@ def test_silence_of_a_process_that_lives_is_told_at_once(sandbox: Sandbox) -> No
     """A closed pipe ends the job long before its limit, although the first thread looks dead."""
     patient = Limits(seconds=600, memory_mib=300)
     assert death(sandbox, "close_pipe_without_leader", patient) == Died(Reason.crashed, "it closed its result pipe")
+
+
+def test_zygote_may_start_before_its_sandbox(tmp_path: Path) -> None:
+    """One that was started while the data were made takes the jobs, and maps what did not exist at its start."""
+    settings = {"OMP_NUM_THREADS": "1"}
+    with Zygote(ENTRIES, settings) as zygote:
+        np.save(tmp_path / "images.npy", np.ones((12,), np.uint8))
+        begun = children(os.getpid())
+        arrays = {"images": tmp_path / "images.npy"}
+        with Sandbox(entries=ENTRIES, environment=settings, arrays=arrays, zygote=zygote) as fresh:
+            assert fresh.run("sum_images", None, b"", LIMITS) == Finished((Frame(12, b""),))
+            assert children(os.getpid()) == begun
+        assert not zygote.is_alive()
+
+
+def test_zygote_that_nobody_needs_ends_at_once() -> None:
+    """It is not waited for, although it still imports what nobody will use."""
+    before = children(os.getpid())
+    with Zygote({"probe": "tacevo.gate.probe:run"}, {"OMP_NUM_THREADS": "1"}) as zygote:
+        assert zygote.is_alive()
+    assert not zygote.is_alive()
+    assert children(os.getpid()) == before
 
 
 EARLY = {"early": "killed_early:echo"}
@@ -465,7 +488,7 @@ with Sandbox(
 """
 
 
-@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_ended_search_leaves_no_orphan(end: signal.Signals) -> None:
     """However the search ends, its zygote, its supervisors and its candidates end too."""
     command = [sys.executable, "-c", HANGING_SEARCH]

@@ -9,7 +9,7 @@ import pytest
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.cli.inspect import task_without_data
-from tacevo.records import Limits, Reason, Task, to_json
+from tacevo.records import Json, Limits, Reason, Task, to_json
 from tacevo.runs.wiring import ENTRIES, recipe_of
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.processes import children
@@ -44,7 +44,7 @@ def force() -> Task:
 def probed(sandbox: Sandbox, source: str, task: Task) -> Finished | Died:
     """Probe a source that no policy has seen."""
     sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
-    header = {"source": source, "contract": to_json(task.contract), "limits": sizes}
+    header: Json = {"source": source, "contract": to_json(task.contract), "limits": sizes}
     return sandbox.run("probe", header, b"", LIMITS)
 
 
@@ -55,7 +55,7 @@ def test_probe_and_training_need_no_compiler(sandbox: Sandbox, force: Task) -> N
     before = len(children(os.getpid()))
     judged = probed(sandbox, telling, force)
     assert isinstance(judged, Finished)
-    assert "profile" in judged.frames[0].header
+    assert "profile" in str(judged.frames[0].header)
     rows = np.arange(12)
     examples = Examples(
         train=rows[:8],
@@ -70,7 +70,7 @@ def test_probe_and_training_need_no_compiler(sandbox: Sandbox, force: Task) -> N
     setting = Setting(contract=force.contract, fingerprint="", recipe=recipe, numerics=Numerics.portable)
     trained = setting.train(sandbox.run, telling, 0, examples=examples, predicted=[examples.validation])
     assert isinstance(trained, Finished)
-    assert "weights_sha256" in trained.frames[-1].header
+    assert "weights_sha256" in str(trained.frames[-1].header)
     assert len(children(os.getpid())) == before + 1
 
 

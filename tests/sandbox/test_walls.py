@@ -8,6 +8,7 @@ import platform
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import attacks
 import numpy as np
@@ -16,7 +17,7 @@ import wall_attacks
 from waiting import eventually
 
 from tacevo.choices import Confinement
-from tacevo.records import Json, Limits, Reason
+from tacevo.records import Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.sandbox.processes import descendants
@@ -63,7 +64,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
-def answer(sandbox: Sandbox, entry: str, header: Json = None) -> Json:
+def answer(sandbox: Sandbox, entry: str, header: Any = None) -> Any:
     """Run an attack that must answer with one frame; give its header."""
     finished = sandbox.run(entry, header, b"", LIMITS)
     assert isinstance(finished, Finished), finished

@@ -170,7 +170,9 @@ def test_grown_archive_equals_one_rebuilt_from_scratch(offers: list[tuple[float,
 
 def test_qd_score_sums_quality_exactly() -> None:
     """The sum does not hang on the order of the niches."""
-    archive = Archive({niche: elite(str(niche), value) for niche, value in enumerate([1e16, 1.0, -1e16])})
+    archive = Archive()
+    for niche, value in enumerate([1e16, 1.0, -1e16]):
+        archive, _ = insert(archive, niche, elite(str(niche), value))
     assert qd_score(archive, lambda objective: objective) == 1.0
 
 

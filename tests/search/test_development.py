@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 
@@ -143,6 +144,53 @@ def test_equal_sources_meet_while_training() -> None:
 
     assert weights(run(proposals("other", "same", "same"), evaluate)) == ["baseline", "other", "same", "same"]
     assert calls.count("same") == 1
+
+
+def test_equal_sources_keep_one_worker_only() -> None:
+    """Of two workers one trains what two slots ask for, and the other goes on with the rest."""
+    done = threading.Event()
+
+    def evaluate(source: str) -> Training:
+        assert source != "same" or done.wait(timeout=30)
+        if source == "other":
+            done.set()
+        return trained(source)
+
+    outcomes = run(proposals("other", "same", "same"), evaluate, workers=2)
+    assert weights(outcomes) == ["baseline", "other", "same", "same"]
+
+
+def test_longest_that_waits_is_trained_first() -> None:
+    """A worker takes the candidate of most FLOPs, so that short ones fill the end of a generation; ties by arrival."""
+    flops = {"baseline": 3, "short": 1, "long": 9, "twin": 3}
+    asked, order = threading.Event(), []
+
+    class Answering(FakeLLM):
+        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+            """Answer, and tell when all is answered."""
+            yield from super().complete(requests)
+            asked.set()
+
+    def inspect(source: str) -> Admitted:
+        assert asked.wait(timeout=30)
+        return Admitted(source=source, profile=replace(PROFILE, flops=flops[source]))
+
+    def evaluate(source: str) -> Training:
+        order.append(source)
+        return trained(source)
+
+    with ThreadPoolExecutor(1) as executor:
+        tools = Tools(
+            llm=Answering(),
+            admit=lambda completion: inspect(completion.text),
+            inspect=inspect,
+            evaluate=evaluate,
+            evaluation_key=lambda source: source,
+            executor=executor,
+        )
+        outcomes = list(develop(proposals("short", "long", "twin"), tools))
+    assert order == ["long", "baseline", "twin", "short"]
+    assert weights(outcomes) == ["baseline", "short", "long", "twin"]
 
 
 def test_refused_answer_is_never_trained() -> None:

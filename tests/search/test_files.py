@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import fakes
 import pytest
@@ -11,7 +12,7 @@ from ledger_lines import candidate, run_record
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.records import Json, Operator
+from tacevo.records import Operator
 from tacevo.runs.eras import archive_files
 from tacevo.search.algorithm import run_search
 from tacevo.search.files import (
@@ -70,7 +71,7 @@ def test_archives_are_those_of_the_ledger(directory: RunDirectory) -> None:
     assert prompts.trials
 
 
-EDITS: list[tuple[str, Callable[[Json], object]]] = [
+EDITS: list[tuple[str, Callable[[Any], object]]] = [
     ("archive.json", lambda file: file["elites"].pop()),
     ("archive.json", lambda file: file["elites"].append(file["elites"][0])),
     ("archive.json", lambda file: file["elites"][0].update(fitness=0.0)),
@@ -84,7 +85,7 @@ EDITS: list[tuple[str, Callable[[Json], object]]] = [
 
 
 @pytest.mark.parametrize(("name", "edit"), EDITS)
-def test_edited_archive_is_refused(name: str, edit: Callable[[Json], object], directory: RunDirectory) -> None:
+def test_edited_archive_is_refused(name: str, edit: Callable[[Any], object], directory: RunDirectory) -> None:
     """Whatever was changed, the message names the file and what writes it again."""
     path = directory.path / name
     file = json.loads(path.read_text())

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.search.archive import Growing
+from tacevo.search.growing import Growing
 
 #: Which of the mappings so far is grown (counted from the latest), the key, the value.
 STEPS = st.lists(st.tuples(st.integers(0, 5), st.sampled_from("abcdef"), st.integers()), max_size=40)
@@ -13,7 +13,7 @@ STEPS = st.lists(st.tuples(st.integers(0, 5), st.sampled_from("abcdef"), st.inte
 @given(STEPS)
 def test_every_mapping_equals_the_copy_that_it_saves(steps: list[tuple[int, str, int]]) -> None:
     """However they branch, all mappings have the entries, in the order, of dictionaries that are copied each time."""
-    grown: list[Growing[int]] = [Growing()]
+    grown: list[Growing[str, int]] = [Growing()]
     copied: list[dict[str, int]] = [{}]
     for back, key, value in steps:
         place = max(0, len(grown) - 1 - back)
@@ -26,7 +26,7 @@ def test_every_mapping_equals_the_copy_that_it_saves(steps: list[tuple[int, str,
 
 def test_mapping_may_grow_while_an_earlier_one_is_read() -> None:
     """An iteration that has begun goes on over the keys of its own mapping."""
-    before = Growing[int]().adding("a", 1).adding("b", 2)
+    before = Growing[str, int]().adding("a", 1).adding("b", 2)
     keys = iter(before)
     assert next(keys) == "a"
     before.adding("c", 3)
@@ -35,7 +35,7 @@ def test_mapping_may_grow_while_an_earlier_one_is_read() -> None:
 
 def test_missing_key_is_named() -> None:
     """A key that came later is missing from the mapping before it."""
-    before = Growing[int]().adding("a", 1)
+    before = Growing[str, int]().adding("a", 1)
     before.adding("b", 2)
     with pytest.raises(KeyError, match="b"):
         before["b"]

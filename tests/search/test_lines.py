@@ -3,12 +3,13 @@
 import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.records import Json, Operator, written
+from tacevo.records import Operator, written
 from tacevo.search.lines import CandidateLine, GenerationLine, line_kind
 from tacevo.storage.ledger import read_line, read_lines, seal
 
@@ -25,7 +26,7 @@ def test_published_lines_are_written_as_they_were(bundle: Path) -> None:
             if name.endswith("ledger.jsonl"):
                 for text in members.read(name).splitlines():
                     line, previous, own = read_line(text, line_kind, name)
-                    assert seal(written(line), previous) == json.loads(text)
+                    assert seal(written(line), previous)[0] == json.loads(text)
                     assert own == json.loads(text)["hash"]
 
 
@@ -50,12 +51,12 @@ def test_a_ledger_comes_back_as_records() -> None:
     ],
 )
 def test_a_line_that_no_search_writes_is_rejected(
-    changes: dict[str, Json], place: str, expected: str, tmp_path: Path
+    changes: dict[str, Any], place: str, expected: str, tmp_path: Path
 ) -> None:
     """A right hash does not help a line with a field that is missing, unknown, of another type or at its default."""
     recorded = read_lines(GOLDEN, line_kind)
     entry = {**written(next(line for line in recorded.lines if isinstance(line, CandidateLine))), **changes}
-    text = json.dumps(entry if "fitness" in changes else seal(entry, "0" * 64))
+    text = json.dumps(entry if "fitness" in changes else seal(entry, "0" * 64)[0])
     (tmp_path / "ledger.jsonl").write_text(text + "\n", encoding="utf-8")
     with refused(RunError, place=place, expected=expected):
         read_lines(tmp_path / "ledger.jsonl", line_kind)

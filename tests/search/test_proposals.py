@@ -7,6 +7,7 @@ under them.
 import itertools
 from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from tacevo.records import Contract, Instruction, Kind, Loss, Message, Operator,
 from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import PromptArchive, Trial
 from tacevo.search.proposals import (
-    Parent,
+    Candidate,
     Proposal,
     Settings,
     crossover_text,
@@ -70,7 +71,12 @@ SETTINGS = Settings(
 ALWAYS = replace(SETTINGS, mutation_probability=1.0)
 NEVER = replace(SETTINGS, mutation_probability=0.0)
 ELITES = [
-    Parent(id=f"g00s{number:02d}", source=f"class A:\n    n = {number}\n", fitness=fitness, curiosity=curiosity)
+    Candidate(
+        id=f"g00s{number:02d}",
+        source=f"class A:\n    n = {number}\n",
+        fitness=fitness,
+        curiosities=Fraction(curiosity),
+    )
     for number, (fitness, curiosity) in enumerate([(0.3, 0.5), (0.1, 0.5), (0.2, 1.5), (0.4, 1.5)])
 ]
 
@@ -79,7 +85,7 @@ def planned(
     settings: Settings = SETTINGS,
     *,
     generation: int = 1,
-    elites: list[Parent] = ELITES,
+    elites: list[Candidate] = ELITES,
     prompts: PromptArchive | None = None,
     temperature: float = 0.6,
 ) -> tuple[Proposal, ...]:

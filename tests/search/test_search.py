@@ -192,10 +192,10 @@ def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
             for name in (*taught, line.id):
                 scores.setdefault(name, []).append(line.curiosity or 0.0)
     kept = recorder.states[-1].candidates
-    assert {name: float(found.curiosity) for name, found in kept.items()} == {
+    assert {name: float(found.curiosities) for name, found in kept.items()} == {
         name: math.fsum(values) for name, values in scores.items()
     }
-    assert {name: found.curiosities for name, found in kept.items()} == {n: len(v) for n, v in scores.items()}
+    assert {name: found.scores for name, found in kept.items()} == {n: len(v) for n, v in scores.items()}
 
 
 def test_states_share_what_they_have_in_common() -> None:

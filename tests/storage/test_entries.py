@@ -4,17 +4,17 @@ import json
 import lzma
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
 
 from tacevo.errors import StoreError
-from tacevo.records import Json
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import FREE_BYTES, MOST_ENTRIES, Budget, pack, unpack
 from tacevo.storage.store import Entry, Store, read_entry
 
-LINES: list[Json] = [
+LINES: list[Any] = [
     {"kind": kind, "request": {"of": number}, "answer": {"value": number / 3, "text": "ü\n"}}
     for kind in ("completions", "probes")
     for number in range(3)
@@ -29,7 +29,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "x.xz"
 
 
-def packed_as(lines: Sequence[Json], path: Path) -> None:
+def packed_as(lines: Sequence[Any], path: Path) -> None:
     """Write lines, whatever they are, as a packed file."""
     path.write_bytes(lzma.compress("".join(f"{json.dumps(line)}\n" for line in lines).encode()))
 
@@ -93,7 +93,7 @@ def test_window_that_takes_much_memory_is_refused(file: Path) -> None:
         unpacked(file)
 
 
-HEADER: Json = {"schema": 1, "entries": 1}
+HEADER: Any = {"schema": 1, "entries": 1}
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ HEADER: Json = {"schema": 1, "entries": 1}
         None,
     ],
 )
-def test_line_that_is_not_an_entry_is_refused(line: Json, file: Path) -> None:
+def test_line_that_is_not_an_entry_is_refused(line: Any, file: Path) -> None:
     """With its number; a kind is a name of ours, never a path."""
     packed_as([HEADER, line], file)
     with refused(StoreError, place="line 2"):
@@ -128,7 +128,7 @@ def test_line_that_is_not_an_entry_is_refused(line: Json, file: Path) -> None:
         ([{"schema": 1, "entries": 2}, LINES[0], {**LINES[0], "answer": "other"}], "as many entries as"),
     ],
 )
-def test_header_must_fit(lines: list[Json], expected: str, file: Path) -> None:
+def test_header_must_fit(lines: list[Any], expected: str, file: Path) -> None:
     """A layout of another version is not guessed at; entries that were lost, or come twice, are noticed."""
     packed_as(lines, file)
     with refused(StoreError, expected=expected):

@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -21,7 +22,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from tacevo.errors import CacheMissError, StoreError
-from tacevo.records import Json, Message, Mode, Request, to_json
+from tacevo.records import Message, Mode, Request, to_json
 from tacevo.storage.canonical import canonical, content_hash
 from tacevo.storage.files import sweep, write_durably
 from tacevo.storage.store import Store
@@ -37,7 +38,7 @@ REQUEST = Request(
 )
 
 #: For each field of a request, requests that differ in it alone.
-VARIED: dict[str, list[Json]] = {
+VARIED: dict[str, list[Any]] = {
     "model": ["n", ""],
     "system": ["Be brief. ", "be brief."],
     "messages": [
@@ -87,7 +88,7 @@ write_durably(Path(sys.argv[1]), Endless())
 """
 
 
-def forbidden() -> Json:
+def forbidden() -> Any:
     """Stand where an answer must not be computed."""
     raise AssertionError("the answer was computed")
 
@@ -98,13 +99,13 @@ def entry_path(root: Path) -> Path:
     return path
 
 
-def edited(path: Path, change: Callable[[dict[str, Json]], Json]) -> None:
+def edited(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
     """Change an entry as somebody with an editor would."""
     entry = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps(change(entry)), encoding="utf-8")
 
 
-def resealed(entry: dict[str, Json]) -> dict[str, Json]:
+def resealed(entry: dict[str, Any]) -> dict[str, Any]:
     """Give an entry the checksum of its content."""
     entry.pop("checksum")
     return {**entry, "checksum": content_hash(entry)}
@@ -148,15 +149,9 @@ def test_kind_enters_the_key(tmp_path: Path) -> None:
 
 
 @given(JSON, JSON)
-def test_equal_hashes_mean_equal_json(first: Json, second: Json) -> None:
+def test_equal_hashes_mean_equal_json(first: Any, second: Any) -> None:
     """Two values share a hash only where they share their canonical form."""
     assert (content_hash(first) == content_hash(second)) == (canonical(first) == canonical(second))
-
-
-@given(st.dictionaries(st.text(), JSON, max_size=5))
-def test_order_of_keys_does_not_matter(value: dict[str, Json]) -> None:
-    """A mapping is the same in whatever order it was filled."""
-    assert canonical(dict(reversed(value.items()))) == canonical(value)
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
@@ -170,7 +165,7 @@ def test_nan_is_refused(number: float, store: Store) -> None:
 
 
 @given(answer=JSON.filter(lambda value: value is not None))
-def test_answer_comes_back_as_it_was_written(answer: Json, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_answer_comes_back_as_it_was_written(answer: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Whatever JSON is written is read, number for number and character for character."""
     store = Store(tmp_path_factory.mktemp("store"), "things")
     store.write({"x": 1}, answer)
@@ -204,7 +199,7 @@ def test_failed_computation_stores_nothing(tmp_path: Path) -> None:
     """An exception passes through, and the next asker computes again."""
     store = Store(tmp_path, "things")
 
-    def fail() -> Json:
+    def fail() -> Any:
         raise OSError("no network")
 
     with pytest.raises(OSError, match="no network"):
@@ -229,7 +224,7 @@ def test_miss_in_an_empty_store_says_so(tmp_path: Path) -> None:
     ],
 )
 def test_miss_names_the_nearest_recording_and_the_first_field(
-    change: dict[str, Json], field: str, tmp_path: Path
+    change: dict[str, Any], field: str, tmp_path: Path
 ) -> None:
     """Of several recordings the message names the one that differs least, and where."""
     record = Store(tmp_path, "completions")
@@ -242,7 +237,7 @@ def test_miss_names_the_nearest_recording_and_the_first_field(
 
 
 @pytest.mark.parametrize(("recorded", "asked"), [({}, {"x": None}), ({"x": None}, {}), ({"x": 1}, {"x": 1.0})])
-def test_miss_sees_every_difference_that_a_key_sees(recorded: Json, asked: Json, tmp_path: Path) -> None:
+def test_miss_sees_every_difference_that_a_key_sees(recorded: Any, asked: Any, tmp_path: Path) -> None:
     """A null is not a missing field, nor 1 a 1.0: their keys differ, and the message says where."""
     Store(tmp_path, "things").write(recorded, 5)
     with pytest.raises(CacheMissError, match="whose field 'x' differs"):
@@ -375,7 +370,7 @@ def test_any_flipped_bit_of_an_entry_is_refused_or_harmless(store: Store, tmp_pa
     assert refusals > 0.99 * 8 * len(whole)
 
 
-def answer_or_refusal(store: Store) -> tuple[Json, str]:
+def answer_or_refusal(store: Store) -> tuple[Any, str]:
     """Read the recorded answer; where it is refused, give the words of that."""
     try:
         return store.read({"x": 1}), ""
@@ -513,34 +508,11 @@ def test_nearest_is_another_recording_with_all_its_differences(tmp_path: Path) -
     assert Store(tmp_path, "others").nearest({"a": 1}) is None
 
 
-TEXTS = st.text(max_size=8)
-SETTINGS = st.floats(0, 1) | TEXTS | st.lists(TEXTS, max_size=2).map(tuple)
-REQUESTS = st.builds(
-    Request,
-    model=TEXTS,
-    system=TEXTS,
-    messages=st.lists(st.builds(Message, role=TEXTS, content=TEXTS), max_size=3).map(tuple),
-    temperature=st.floats(0, 1),
-    max_tokens=st.integers(1, 9_999),
-    draw=st.integers(0, 2**31),
-    settings=st.dictionaries(TEXTS, SETTINGS, max_size=3).map(lambda named: tuple(sorted(named.items()))),
-)
-
-
-@given(REQUESTS, REQUESTS, st.sampled_from([field.name for field in dataclasses.fields(Request)]))
-def test_one_changed_field_of_any_request_changes_the_key(first: Request, second: Request, field: str) -> None:
-    """Whatever the requests, taking one field over from another gives another key, unless the field was equal."""
-    store = Store(Path(), "completions")
-    mixed = dataclasses.replace(first, **{field: getattr(second, field)})
-    equal = canonical(to_json(mixed)) == canonical(to_json(first))
-    assert (store.key(to_json(mixed)) == store.key(to_json(first))) == equal
-
-
-@given(REQUESTS, st.randoms(use_true_random=False))
-def test_order_of_fields_changes_no_key(request: Request, shuffler: random.Random) -> None:
+@given(st.dictionaries(st.text(), JSON, max_size=5), st.randoms(use_true_random=False))
+def test_order_of_fields_changes_no_key(request: dict[str, Any], shuffler: random.Random) -> None:
     """A request that was written down in another order, at any depth, is the same request."""
 
-    def shuffled(value: Json) -> Json:
+    def shuffled(value: Any) -> Any:
         if isinstance(value, dict):
             names = sorted(value)
             shuffler.shuffle(names)
@@ -548,4 +520,4 @@ def test_order_of_fields_changes_no_key(request: Request, shuffler: random.Rando
         return [shuffled(inner) for inner in value] if isinstance(value, list) else value
 
     store = Store(Path(), "completions")
-    assert store.key(shuffled(to_json(request))) == store.key(to_json(request))
+    assert store.key(shuffled(request)) == store.key(request)

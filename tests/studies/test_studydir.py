@@ -2,26 +2,26 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ledger_lines import score, study_header
 from refusals import refused
 
 from tacevo.errors import DivergenceError, RunError
-from tacevo.records import Json
 from tacevo.storage.ledger import sealed_text
 from tacevo.studies.directory import StudyDirectory, describes, studies_of
 
 HEADER = study_header()
 ROWS = [score(network.name, seed, 0.5 + seed) for network in HEADER.networks for seed in range(2)]
-SURROUNDINGS: dict[str, Json] = {"scale": (), "units": (), "versions": {}, "machine": {"cpu": "first"}}
+SURROUNDINGS: dict[str, Any] = {"scale": (), "units": (), "versions": {}, "machine": {"cpu": "first"}}
 
 
 @pytest.fixture
 def directory(tmp_path: Path) -> StudyDirectory:
     """Give a finished study."""
     made = StudyDirectory(tmp_path / "run" / "studies" / "mine")
-    made.begin(HEADER, SURROUNDINGS)
+    made.begin(HEADER, **SURROUNDINGS)
     made.finish(HEADER, ROWS)
     return made
 
@@ -29,8 +29,8 @@ def directory(tmp_path: Path) -> StudyDirectory:
 def test_description_is_kept_and_digest_comes_last(tmp_path: Path) -> None:
     """Before the end there is no digest and no score; a study that is begun again keeps its circumstances."""
     directory = StudyDirectory(tmp_path / "mine")
-    directory.begin(HEADER, SURROUNDINGS)
-    directory.begin(HEADER, {**SURROUNDINGS, "machine": {"cpu": "second"}})
+    directory.begin(HEADER, **SURROUNDINGS)
+    directory.begin(HEADER, **{**SURROUNDINGS, "machine": {"cpu": "second"}})
     assert (directory.read().machine, directory.read().digest) == ({"cpu": "first"}, None)
     with refused(RunError, place="mine/scores.jsonl", remedy="`tacevo study` continues"):
         directory.read_scores()
@@ -109,7 +109,7 @@ def test_scores_need_one_header_and_rows(lines: list[object], directory: StudyDi
 
 def test_studies_of_a_run_are_listed_by_name(directory: StudyDirectory, tmp_path: Path) -> None:
     """Every directory with a study.json, and nothing else."""
-    StudyDirectory(tmp_path / "run" / "studies" / "a").begin(HEADER, SURROUNDINGS)
+    StudyDirectory(tmp_path / "run" / "studies" / "a").begin(HEADER, **SURROUNDINGS)
     (tmp_path / "run" / "studies" / "empty").mkdir()
     assert [study.path.name for study in studies_of(tmp_path / "run")] == ["a", directory.path.name]
     assert studies_of(tmp_path) == []

@@ -6,23 +6,25 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from smallest import SMALLEST, UNTRACKED, Once
+from waiting import eventually
 
 from analysis.runs.run import load_run
 from analysis.studies.study import load_study
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import RunError
-from tacevo.records import Json, to_json, written
+from tacevo.records import to_json, written
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.search.files import read_ledger
+from tacevo.storage.canonical import value_at
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, check_entry
 from tacevo.studies.directory import studies_of
@@ -56,11 +58,10 @@ def studied(published: Path, once: Once) -> Path:
 
 
 @pytest.fixture
-def folder(studied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(studied: Path, place: Path) -> Path:
     """Work in a copy of the finished search and study."""
-    shutil.copytree(studied, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    shutil.copytree(studied, place, dirs_exist_ok=True)
+    return place
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -102,7 +103,7 @@ def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
 def test_networks_are_paired_by_seed(studied: Path) -> None:
     """Each seed of the study is one training seed, the same for both networks."""
     entries = list(Store(studied / "cache", "studies").entries())
-    seeds = {(entry.request["source"], entry.request["seed"]) for entry in entries}
+    seeds = {(value_at(entry.request, ("source",)), value_at(entry.request, ("seed",))) for entry in entries}
     assert len(entries) == 4
     assert len({seed for _, seed in seeds}) == len({source for source, _ in seeds}) == 2
 
@@ -209,16 +210,15 @@ def test_two_processes_divide_a_study_and_give_the_bytes_of_one(folder: Path) ->
     assert trainings(folder) == 4
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder: Path) -> None:
     """Stopped after its first training: that one is kept, and the same command does the rest."""
     before = files(folder)
     forget(folder)
     command = [sys.executable, "-m", "tacevo.cli.app", "study", *STUDY, "executor.workers=1"]
     study = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120
-    while not trainings(folder) and time.monotonic() < deadline:
-        time.sleep(0.005)
+    assert eventually(lambda: trainings(folder) > 0, seconds=120)
     study.send_signal(number)
     _, errors = study.communicate(timeout=60)
     assert "Traceback" not in errors
@@ -272,7 +272,7 @@ def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixtu
     ],
 )
 def test_edited_description_is_found(
-    edit: dict[str, Json], status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
+    edit: dict[str, Any], status: int, said: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A replay compares it with the run and the scores."""
     path = next(folder.glob("run/studies/*/study.json"))
@@ -331,8 +331,6 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
         ([], "run: expected the directory of a finished run, as in run=runs/NAME"),
         (["run=nowhere"], "nowhere: expected the directory of a run"),
         (["run=run", "seed=1"], "seed: not a setting; did you mean seeds?"),
-        (["run=run", "seeds=many"], 'seeds: expected an integer; got "many"'),
-        (["run=run", "elites=0"], "elites: expected an integer of at least 1; got 0"),
     ],
 )
 def test_users_mistake_is_one_line(
@@ -371,9 +369,8 @@ def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]
     assert "restore the data set of the run" in capsys.readouterr().err
 
 
-def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_selection_never_sees_the_test_images(place: Path) -> None:
     """Two data sets that differ in all test images and labels give one search, but for what names the data."""
-    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)
     images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
     np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
@@ -384,11 +381,12 @@ def test_selection_never_sees_the_test_images(tmp_path: Path, monkeypatch: pytes
     decisions = []
     for name in ("a", "b"):
         assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
-        header, *lines = map(written, read_ledger(RunDirectory(tmp_path / name)).lines)
+        header: Any
+        header, *lines = map(written, read_ledger(RunDirectory(place / name)).lines)
         del header["data"]["fingerprint"]
         decisions.append([header["data"], *({**line, "evaluation": None} for line in lines)])  # its key holds it, too
-    first, second = (json.loads((tmp_path / name / "run.json").read_text())["data"] for name in ("a", "b"))
+    first, second = (json.loads((place / name / "run.json").read_text())["data"] for name in ("a", "b"))
     assert first["fingerprint"] != second["fingerprint"]
     assert len(rows) == 4
     assert decisions[0] == decisions[1]
-    assert (tmp_path / "a" / "archive.json").read_text() == (tmp_path / "b" / "archive.json").read_text()
+    assert (place / "a" / "archive.json").read_text() == (place / "b" / "archive.json").read_text()

@@ -18,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 
 MIB = 2**20
@@ -27,12 +26,12 @@ _DONE = struct.pack("!BIQ", 6, 4, 0) + b"null"  # the message that the entry ret
 _EXIT = {"x86_64": 60, "aarch64": 93}[os.uname().machine]  # the system call that ends one thread
 
 
-def echo(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def echo(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Answer with what came."""
     send(header, payload)
 
 
-def look_around(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def look_around(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Report what a candidate can see of its own process."""
     send(
         {
@@ -48,7 +47,7 @@ def look_around(header: Json, payload: bytes, arrays: Arrays, send: Send) -> Non
     )
 
 
-def sum_images(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def sum_images(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Read the shared images, then try to change them."""
     total = int(arrays["images"].sum())
     try:
@@ -57,7 +56,7 @@ def sum_images(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None
         send(total, b"")
 
 
-def spin(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def spin(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Never return, deaf to every signal that can be ignored."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGALRM, signal.SIGXCPU):
         signal.signal(number, signal.SIG_IGN)
@@ -65,7 +64,7 @@ def spin(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
         pass
 
 
-def spin_with_family(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def spin_with_family(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Never return, in five processes, three of which left the session."""
     for number in range(4):
         if os.fork() == 0:
@@ -77,7 +76,7 @@ def spin_with_family(header: Json, payload: bytes, arrays: Arrays, send: Send) -
     _sleep_for_ever()
 
 
-def leave_an_orphan(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def leave_an_orphan(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Answer at once with the process id of a grandchild that left the session and goes on."""
     shared = mmap.mmap(-1, 4)
     if os.fork() == 0:
@@ -97,51 +96,51 @@ class _Endless:
             pass
 
 
-def spin_in_finaliser(header: Json, payload: bytes, arrays: Arrays, send: Send) -> object:
+def spin_in_finaliser(header: Any, payload: bytes, arrays: Arrays, send: Send) -> object:
     """Answer, and give back an object whose finaliser never ends."""
     send("answered", b"")
     return _Endless()
 
 
-def spin_at_exit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def spin_at_exit(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Answer, and register an exit handler that never ends."""
     atexit.register(_sleep_for_ever)
     send("answered", b"")
 
 
-def doze(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def doze(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Make it seen from outside that the job runs, by a lower priority, then answer after half a second."""
     os.nice(1)
     time.sleep(0.5)
     send("answered", b"")
 
 
-def kill_itself(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def kill_itself(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Die as if the kernel had run out of memory."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def exit_quietly(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def exit_quietly(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """End the process as if all were well, before answering."""
     os._exit(0)
 
 
-def raise_system_exit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def raise_system_exit(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Raise what `except Exception` does not catch."""
     raise SystemExit(0)
 
 
-def divide_by_zero(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def divide_by_zero(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Raise an ordinary exception."""
     print(1 / 0)
 
 
-def read_address_zero(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def read_address_zero(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Crash in native code."""
     ctypes.string_at(0)
 
 
-def print_much(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def print_much(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Print 50 MB to both streams, then answer."""
     for _ in range(50):
         print("x" * MIB)
@@ -149,23 +148,23 @@ def print_much(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None
     send("answered", b"")
 
 
-def reserve_two_gib(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def reserve_two_gib(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Ask for 2 GiB in one piece."""
     send(len(bytearray(2048 * MIB)), b"")
 
 
-def fill_shared_memory(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def fill_shared_memory(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Fill 600 MiB of anonymous shared memory, all in one call, however busy the machine is."""
     _kept = mmap.mmap(-1, 600 * MIB, flags=mmap.MAP_SHARED | mmap.MAP_ANONYMOUS | mmap.MAP_POPULATE)
     _sleep_for_ever()
 
 
-def flash_memory(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def flash_memory(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Hold 48 MiB for an instant, as the very last thing before the end."""
     mmap.mmap(-1, 48 * MIB, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | mmap.MAP_POPULATE).close()
 
 
-def fill_memory_in_family(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def fill_memory_in_family(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Take four times 100 MiB, each in a process of its own."""
     for _ in range(4):
         if os.fork() == 0:
@@ -174,26 +173,26 @@ def fill_memory_in_family(header: Json, payload: bytes, arrays: Arrays, send: Se
     _sleep_for_ever()
 
 
-def fill_memory_without_leader(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def fill_memory_without_leader(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Take 400 MiB in a process whose first thread has ended."""
     threading.Thread(target=_fill_memory_soon).start()
     _end_this_thread()
 
 
-def fill_memory_in_fork_without_leader(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def fill_memory_in_fork_without_leader(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Take 400 MiB in a child whose first thread has ended."""
     if os.fork() == 0:
         fill_memory_without_leader(header, payload, arrays, send)
     _sleep_for_ever()
 
 
-def close_pipe_without_leader(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def close_pipe_without_leader(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Close the result pipe in a process whose first thread has ended, and go on."""
     threading.Thread(target=_close_pipe_soon).start()
     _end_this_thread()
 
 
-def close_pipe_while_traced(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def close_pipe_while_traced(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Make the supervisor a tracer that is told of stops, stop, and close the result pipe in another thread."""
     threading.Thread(target=_close_pipe_soon).start()
     libc = ctypes.CDLL(None)
@@ -201,7 +200,7 @@ def close_pipe_while_traced(header: Json, payload: bytes, arrays: Arrays, send: 
     libc["raise"](signal.SIGUSR1)  # without the interpreter's lock, so that the other thread goes on
 
 
-def kill_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def kill_supervisor(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Kill the parent, and stay behind with a child."""
     supervisor = os.getppid()
     os.fork()
@@ -209,20 +208,20 @@ def kill_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) ->
     _sleep_for_ever()
 
 
-def stop_supervisor(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def stop_supervisor(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Stop the parent, so that nobody watches the limits."""
     os.kill(os.getppid(), signal.SIGSTOP)
     _sleep_for_ever()
 
 
-def kill_zygote(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def kill_zygote(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Kill the parent's parent, whose process id it was told, then answer."""
     os.kill(header, signal.SIGKILL)
     time.sleep(0.2)
     send("answered", b"")
 
 
-def kill_supervisor_and_zygote(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def kill_supervisor_and_zygote(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Kill the parent and, before it, the parent's parent, which leads the process group."""
     supervisor = os.getppid()
     os.kill(os.getpgid(supervisor), signal.SIGKILL)
@@ -230,47 +229,47 @@ def kill_supervisor_and_zygote(header: Json, payload: bytes, arrays: Arrays, sen
     _sleep_for_ever()
 
 
-def write_raw(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def write_raw(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write the payload, as it is, into the result pipe."""
     os.write(_pipe(), payload)
     _sleep_for_ever()
 
 
-def announce_lists(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def announce_lists(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write a header of 20 million empty lists, 60 MiB that would take 1.3 GiB when parsed, and end well."""
     _write_all(_frame(20 * MIB) + _DONE)
 
 
-def send_lists_that_fit(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def send_lists_that_fit(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write a header of empty lists that is as long as a header may be, and end well."""
     _write_all(_frame(699_000) + _DONE)
 
 
-def send_crumbs(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def send_crumbs(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write 4.7 million tiny frames, 63 MiB, and end well."""
     _write_all(struct.pack("!BIQ", 5, 1, 0) + b"0", times=4_700_000)
     _write_all(_DONE)
 
 
-def raise_at_length(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def raise_at_length(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write that the entry raised something whose text has 60 MiB, none of it legible."""
     _write_all(struct.pack("!BIQ", 7, 4, 60 * MIB) + b"null" + b"\xff" * (60 * MIB))
     _sleep_for_ever()
 
 
-def close_pipe(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def close_pipe(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Close the result pipe and go on."""
     os.close(_pipe())
     _sleep_for_ever()
 
 
-def answer_much(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def answer_much(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Send 100 MiB."""
     for number in range(100):
         send(number, bytes(MIB))
 
 
-def steal(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def steal(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Try to read memory and environment of supervisor, zygote and search; report what worked."""
     taken = []
     for pid in (os.getppid(), header["search"]):
@@ -283,7 +282,7 @@ def steal(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
     send(taken, b"")
 
 
-def open_things(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def open_things(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Try to open a file to read, a socket, a pipe, a file in memory, and to start a program; report what worked."""
     attempts: dict[str, Callable[[], object]] = {
         "file": partial(os.open, "/etc/hostname", os.O_RDONLY),
@@ -296,7 +295,7 @@ def open_things(header: Json, payload: bytes, arrays: Arrays, send: Send) -> Non
     send([name for name, attempt in attempts.items() if _works(attempt)], b"")
 
 
-def write_files(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def write_files(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Try to write a byte: to a new file, to an old one, and by growing one."""
     folder = Path(header["folder"])
     _works(lambda: (folder / "new").write_text("x"))
@@ -353,7 +352,7 @@ def _sleep_for_ever() -> None:
         time.sleep(60)
 
 
-def import_modules(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def import_modules(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Send a frame, then try to import modules; report those that were there before, and those that are now."""
     send("begun", b"")
     before = [name for name in header if name in sys.modules]

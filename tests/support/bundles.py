@@ -8,12 +8,12 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tacevo.bundles.format import MANIFEST, STORE, sealed
 from tacevo.cli.app import main
-from tacevo.records import Json
 from tacevo.storage.canonical import canonical
 from tacevo.storage.ledger import GENESIS, seal
 
@@ -73,26 +73,26 @@ def honest(members: Mapping[str, bytes]) -> Members:
     return {**others, MANIFEST: "".join(lines).encode()}
 
 
-def entries_of(members: Mapping[str, bytes]) -> list[dict[str, Json]]:
+def entries_of(members: Mapping[str, bytes]) -> list[dict[str, Any]]:
     """Read the store entries."""
     return [json.loads(line) for line in lzma.decompress(members[STORE]).splitlines()[1:]]
 
 
-def with_entries(members: Mapping[str, bytes], entries: list[dict[str, Json]]) -> Members:
+def with_entries(members: Mapping[str, bytes], entries: list[dict[str, Any]]) -> Members:
     """Return members with other store entries."""
     lines = [canonical({"schema": 1, "entries": len(entries)}), *map(canonical, entries)]
     return {**members, STORE: lzma.compress(("\n".join(lines) + "\n").encode())}
 
 
-def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Json]], object]) -> Members:
+def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Any]], object]) -> Members:
     """Return members whose ledger has another line, every hash after it made anew, and the digest with them."""
     previous, lines = GENESIS, []
     for place, text in enumerate(members["run/ledger.jsonl"].splitlines()):
         entry = {key: value for key, value in json.loads(text).items() if key not in {"previous", "hash"}}
         if place == number:
             change(entry)
-        lines.append(seal(entry, previous))
-        previous = lines[-1]["hash"]
+        line, previous = seal(entry, previous)
+        lines.append(line)
     run = {**json.loads(members["run/run.json"]), "digest": previous}
     ledger = "".join(f"{canonical(line)}\n" for line in lines)
     return {**members, "run/ledger.jsonl": ledger.encode(), "run/run.json": json.dumps(run, indent=1).encode()}

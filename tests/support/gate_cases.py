@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tacevo.gate.extraction import extract, first_look
-from tacevo.records import Completion, Contract, Json, Kind, Loss, Rejection
+from tacevo.records import Completion, Contract, Kind, Loss, Rejection
 
 #: Real answers and attacks; beside the checkout, not part of it.
 SHARED = Path(__file__).parents[3] / "shared"
@@ -66,7 +67,7 @@ def candidate(forward: str, init: str = "") -> str:
     return "\n".join([start, *body, "", "    def forward(self, x):", *steps, ""])
 
 
-def examples(folder: str) -> list[Json]:
+def examples(folder: str) -> list[Any]:
     """Read every example of a shared folder, each with its file's name under `file`."""
     files = sorted((SHARED / folder).glob("*.json"))
     return [{**json.loads(path.read_text(encoding="utf-8")), "file": path.stem} for path in files]

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from analysis.runs.run import Run
 from tacevo.config.compose import compose, to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
-from tacevo.records import DataFacts, Json, Kind, Operator, Reason, Stage
+from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
 from tacevo.rules import FIRST
 from tacevo.search.archive import AddStatus, Bounds
 from tacevo.search.files import EliteEntry, TrialEntry
@@ -21,12 +22,10 @@ FACTS = DataFacts(
 
 _SMALL = ["llm=grammar", "search.candidates=2", "search.initial=1", "training.epochs=1"]
 
-_CONFIG: Json = to_plain(
-    compose([*_SMALL, "archive.niches=4", "archive.samples=100", "archive.eff_ratio_scale=linear"])
-)
+_CONFIG: Any = to_plain(compose([*_SMALL, "archive.niches=4", "archive.samples=100", "archive.eff_ratio_scale=linear"]))
 
 
-def configured(**groups: Json) -> RunConfig:
+def configured(**groups: Any) -> RunConfig:
     """Return the settings of a run by hand, with other values of single keys: `configured(archive={"niches": 9})`."""
     changed = {name: {**_CONFIG[name], **value} if isinstance(value, dict) else value for name, value in groups.items()}
     return convert(RunConfig, {**_CONFIG, **changed}, place="a run by hand", error=ConfigError)
@@ -142,7 +141,7 @@ def run(
     *,
     elites: Sequence[EliteEntry] = (),
     instructions: Sequence[str] = ("refine", "widen"),
-    archive: Mapping[str, Json] | None = None,
+    archive: Mapping[str, Any] | None = None,
     bounds: tuple[tuple[float, float], ...] | None = ((0.0, 1.0), (0.0, 1.0)),
     spent: Mapping[str, Spending] | None = None,
 ) -> Run:

@@ -3,20 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from hand_runs import closed, configured, run, trained
 
 from analysis.runs.run import Run
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
-from tacevo.records import Json
 from tacevo.search.lines import CandidateLine
 from tacevo.storage.sweep_directory import Job
 
-VERSIONS: Json = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
+VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
 
 
-def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Json] | None = None) -> Finished:
+def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Any] | None = None) -> Finished:
     """Make a finished job of a run; `settings` holds what is not as in every run by hand, by group and key."""
     name = f"{arm}-seed{seed}"
     config = configured(seed=seed, **(settings or {}))

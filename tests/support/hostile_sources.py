@@ -91,7 +91,8 @@ PATCHES = {
 MORE_STEPS = _first(
     _TRAINER
     + """
-epoch_of, step_of, steps = trainer._epoch, trainer._step, []
+epoch_of, step_of = vars(trainer).setdefault('real', (trainer._epoch, trainer._step))  # a source may run twice
+steps = []
 def count(*job):
     steps.append(1)
     return step_of(*job)

@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fakes import TASK
-from ledger_lines import ended, header, rejected, run_record, trained
+from ledger_lines import FACTS, ended, header, rejected, run_record, trained
 
-from tacevo.records import DataFacts, Instruction, Json, Kind, Operator, to_json
+from tacevo.environment import Code
+from tacevo.records import Instruction, Operator, to_json
 from tacevo.search.archive import AddStatus
 from tacevo.search.lines import CandidateLine, Line, line_kind
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
-from tacevo.storage.run_directory import Code, RunDirectory
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 if TYPE_CHECKING:
@@ -22,16 +23,8 @@ if TYPE_CHECKING:
 
 INSTRUCTIONS = (Instruction(id="widen", text="Widen every convolution."), Instruction(id="gelu", text="ReLU to GELU."))
 #: A data set of the sensor's forces, and a commit, as run.json has them.
-DATA = DataFacts(
-    fingerprint="0123456789abcdef" * 4,
-    kind=Kind.regression,
-    counts=(60, 20, 20),
-    in_channels=3,
-    image_size=64,
-    outputs=3,
-    names=("Fx", "Fy", "Fz"),
-)
-CODE: dict[str, Json] = {"commit": "fedcba98" * 5, "dirty": False}
+DATA = replace(FACTS, fingerprint="0123456789abcdef" * 4, counts=(60, 20, 20), image_size=64)
+CODE: dict[str, Any] = {"commit": "fedcba98" * 5, "dirty": False}
 HEADER = header(task="force", data=DATA)
 FIGURES = {"train_losses": (0.75, 0.5), "parameters": 1200, "flops": 34000, "arch_div": 0.5, "eff_ratio": 1.5}
 BASELINE = trained("g00s00", 0.25, **FIGURES)
@@ -73,7 +66,7 @@ def build_run(run_dir: Path, lines: Sequence[Line], *, whole: bool = True, uri: 
     return digest
 
 
-def facts(digest: str | None = None, *, source: str = "simulated", root: str | None = None, uri: str = "") -> Json:
+def facts(digest: str | None = None, *, source: str = "simulated", root: str | None = None, uri: str = "") -> Any:
     """Return what run.json holds."""
     config = {
         "seed": 0,

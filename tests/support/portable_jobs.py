@@ -32,7 +32,7 @@ from tacevo.errors import StoreError
 from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Contract, Json, Limits, Loss, Recipe, Training, to_json
+from tacevo.records import Contract, Limits, Loss, Recipe, Training, to_json
 from tacevo.runs.eras import archive_files
 from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
@@ -97,7 +97,7 @@ def _contract(source: str, kind: str) -> Contract:
 
 
 def _probed(source: str, task: Contract) -> Profile:
-    frames: list[Json] = []
+    frames: list[Any] = []
     limits = {"parameters": 50_000_000, "flops": 10**10, "modules": 2_000}
     header = {"source": source, "contract": to_json(task), "limits": limits}
     probe.run(header, b"", {}, lambda frame, _: frames.append(frame))

@@ -4,12 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
 
-from analysis.studies.scores import Score, Study
+from hand_runs import FACTS
+
+from analysis.studies.scores import Study
 from analysis.table import Table
-from tacevo.choices import MarginKind
+from tacevo.choices import Device, MarginKind, Numerics
+from tacevo.config.study import Margin
 from tacevo.records import Kind, Limits, Recipe
-from tacevo.studies.lines import Network
-from tacevo.studies.terms import Margin, Terms
+from tacevo.studies.lines import Network, ScoreLine
+from tacevo.studies.terms import Terms
 
 RECIPE = Recipe(
     epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)
@@ -44,12 +47,12 @@ def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regress
     return Study(
         run="0" * 64,
         task="force" if kind is Kind.regression else "grating",
-        kind=kind,
-        names=("Fx", "Fy", "Fz"),
+        seed=0,
+        data=replace(FACTS, kind=kind, names=("Fx", "Fy", "Fz"), fingerprint="f" * 64),
+        device=Device.cpu,
         units=("N", "N", "N") if kind is Kind.regression else (),
-        fingerprint="f" * 64,
         recipe=RECIPE,
-        numerics="portable",
+        numerics=Numerics.portable,
         terms=TERMS[kind],
         seeds=seeds or len(next(iter(values.values()))),
         networks=tuple(network(name) for name in values),
@@ -72,7 +75,7 @@ def study_of_outputs(values: Mapping[str, Mapping[str, Sequence[float]]]) -> Stu
         replace(one, metrics={**one.metrics, **{f"mse_{name}": values[name][one.network][one.seed] for name in names}})
         for one in study.scores
     ]
-    return replace(study, names=names, units=("N",) * len(names), scores=tuple(apart))
+    return replace(study, data=replace(study.data, names=names), units=("N",) * len(names), scores=tuple(apart))
 
 
 def network(name: str) -> Network:
@@ -80,10 +83,21 @@ def network(name: str) -> Network:
     return Network(name=name, id="g00s00", source=name, fitness=0.1, parameters=1000, flops=2000)
 
 
-def score(name: str, seed: int, metrics: Mapping[str, float]) -> Score:
+def score(name: str, seed: int, metrics: Mapping[str, float]) -> ScoreLine:
     """Make a network's score under a seed; of a classification with a matrix of three classes."""
     confusion = ((2, 1, 0), (0, 3, 0), (1, 0, 2)) if "accuracy" in metrics else None
-    return Score(network=name, seed=seed, epoch=40, metrics=metrics, confusion=confusion)
+    return ScoreLine(
+        network=name,
+        id=name,
+        seed=seed,
+        evaluation="",
+        epoch=40,
+        validation_loss=0.0,
+        metrics=dict(metrics),
+        confusion=confusion,
+        predictions="",
+        weights="",
+    )
 
 
 def in_text(table: Table) -> str:

@@ -1,5 +1,6 @@
 """Sweeps without a search: jobs are finished by writing what a finished run leaves."""
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from ledger_lines import ended, header, run_record
 
 from tacevo.config.compose import compose, to_plain
+from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import sealed_text
@@ -17,11 +19,17 @@ from tacevo.sweeps.launch import Launcher
 SHARED = ["experiment=demo", "tracking=none"]
 
 
+@functools.cache
+def composed(*overrides: str) -> RunConfig:
+    """Compose once what several tests ask for."""
+    return compose(overrides)
+
+
 def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *, finished: bool = True) -> None:
     """Write a run directory of a job, with a generation of its ledger."""
     run = directory.run(job)
     run.path.mkdir(parents=True, exist_ok=True)
-    config = compose([*shared, *job.overrides])
+    config = composed(*shared, *job.overrides)
     facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
     text, digest = sealed_text([header(task=job.name), ended(0)])
     run.write_text("ledger.jsonl", text)

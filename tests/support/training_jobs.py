@@ -3,23 +3,16 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+import fakes
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tacevo.records import Contract, Json, Kind, Limits, Loss, Recipe, to_json
+from tacevo.records import Limits, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.training.evaluation import Examples
 
-CONTRACT = Contract(
-    class_name="Net",
-    kind=Kind.regression,
-    loss=Loss.mse,
-    in_channels=3,
-    image_size=4,
-    outputs=2,
-    output_argument="num_outputs",
-)
+CONTRACT = replace(fakes.CONTRACT, image_size=4, outputs=2)
 RECIPE = Recipe(
     epochs=4, batch_size=16, learning_rate=1e-2, optimiser="adam", limits=Limits(seconds=20, memory_mib=400)
 )
@@ -45,10 +38,6 @@ class Data:
     #: For all images; float32 (136, 2), or int64 (136,).
     targets: NDArray[Any]
 
-    def enlarged(self, factor: int) -> "Data":
-        """Return the same task with every pixel repeated."""
-        return replace(self, images=self.images.repeat(factor, axis=2).repeat(factor, axis=3))
-
 
 def examples(*, classes: bool = False) -> Data:
     """Make the task, always the same."""
@@ -73,7 +62,7 @@ def labelled(data: Data) -> Examples:
     )
 
 
-def header_of(source: str, data: Data) -> Json:
+def header_of(source: str, data: Data) -> Any:
     """Write the header that a trainer gets."""
     return {
         "source": source,
@@ -92,11 +81,11 @@ def payload_of(data: Data) -> bytes:
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
 
 
-def look_at_torch(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def look_at_torch(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Report how torch computes in a candidate's process, and where three classes lie (a set iterates in that order).
 
     An entry of a sandbox.
     """
     kinds = (torch.nn.ReLU, torch.nn.Conv2d, np.ndarray)
-    seen = {"capability": torch.backends.cpu.get_cpu_capability(), "threads": torch.get_num_threads()}
-    send({**seen, "addresses": [id(kind) for kind in kinds]}, b"")
+    capability, threads = torch.backends.cpu.get_cpu_capability(), torch.get_num_threads()
+    send({"capability": capability, "threads": threads, "addresses": [id(kind) for kind in kinds]}, b"")

@@ -14,8 +14,8 @@ import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.seccomp import MACHINES
 
@@ -46,7 +46,7 @@ def _raw(number: int, *arguments: int) -> int:
     return answer
 
 
-def attempt_names(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def attempt_names(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Change and read names and modes in a folder that holds a `file`, without opening anything."""
     folder = Path(header["folder"])
     acts: dict[str, Callable[[], object]] = {
@@ -67,7 +67,7 @@ def attempt_names(header: Json, payload: bytes, arrays: Arrays, send: Send) -> N
     send({name: _outcome(act) for name, act in acts.items()}, b"")
 
 
-def attempt_processes(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def attempt_processes(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Start processes, threads and programs, and reach the search with signals, limits and priorities."""
     search = header["search"]
     acts: dict[str, Callable[[], object]] = {
@@ -93,7 +93,7 @@ def _fork() -> None:
     os.waitpid(pid, 0)
 
 
-def attempt_channels(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def attempt_channels(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Make what another candidate could find: System V shared memory, semaphores and queues, all removed again."""
     kernel = ctypes.CDLL(None, use_errno=True)
 
@@ -113,7 +113,7 @@ def attempt_channels(header: Json, payload: bytes, arrays: Arrays, send: Send) -
     send({name: _outcome(act) for name, act in acts.items()}, b"")
 
 
-def attempt_every_number(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def attempt_every_number(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Make every system call below a number, and as x32, that is in no list; report those that were not refused."""
     spared = {*MACHINES[header["machine"]].allowed, *header["spared"]}
     numbers = [number for number in range(header["below"]) if number not in spared]
@@ -122,7 +122,7 @@ def attempt_every_number(header: Json, payload: bytes, arrays: Arrays, send: Sen
     send({"tried": len(numbers), "through": through}, b"")
 
 
-def call_as_another_architecture(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def call_as_another_architecture(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Make a 32-bit call from machine code; answer with what it returned."""
     code = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
     code.write(_OTHER_ARCHITECTURE)
@@ -130,18 +130,18 @@ def call_as_another_architecture(header: Json, payload: bytes, arrays: Arrays, s
     send({"pid": os.getpid(), "returned": ctypes.CFUNCTYPE(ctypes.c_int)(address)()}, b"")
 
 
-def abort(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def abort(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """End as a failed assertion in native code does, which sends itself a signal."""
     os.abort()
 
 
-def handle_own_signal(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def handle_own_signal(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Send itself a signal and answer from its handler."""
     signal.signal(signal.SIGUSR1, lambda *_: send("handled", b""))
     signal.raise_signal(signal.SIGUSR1)
 
 
-def import_more(header: Json, payload: bytes, arrays: Arrays, send: Send) -> None:
+def import_more(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Import a module that nobody imported yet, and say how that failed."""
     try:
         __import__(header)

@@ -4,16 +4,16 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
 
 from tacevo.errors import DivergenceError
-from tacevo.records import Json
-from tacevo.storage.sweep_directory import SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.sweeps.check import check_jobs
 
-Edit = Callable[[Json], object]
+Edit = Callable[[Any], object]
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_sound_sweep_passes(sweep: Path) -> None:
     ("field", "value"),
     [("seed", 7), ("config", "0" * 64)],
 )
-def test_edited_field_is_named(field: str, value: Json, sweep: Path) -> None:
+def test_edited_field_is_named(field: str, value: Any, sweep: Path) -> None:
     """With its job, and both values."""
     edit(sweep, lambda told: told["jobs"][1].update({field: value}))
     rejected(sweep, place=f"job none-seed1, {field}", expected="as in its run", got=repr(value))
@@ -76,7 +76,7 @@ def test_job_that_is_there_twice_is_found(sweep: Path) -> None:
 def rename_arm(sweep: Path, *, arm: str, to: str) -> None:
     """Give an arm another name."""
 
-    def change(told: Json) -> None:
+    def change(told: Any) -> None:
         for job in told["jobs"]:
             if job["arm"] == arm:
                 job["arm"] = to
@@ -97,17 +97,3 @@ def test_default_that_changed_makes_no_sweep_another_one(sweep: Path) -> None:
     """What counts is what the runs recorded: overrides are not composed again under the defaults of the day."""
     edit(sweep, lambda told: told.update(overrides=["experiment=of_an_earlier_release"]))
     check_jobs(SweepDirectory(sweep))
-
-
-@pytest.mark.parametrize(
-    ("overrides", "arm"),
-    [
-        (["ablation=none", "seed=3"], "none"),
-        (["seed=3", "temperature=fixed"], "temperature=fixed"),
-        (["ablation=none", "training.epochs=2", "seed=0"], "none training.epochs=2"),
-        (["seed=0"], "none"),
-    ],
-)
-def test_arm_is_what_is_varied_but_the_seed(overrides: list[str], arm: str) -> None:
-    """An ablation by its name alone."""
-    assert name_arm(overrides) == arm

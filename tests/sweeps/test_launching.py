@@ -71,13 +71,6 @@ def has_begun(folder: Path, name: str) -> bool:
     return ledger.exists() and ledger.read_bytes().count(b"\n") > 1
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return an empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def test_launcher_is_separated_from_the_jobs() -> None:
     """Only what names a launcher goes to it."""
     settings = ["seed=0,1", "hydra/launcher=submitit_slurm", "hydra.launcher.partition=gpu", "hydra.launcher.nodes=1"]
@@ -124,9 +117,9 @@ def test_user_has_the_last_word_on_the_launcher() -> None:
     assert fitted(slurm, jobs=4, workers=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
 
 
-def test_view_that_fails_stops_the_other_jobs_and_is_raised(folder: Path) -> None:
+def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None:
     """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
-    directory = SweepDirectory(folder / "all")
+    directory = SweepDirectory(place / "all")
     quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
     directory.write(SMALLEST, [quick, slow])
 
@@ -143,32 +136,33 @@ def test_view_that_fails_stops_the_other_jobs_and_is_raised(folder: Path) -> Non
 
 @pytest.mark.slow
 def test_failed_job_stops_no_other_and_is_repeated(
-    published: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The failure is listed with its reason; then it alone runs, and its digest is that of the search by itself."""
-    shutil.copytree(published / "cache", folder / "cache")  # with all answers
-    (folder / "all").mkdir()
-    (folder / "all" / NONE).write_text("in the way")
+    shutil.copytree(published / "cache", place / "cache")  # with all answers
+    (place / "all").mkdir()
+    (place / "all" / NONE).write_text("in the way")
     assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 1
     assert f"{NONE}: run.dir=all/{NONE}: expected a directory" in capsys.readouterr().out
     assert main(["sweep", "status", "all"]) == 0
     assert "2 jobs: 1 finished, 1 failed" in capsys.readouterr().out
 
-    (folder / "all" / NONE).unlink()
-    before = files_of(folder / "all" / FIXED)
+    (place / "all" / NONE).unlink()
+    before = files_of(place / "all" / FIXED)
     assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 0
     assert "2 jobs: 2 finished" in capsys.readouterr().out
-    assert files_of(folder / "all" / FIXED) == before
-    assert not list((folder / "all" / "failed").iterdir())
+    assert files_of(place / "all" / FIXED) == before
+    assert not list((place / "all" / "failed").iterdir())
 
     alone = [setting for setting in SWEEP if not setting.startswith("ablation=")]
     assert main(["search", *alone, "run.dir=alone"]) == 0
     digest = capsys.readouterr().out.splitlines()[-1].removeprefix("digest: ")
-    assert statuses(folder)[NONE].digest == digest
+    assert statuses(place)[NONE].digest == digest
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, tmp_path: Path) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
+def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, published: Path, tmp_path: Path) -> None:
     """However the command ends, its job ends with it and keeps what it has; the next call continues to the end."""
     sweep = start(tmp_path, ONE_BY_ONE)
     assert comes(sweep, lambda: has_begun(tmp_path, NONE))
@@ -180,6 +174,7 @@ def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, tmp
     assert stopped[NONE].standing in {Standing.stopped, Standing.finished}
     assert stopped[FIXED].standing is Standing.waiting
 
+    shutil.copytree(published / "cache", tmp_path / "cache", dirs_exist_ok=True)  # with all answers
     again = start(tmp_path, ONE_BY_ONE)
     out, errors = again.communicate()
     assert again.returncode == 0, errors
@@ -214,7 +209,7 @@ def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> N
     assert ends(tmp_path), processes_of(tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_path: Path) -> None:
     """Each kill comes later; finished jobs are not touched by the next call, and no trace of a kill stays."""
     sizes = ["search.generations=2", "search.candidates=4", "seed=0,1", "hydra.launcher.n_jobs=2"]

@@ -17,13 +17,6 @@ TWO_BY_TWO = [*SHARED, "ablation=none,fixed_temperature", "seed=0,1"]
 NAMES = ["none-seed0", "none-seed1", "fixed_temperature-seed0", "fixed_temperature-seed1"]
 
 
-@pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give an empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def test_several_values_tell_jobs_apart() -> None:
     """What has one value is shared, but for the ablation and the seed, to which others may come."""
     shared, varied = part(["experiment=demo", "ablation=none", "seed=range(0,2)", "temperature=paper,stall"])

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from sweeps import SHARED, begin
+from sweeps import SHARED, begin, composed
 
-from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory
@@ -80,13 +79,13 @@ def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -
 @pytest.mark.parametrize("change", ["seed=1", "search.generations=1", "data.images=50", "task.baseline=other.py"])
 def test_hash_follows_what_decides_results(change: str) -> None:
     """The generations and the data count, which a ledger's identity has by other means."""
-    assert config_hash(compose([*SHARED, change])) != config_hash(compose(SHARED))
+    assert config_hash(composed(*SHARED, change)) != config_hash(composed(*SHARED))
 
 
 @pytest.mark.parametrize("change", ["executor.workers=1", "store.root=else", "run.dir=else", "tracking=mlflow"])
 def test_hash_leaves_out_where_a_job_is_computed(change: str) -> None:
     """A job that was finished with two workers is not repeated with four."""
-    assert config_hash(compose([*SHARED, change])) == config_hash(compose(SHARED))
+    assert config_hash(composed(*SHARED, change)) == config_hash(composed(*SHARED))
 
 
 def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:

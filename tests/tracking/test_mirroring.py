@@ -4,22 +4,19 @@ import json
 import sqlite3
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mirrored import BASELINE, LINES, build_run, build_sweep, everything
 from refusals import refused
+from waiting import eventually
 
 from tacevo.cli.app import main
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.files import alone
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.backfill import find_runs, track
-
-# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
 
 #: Seconds after which a process is taken for stuck; machines are busy.
 PATIENCE = 300
@@ -69,7 +66,7 @@ def test_damaged_run_is_named_and_the_others_are_written(
     assert "2 runs of" in out
     edited, lost, sweep = errors.splitlines()
     assert "edited/ledger.jsonl, line 2: expected the line of its hash" in edited
-    assert "lost: expected a run directory" in lost
+    assert "lost: expected the directory of a run" in lost
     assert "sweep.json" in sweep
     assert {path[0] for path in everything(uri)} == {"a", "z"}
     assert files_below(runs) == before
@@ -99,20 +96,12 @@ def test_killed_command_is_completed_by_the_next(tmp_path: Path, uri: str) -> No
     killed = f"sqlite:///{database}"
     command = [sys.executable, "-m", "tacevo.cli.app", "track", str(tmp_path / "runs"), "--uri", killed]
     with subprocess.Popen(command) as process:
-        wait_for_runs(database, 10)
+        assert eventually(lambda: database.exists() and runs_in(database) >= 10, seconds=PATIENCE)
         process.kill()
     assert process.returncode < 0, "it was done before it could be killed"
     track(tmp_path / "runs", killed, quietly)
     track(tmp_path / "runs", uri, quietly)
     assert everything(killed) == everything(uri)
-
-
-def wait_for_runs(database: Path, number: int) -> None:
-    """Wait until a store has so many runs."""
-    deadline = time.monotonic() + PATIENCE
-    while not database.exists() or runs_in(database) < number:
-        assert time.monotonic() < deadline, f"{number} runs did not come within {PATIENCE} s"
-        time.sleep(0.05)
 
 
 def runs_in(database: Path) -> int:
@@ -196,4 +185,4 @@ def test_run_without_a_setting_that_mlflow_needs_is_named(tmp_path: Path, uri: s
     path.write_text(json.dumps(run))
     tracked = track(tmp_path, uri, quietly)
     assert tracked.done == {uri: 1}
-    assert "config.tracking.experiment: expected a value" in tracked.failed[0]
+    assert "a/run.json, config, tracking.uri: expected a value" in tracked.failed[0]

@@ -5,22 +5,19 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 from mirrored import CODE, DATA, LINES, build_run, facts, mirror_once, open_store
 
-from tacevo.environment import checked_out
+from tacevo.environment import Code, checked_out
 from tacevo.errors import RunError
 from tacevo.records import Kind
-from tacevo.tracking.facts import RunFacts, data_set, source_tags
+from tacevo.storage.run_directory import RunRecord
+from tacevo.tracking.facts import data_set, source_tags
 from tacevo.typed import convert
 
-# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
 
-
-def described(source: str = "simulated", root: str | None = None) -> RunFacts:
+def described(source: str = "simulated", root: str | None = None) -> RunRecord:
     """Return what run.json says of a run's data and code."""
-    return convert(RunFacts, facts(source=source, root=root), place="run.json", error=RunError)
+    return convert(RunRecord, facts(source=source, root=root), place="run.json", error=RunError)
 
 
 def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
@@ -105,7 +102,7 @@ def test_checkout_tells_its_commit_and_whether_it_was_changed(tmp_path: Path) ->
     git("commit", "--message", "Begin")
     (tmp_path / "notes.txt").write_text("of no consequence")
     commit = git("rev-parse", "HEAD")
-    assert checked_out(tmp_path) == {"commit": commit, "dirty": False}
+    assert checked_out(tmp_path) == Code(commit=commit, dirty=False)
     (tmp_path / "code.py").write_text("1\n")
-    assert checked_out(tmp_path) == {"commit": commit, "dirty": True}
+    assert checked_out(tmp_path) == Code(commit=commit, dirty=True)
     assert checked_out(tmp_path / "below") is None

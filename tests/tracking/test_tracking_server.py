@@ -16,11 +16,7 @@ from test_mirroring import quietly
 
 from tacevo.tracking.backfill import track
 
-pytestmark = [
-    pytest.mark.slow,
-    # MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-    pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated"),
-]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture

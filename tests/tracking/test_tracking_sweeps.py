@@ -12,9 +12,6 @@ from tacevo.costs import Spending
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.tracking.entries import Measure, Totals, total_measures
 
-# MLflow uses a loader option of SQLAlchemy that its newest version deprecates.
-pytestmark = pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated")
-
 #: The filter of docs/tracking.md.
 SEARCHES = "tags.`tacevo.sweep` = 'sweep' and tags.`tacevo.arm` LIKE '%'"
 

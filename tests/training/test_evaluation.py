@@ -17,7 +17,7 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
-from tacevo.records import Json, Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.records import Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
@@ -54,7 +54,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
-def never(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+def never(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
     """Refuse to train."""
     raise SandboxError("nothing may be trained here")
 
@@ -63,9 +63,9 @@ class Recorder:
     """A sandbox that notes what it is sent and answers with perfect predictions."""
 
     def __init__(self) -> None:
-        self.sent: list[tuple[Json, bytes]] = []
+        self.sent: list[tuple[Any, bytes]] = []
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
         """Answer as a trainer would."""
         self.sent.append((header, payload))
         return good_answer(EXAMPLES.validation_targets)
@@ -101,7 +101,7 @@ def test_threads_give_what_one_by_one_gives(sandbox: Sandbox, tmp_path: Path) ->
     assert len({verdict.weights_sha256 for verdict in serial if isinstance(verdict, Training)}) == 4
 
 
-def look(sandbox: Sandbox) -> Json:
+def look(sandbox: Sandbox) -> Any:
     """Give what a candidate sees of torch."""
     finished = sandbox.run("look", None, b"", RECIPE.limits)
     assert isinstance(finished, Finished), finished
@@ -124,6 +124,7 @@ def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> No
     assert (seen["capability"], seen["threads"]) == ("AVX2", 1)
 
 
+@pytest.mark.slow
 def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
     """A confined process cannot read what the CPU can do, so it has been read before."""
     command = [sys.executable, "-c", "import torch; print(torch.backends.cpu.get_cpu_capability())"]
@@ -206,7 +207,7 @@ def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
     assert sent == [None, "cuda"]
 
 
-def judged(not_deterministic: Json, device: Device) -> Training | Rejection:
+def judged(not_deterministic: Any, device: Device) -> Training | Rejection:
     """Judge an answer that is good otherwise."""
     last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": not_deterministic}, b"")
     return judge(Finished((*GOOD[:-1], last)), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets, device)
@@ -249,7 +250,7 @@ def test_operation_without_a_deterministic_form_is_forged_on_a_cpu(tmp_path: Pat
     ],
     ids=range(12),
 )
-def test_list_of_operations_is_no_place_for_text(names: Json) -> None:
+def test_list_of_operations_is_no_place_for_text(names: Any) -> None:
     """On a GPU the list is the child's claim; short plain names pass, each once and in order, and nothing else."""
     verdict = judged(names, Device.cuda)
     assert isinstance(verdict, Rejection)
@@ -280,6 +281,17 @@ def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
     ((header, payload),) = first.sent
     assert all(row.tobytes() not in payload for row in EXAMPLES.validation_targets)
     assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
+
+
+def test_layout_of_an_older_run_is_sent_and_in_no_key(tmp_path: Path) -> None:
+    """The number of the rules, which the key has, says the same."""
+    new, old = Recorder(), Recorder()
+    first, second = evaluator(new.run, tmp_path), evaluator(old.run, tmp_path, contiguous=True)
+    first.retrain(SOURCE, 0)
+    second.retrain(SOURCE, 0)
+    ((header, payload),) = new.sent
+    assert old.sent == [({**header, "contiguous": True}, payload)]
+    assert second.key(SOURCE, 0) == first.key(SOURCE, 0)
 
 
 def test_broken_sandbox_is_never_stored(tmp_path: Path) -> None:

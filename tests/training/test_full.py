@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
 
 from tacevo.choices import Numerics
-from tacevo.records import Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
+from tacevo.records import Kind, Limits, Loss, Mode, Reason, Rejection, to_json
 from tacevo.sandbox.client import Finished, Frame, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
@@ -40,9 +41,9 @@ class Recorder:
     """A sandbox that notes what it is sent."""
 
     def __init__(self) -> None:
-        self.sent: list[tuple[Json, bytes]] = []
+        self.sent: list[tuple[Any, bytes]] = []
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
         """Answer as a trainer would."""
         self.sent.append((header, payload))
         return answer([0.5, 0.25, 0.25, 1.0])

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, payload_of
 
-from tacevo.records import Json, Kind, Loss, Reason, to_json
+from tacevo.records import Kind, Loss, Reason, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
 from tacevo.training.trainer import batches, run
 
@@ -102,10 +102,10 @@ def test_whatever_a_candidate_raises_becomes_a_failure(error: Exception, reason:
     assert caught.value.reason is reason
 
 
-def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Json, bytes]]:
+def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Any, bytes]]:
     """Run the trainer in this process; give the frames that it sends."""
     data = data or examples()
-    frames: list[tuple[Json, bytes]] = []
+    frames: list[tuple[Any, bytes]] = []
     header = {**header_of(source, data), **changes}
     run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
     return frames
@@ -227,11 +227,58 @@ def test_column_major_output_is_sent_row_by_row() -> None:
     assert sent_by(turned) == sent_by(net())
 
 
+CONVOLUTION = """
+class Net(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.conv = nn.Sequential(nn.Conv2d(3, 8, 3, padding=1), nn.BatchNorm2d(8), nn.ReLU(), nn.Dropout(0.1))
+        self.head = nn.Linear(128, 2)
+        self.calls = 0
+
+    def forward(self, x):
+        self.calls += 1
+        y = self.conv(x)
+        print(y.is_contiguous())
+        return self.head(y.flatten(1)) * (1 + 1 / self.calls if self.training else 1)
+"""
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        pytest.param("y.view(len(y), -1)", id="view"),
+        pytest.param("(y.view(len(y), -1) if self.training else y.flatten(1))", id="view in training only"),
+        pytest.param("(y.flatten(1) + (0 if y.is_contiguous() else 1))", id="asks for the layout"),
+    ],
+)
+def test_candidate_that_needs_the_default_layout_gets_it(flat: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """It trains as if nothing else had been tried: no count, statistic or random number is left of the trial."""
+    source = CONVOLUTION.replace("y.flatten(1)", flat)
+    frames = sent_by(source)
+    assert capsys.readouterr().out.endswith("True\n")
+    assert len(frames) == RECIPE.epochs + 1
+    assert frames == sent_by(source, contiguous=True)
+
+
+def test_other_candidates_train_in_channels_last(capsys: pytest.CaptureFixture[str]) -> None:
+    """Unless the job asks for the default layout, as that of an older run does.
+
+    The losses are equal but for rounding, without a dropout, whose mask is drawn in the order of memory.
+    """
+    layouts, losses = [], []
+    for older in (False, True):
+        frames = sent_by(CONVOLUTION.replace("nn.Dropout(0.1)", "nn.Identity()"), contiguous=older)
+        layouts.append(capsys.readouterr().out.splitlines()[-1])
+        losses.append([header["train_loss"] for header, _ in frames[:-1]])
+    assert layouts == ["False", "True"]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-4)
+
+
 def test_classification_trains() -> None:
     """Classes are int64 targets of shape (n,)."""
     contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)
     data = examples(classes=True)
-    frames: list[tuple[Json, bytes]] = []
+    frames: list[tuple[Any, bytes]] = []
     header = {**header_of(SOURCE, data), "contract": to_json(contract)}
     run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
     assert len(frames) == RECIPE.epochs + 1
@@ -245,7 +292,7 @@ def test_groups_share_no_batch() -> None:
     images[data.validation[5:]] = 255 - images[data.validation[5:]]
     other = replace(data, images=images)
 
-    def predicted(data: Data, **header: Json) -> list[bytes]:
+    def predicted(data: Data, **header: Any) -> list[bytes]:
         return [payload[: 5 * 2 * 4] for _, payload in sent_by(source, data, **header)]
 
     assert predicted(data, groups=[5, 3]) == predicted(other, groups=[5, 3])

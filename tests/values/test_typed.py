@@ -9,7 +9,7 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.records import STRICT, Kind
-from tacevo.typed import convert, parse
+from tacevo.typed import FreeJson, convert, parse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +31,7 @@ class Outer:
     inner: tuple[Inner, ...]
     share: float = 1.0
     names: dict[str, str] | None = None
+    free: FreeJson = None
 
 
 def test_sound_text_becomes_a_record() -> None:
@@ -56,6 +57,9 @@ def test_values_become_a_record() -> None:
         ('{"inner": [{"kind": "regression"}]}', "f, inner.0.count", "a value", "nothing"),
         ('{"inner": [], "other": 1}', "f, other", "only keys of this version", "another"),
         ('{"inner": [], "share": NaN}', "f, share", "finite number", "NaN"),
+        ('{"inner": [], "free": {"a": [1, NaN]}}', "f, free", "finite numbers", '{"a": [1, NaN]}'),
+        ('{"inner": [], "free": -Infinity}', "f, free", "finite numbers", "-Infinity"),
+        ('{"inner": [], "free": [1e999]}', "f, free", "finite numbers", "[Infinity]"),
         ('{"inner": [], "names": {"{a}": 1}}', "f, names.{a}", "text", "1"),
         ("{", "f", "JSON", "EOF"),
         ("[" * 100_000, "f", "JSON", "recursion"),

@@ -95,7 +95,7 @@ def run_contents(given: RunMaterial) -> RunContents:
         places=run.places,
         instructions=tuple((instruction.id, instruction.text) for instruction in task.instructions),
         crossover=task.crossover,
-        candidates=_candidates(run, recorded.texts),
+        candidates=_candidates(found, recorded.texts),
         generations=_generations(run, found.niches.networks),
         prompt_cells=_cells(found.niches.prompts) if has_prompts else (),
         unreachable=tuple(sorted(set(range(len(found.niches.prompts))) - reached)) if has_prompts else (),
@@ -179,7 +179,8 @@ def _bands(centres: NDArray[np.float64]) -> tuple[Corners, ...]:
     return tuple(found[niche] for niche in range(len(centres)))
 
 
-def _candidates(run: Run, texts: Mapping[str, str]) -> tuple[Candidate, ...]:
+def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate, ...]:
+    run = found.run
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
     return tuple(
@@ -208,6 +209,7 @@ def _candidates(run: Run, texts: Mapping[str, str]) -> tuple[Candidate, ...]:
             fitness=line.fitness,
             train_losses=line.train_losses or (),
             validation_losses=line.validation_losses or (),
+            reestimates=tuple(value for one in found.reestimates for value in one.estimates_of(line.id)),
             niche=line.niche,
             status=line.status,
         )

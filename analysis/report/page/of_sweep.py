@@ -6,7 +6,7 @@ import numpy as np
 
 from analysis.report.page.contents import ArmContents, Band, SweepContents
 from analysis.report.page.of_run import table_contents
-from analysis.report.sweep_collection import SweepCollection, tables_of
+from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import Metric, Outcome
 
 #: What is shown of every arm at the end.
@@ -24,7 +24,7 @@ def sweep_contents(found: SweepCollection) -> SweepContents:
             )
             for arm in found.found.arms
         ),
-        tables=tuple(map(table_contents, tables_of(found))),
+        tables=tuple(map(table_contents, sweep_tables(found))),
     )
 
 

@@ -19,7 +19,7 @@ from PIL import Image
 from tacevo.choices import SensorTask
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Picture
-from tacevo.data.sources.tacverse import COLUMNS, FOLDERS, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
+from tacevo.data.sources.tacverse import COLUMNS, DIRECTORIES, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
 
@@ -65,13 +65,15 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
     catalogue = source.catalogue()
     names = image_names(source, catalogue)
     with _staged(_vacant(out)) as stage:
-        folder = stage / _place(source.task)
-        folder.mkdir(parents=True)
-        _write_images(catalogue, [folder / name for name in names], workers, progress)
+        directory = stage / _place(source.task)
+        directory.mkdir(parents=True)
+        _write_images(catalogue, [directory / name for name in names], workers, progress)
         if source.task is not SensorTask.grating:
-            _write_table(folder / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
+            _write_table(directory / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
         (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
-        (stage / "README.md").write_text(_readme(source, catalogue, out), encoding="utf-8")
+        overrides = shlex.join(overrides_for(source, Path(out.name)))
+        text = _README.format(images=len(names), task=source.task, size=source.image_size, overrides=overrides)
+        (stage / "README.md").write_text(text, encoding="utf-8")
     return len(names)
 
 
@@ -104,8 +106,8 @@ def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
 
 def _place(task: SensorTask) -> Path:
     """Find the directory of a task's images."""
-    folder = Path(FOLDERS[task]) / SIMULATED_SENSOR
-    return folder / PATTERN if task is SensorTask.grating else folder
+    directory = Path(DIRECTORIES[task]) / SIMULATED_SENSOR
+    return directory / PATTERN if task is SensorTask.grating else directory
 
 
 def _vacant(out: Path) -> Path:
@@ -159,13 +161,3 @@ def _write_table(path: Path, columns: Sequence[str], names: Sequence[str], catal
         writer.writerow([IMAGE_COLUMN, *columns])
         for name, labels in zip(names, catalogue.labels.tolist(), strict=True):
             writer.writerow([name, *map(repr, labels)])
-
-
-def _readme(source: Simulated, catalogue: Catalogue, out: Path) -> str:
-    """Return the README of an exported directory."""
-    return _README.format(
-        images=len(catalogue.labels),
-        task=source.task,
-        size=source.image_size,
-        overrides=shlex.join(overrides_for(source, Path(out.name))),
-    )

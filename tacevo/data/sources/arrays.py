@@ -78,10 +78,6 @@ class Arrays:
 def resized(image: npt.NDArray[np.uint8], image_size: int) -> Picture:
     """Resize one image as files are resized.
 
-    Args:
-        image: uint8, shape (H, W), (H, W, 1) or (H, W, 3).
-        image_size: height and width of the result, in pixels.
-
     Returns:
         uint8, shape (3, image_size, image_size).
     """

@@ -5,14 +5,13 @@ them.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from tacevo.data.source import Catalogue, listed, refuse, repeats
 from tacevo.data.sources.hints import check_directory, content, directories, number_in
-from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
+from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -52,15 +51,13 @@ class Folder:
         classes = _classes(self.root)
         counts = [len(paths) for paths in classes.values()]
         images = [path for paths in classes.values() for path in paths]
-        return Catalogue(
+        return file_catalogue(
+            images,
+            [path.relative_to(self.root).as_posix() for path in images],
+            self.image_size,
             kind=Kind.classification,
             names=tuple(classes),
             labels=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
-            image_size=self.image_size,
-            pictures=tuple(partial(decode, path, self.image_size) for path in images),
-            recorded_size=common_size([(path.relative_to(self.root).as_posix(), path) for path in images]),
-            files=images,
-            places=[path.relative_to(self.root).as_posix() for path in images],
             ignored=other_files(self.root, "**/*", images),
         )
 
@@ -98,10 +95,10 @@ def _key(name: str) -> float | str:
     return name.casefold() if number is None else number
 
 
-def _images(folder: Path) -> list[Path]:
+def _images(directory: Path) -> list[Path]:
     """Find the images below a class directory, sorted by path."""
-    paths = image_files(folder, "**/*")
-    names = [path.relative_to(folder).as_posix() for path in paths]
+    paths = image_files(directory, "**/*")
+    names = [path.relative_to(directory).as_posix() for path in paths]
     twice = repeats((name, name.casefold()) for name in names)
-    refuse(f"images of class {folder.name} differ in the case of their names only", twice, "rename or remove them")
+    refuse(f"images of class {directory.name} differ in the case of their names only", twice, "rename or remove them")
     return paths

@@ -5,6 +5,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tacevo.data.source import Picture, refuse
+from tacevo.data.source import Catalogue, Picture, refuse
 from tacevo.errors import DataError
 
 #: Changes when the same file would be decoded to other pixels.
@@ -32,35 +33,49 @@ STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 _FLOATING = "holds floating-point values, whose full range is unknown"
 
 
-def image_files(folder: Path, pattern: str) -> list[Path]:
+def image_files(directory: Path, pattern: str) -> list[Path]:
     """Find the images of a directory, sorted by path.
 
     Hidden files and directories are left out: editors and systems put copies and stubs there, such as
     `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
 
-    Args:
-        folder: where to look; its own name may begin with a dot.
-        pattern: `*`, or `**/*` for all directories below too.
+    The pattern is `*`, or `**/*` for all directories below too.
     """
-    images = (path for path in folder.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
-    return sorted(path for path in images if not _hidden(path.relative_to(folder)))
+    images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
+    return sorted(path for path in images if not _hidden(path.relative_to(directory)))
 
 
-def other_files(folder: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
-    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder.
-
-    Args:
-        folder: where to look.
-        pattern: as in `image_files`.
-        used: files that belong to the data set, below the directory as `image_files` gives them.
-    """
+def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
+    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder."""
     known = set(used)
-    files = (path for path in folder.glob(pattern) if path not in known and path.is_file())
-    return sorted(path for path in files if not _hidden(path.relative_to(folder)))
+    files = (path for path in directory.glob(pattern) if path not in known and path.is_file())
+    return sorted(path for path in files if not _hidden(path.relative_to(directory)))
 
 
 def _hidden(path: Path) -> bool:
     return any(part.startswith(".") for part in path.parts)
+
+
+def file_catalogue(files: Sequence[Path], places: Sequence[str], image_size: int, **fields: Any) -> Catalogue:
+    """List image files, which are decoded when their picture is made.
+
+    Args:
+        files: at least one.
+        places: what a message calls each of them.
+        image_size: height and width that they are resized to, in pixels.
+        fields: the other fields of the catalogue.
+
+    Raises:
+        DataError: as `common_size`.
+    """
+    return Catalogue(
+        image_size=image_size,
+        pictures=tuple(partial(decode, path, image_size) for path in files),
+        recorded_size=common_size(list(zip(places, files, strict=True))),
+        files=files,
+        places=places,
+        **fields,
+    )
 
 
 def decode(path: Path, image_size: int) -> Picture:

@@ -3,15 +3,18 @@
 import csv
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-from tacevo.data.source import Picture, listed, refuse, repeats, shortened
+import numpy as np
+
+from tacevo.data.source import Catalogue, listed, refuse, repeats, shortened
 from tacevo.data.sources.hints import number_in
-from tacevo.data.sources.images import decode, image_files
+from tacevo.data.sources.images import file_catalogue, image_files
 from tacevo.errors import DataError
+from tacevo.records import Kind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +27,7 @@ class Row:
     #: The image, links followed; `is_there` says whether it exists.
     path: Path
     #: The directory that the image was found in, as it is written: not where a link leads.
-    folder: Path
+    directory: Path
     is_there: bool
     #: The text of each target column, in their order.
     texts: tuple[str, ...]
@@ -40,17 +43,29 @@ class Row:
         return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
 
 
-def pictures(rows: Sequence[Row], image_size: int) -> tuple[Callable[[], Picture], ...]:
-    """Offer the picture of each row, not yet decoded."""
-    return tuple(partial(decode, row.path, image_size) for row in rows)
+def row_catalogue(rows: Sequence[Row], skipped: int, image_size: int, **fields: Any) -> Catalogue:
+    """List the images and values of a table's rows; `fields` are the other fields of the catalogue."""
+    return file_catalogue(
+        [row.path for row in rows],
+        [row.place for row in rows],
+        image_size,
+        kind=Kind.regression,
+        labels=np.array([row.labels for row in rows], dtype=np.float64),
+        skipped=skipped,
+        ignored=_unnamed_images(rows),
+        **fields,
+    )
 
 
-def unnamed_images(rows: Sequence[Row]) -> list[Path]:
+def _unnamed_images(rows: Sequence[Row]) -> list[Path]:
     """Find the images that lie beside those of the rows, and that no row names."""
     named = {row.path for row in rows}
-    folders = {row.folder.resolve(): row.folder for row in rows}  # a directory may be written in several ways
+    directories = {row.directory.resolve(): row.directory for row in rows}  # a directory may be written in several ways
     return [
-        path for folder in sorted(folders.values()) for path in image_files(folder, "*") if path.resolve() not in named
+        path
+        for directory in sorted(directories.values())
+        for path in image_files(directory, "*")
+        if path.resolve() not in named
     ]
 
 
@@ -61,7 +76,7 @@ def read_rows(
     target_columns: Sequence[str],
     asked_by: tuple[str, str],
     remedy: str,
-    folders: Sequence[Path],
+    directories: Sequence[Path],
     skip_missing: bool,
 ) -> tuple[list[Row], int]:
     """Read and check a whole table.
@@ -74,7 +89,7 @@ def read_rows(
         target_columns: hold the labels.
         asked_by: for messages: the settings of image column and target columns.
         remedy: what the user can do where a column is absent.
-        folders: where images are looked for, in this order.
+        directories: where images are looked for, in this order.
         skip_missing: leave out rows whose image is missing, instead of refusing the table.
 
     Returns:
@@ -85,12 +100,12 @@ def read_rows(
         DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
     """
     asked = [(image_column, asked_by[0]), *((name, asked_by[1]) for name in target_columns)]
-    rows = list(_rows(table, asked, remedy, folders))
+    rows = list(_rows(table, asked, remedy, directories))
     if not rows:
         raise DataError("a header without rows", place=table.name, expected="a row for each image")
     present = [row for row in rows if row.is_there]
     if not (present and skip_missing):
-        _refuse_missing(table, rows, folders[0], skippable=bool(present))
+        _refuse_missing(table, rows, directories[0], skippable=bool(present))
     # An image listed twice could stand in two parts of the split.
     twice = repeats((row.place, str(row.path).casefold()) for row in present)
     refuse(
@@ -112,17 +127,17 @@ def read_rows(
     return present, len(rows) - len(present)
 
 
-def _refuse_missing(table: Path, rows: Sequence[Row], folder: Path, *, skippable: bool) -> None:
+def _refuse_missing(table: Path, rows: Sequence[Row], directory: Path, *, skippable: bool) -> None:
     """Refuse rows whose image is missing, with the advice that fits."""
     missing = [row for row in rows if not row.is_there]
     choice = ", or leave them out with data.skip_missing=true" if skippable else ""
     remedy = f"restore them or remove these lines{choice}"
     if all("\\" in row.name for row in missing):
         remedy = "write their paths with / instead of \\"
-    refuse(f"{table.name} names images that are not in {folder}", [row.place for row in missing], remedy)
+    refuse(f"{table.name} names images that are not in {directory}", [row.place for row in missing], remedy)
 
 
-def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, folders: Sequence[Path]) -> Iterator[Row]:
+def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, directories: Sequence[Path]) -> Iterator[Row]:
     """Read the rows of a table, with the asked columns only, the image's first."""
     lines = _lines(table)
     _, header = next(lines, (1, []))
@@ -133,8 +148,8 @@ def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, folders: S
             long.append(f"line {line}")
             continue
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
-        path, folder, is_there = _find(name.strip(), folders)
-        yield Row(line=line, name=name.strip(), path=path, folder=folder, is_there=is_there, texts=tuple(texts))
+        path, directory, is_there = _find(name.strip(), directories)
+        yield Row(line=line, name=name.strip(), path=path, directory=directory, is_there=is_there, texts=tuple(texts))
     refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them")
 
 
@@ -200,12 +215,12 @@ def _open_quote(table: Path, line: int) -> DataError:
     )
 
 
-def _find(name: str, folders: Sequence[Path]) -> tuple[Path, Path, bool]:
+def _find(name: str, directories: Sequence[Path]) -> tuple[Path, Path, bool]:
     """Find an image in the first directory that has it; else name the place where it should be.
 
     Returns:
         Where the image is, links followed; the directory that it was found in, as written; and whether it is there.
     """
-    found = (folder / name for folder in folders if os.path.isfile(folder / name))
+    found = (directory / name for directory in directories if os.path.isfile(directory / name))
     path = next(found, None)
-    return (folders[0] / name, folders[0], False) if path is None else (path.resolve(), path.parent, True)
+    return (directories[0] / name, directories[0], False) if path is None else (path.resolve(), path.parent, True)

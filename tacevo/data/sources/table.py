@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.hints import check_directory, check_file
-from tacevo.data.sources.images import DECODING, common_size, files_hash
-from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
-from tacevo.records import Json, Kind
+from tacevo.data.sources.images import DECODING, files_hash
+from tacevo.data.sources.rows import Row, read_rows, row_catalogue
+from tacevo.records import Json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,18 +52,8 @@ class Table:
                 the table is broken.
         """
         rows, skipped = self._read()
-        return Catalogue(
-            kind=Kind.regression,
-            names=self.target_columns,
-            names_chosen_by="data.target_columns",
-            labels=np.array([row.labels for row in rows], dtype=np.float64),
-            image_size=self.image_size,
-            pictures=pictures(rows, self.image_size),
-            recorded_size=common_size([(row.place, row.path) for row in rows]),
-            files=[row.path for row in rows],
-            places=[row.place for row in rows],
-            skipped=skipped,
-            ignored=unnamed_images(rows),
+        return row_catalogue(
+            rows, skipped, self.image_size, names=self.target_columns, names_chosen_by="data.target_columns"
         )
 
     def _read(self) -> tuple[list[Row], int]:
@@ -78,6 +66,6 @@ class Table:
             target_columns=self.target_columns,
             asked_by=("data.image_column", "data.target_columns"),
             remedy="set the names that are here, or rename a column",
-            folders=(self.root, table.parent),
+            directories=(self.root, table.parent),
             skip_missing=self.skip_missing,
         )

@@ -12,8 +12,8 @@ presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
 import json
 import re
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +21,8 @@ import numpy.typing as npt
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, listed, refuse, repeats
 from tacevo.data.sources.hints import check_directory, check_file, content
-from tacevo.data.sources.images import DECODING, SUFFIXES, common_size, decode, files_hash, image_files, other_files
-from tacevo.data.sources.rows import Row, pictures, read_rows, unnamed_images
+from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.rows import Row, read_rows, row_catalogue
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -30,7 +30,7 @@ from tacevo.records import Json, Kind
 #: What the sensor of exported simulations is called, and the file beside their images that says what they are.
 SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
 
-FOLDERS = {
+DIRECTORIES = {
     SensorTask.force: "Force_Regression",
     SensorTask.grating: "Grating_Classification",
     SensorTask.hardness: "Hardness_Regression",
@@ -45,6 +45,16 @@ OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)
 
 #: Units of exported simulations; the release does not state them.
 UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
+
+
+class _Frame(NamedTuple):
+    """One picture of one press onto a grating; pictures are in the order of these fields."""
+
+    #: In mm.
+    size: float
+    group: int
+    frame: int
+    path: Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,13 +78,14 @@ class TacVerse:
         Raises:
             DataError: a directory, the table or an image is missing, or the table or a file name is broken.
         """
-        described = {"source": "tacverse", "decoding": DECODING, "task": self.task, "image_size": self.image_size}
+        described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
+        described["image_size"] = self.image_size
         if self.task is SensorTask.grating:
             frames = self._frames()
-            presses = [[frame.size, frame.group, frame.frame] for frame in frames]
+            presses: Json = [list(frame[:3]) for frame in frames]
             return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
         rows, _ = self._rows()
-        labels = [[row.path.name, list(row.labels)] for row in rows]
+        labels: Json = [[row.path.name, list(row.labels)] for row in rows]
         return {**described, "labels": labels, "images": files_hash(row.path for row in rows)}
 
     def catalogue(self) -> Catalogue:
@@ -87,19 +98,13 @@ class TacVerse:
 
     def _regression(self) -> Catalogue:
         rows, skipped = self._rows()
-        return Catalogue(
-            kind=Kind.regression,
+        return row_catalogue(
+            rows,
+            skipped,
+            self.image_size,
             names=OUTPUTS[self.task],
             units=UNITS[self.task] if self._is_simulated() else None,
-            labels=np.array([row.labels for row in rows], dtype=np.float64),
-            image_size=self.image_size,
-            pictures=pictures(rows, self.image_size),
             release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
-            recorded_size=common_size([(row.place, row.path) for row in rows]),
-            files=[row.path for row in rows],
-            places=[row.place for row in rows],
-            skipped=skipped,
-            ignored=unnamed_images(rows),
         )
 
     def _is_simulated(self) -> bool:
@@ -116,27 +121,26 @@ class TacVerse:
     def _gratings(self) -> Catalogue:
         frames = self._frames()
         sizes = sorted({frame.size for frame in frames})
-        presses = sorted({(frame.size, frame.group) for frame in frames})
+        presses = sorted({frame[:2] for frame in frames})
         numbers = {press: number for number, press in enumerate(presses)}
-        groups = np.array([numbers[frame.size, frame.group] for frame in frames], dtype=np.int64)
-        return Catalogue(
+        groups = np.array([numbers[frame[:2]] for frame in frames], dtype=np.int64)
+        files = [frame.path for frame in frames]
+        return file_catalogue(
+            files,
+            [path.name for path in files],
+            self.image_size,
             kind=Kind.classification,
             names=tuple(f"{size:g} mm" for size in sizes),
             labels=np.array([sizes.index(frame.size) for frame in frames], dtype=np.int64),
-            image_size=self.image_size,
-            pictures=tuple(partial(decode, frame.path, self.image_size) for frame in frames),
             groups=groups,
             release=_split_of_presses(presses, groups),
-            recorded_size=common_size([(frame.path.name, frame.path) for frame in frames]),
-            files=[frame.path for frame in frames],
-            places=[frame.path.name for frame in frames],
-            ignored=other_files(frames[0].path.parent, "*", [frame.path for frame in frames]),
+            ignored=other_files(files[0].parent, "*", files),
         )
 
     def _rows(self) -> tuple[list[Row], int]:
         """Read the table in the order of the image numbers, which is that of time."""
-        folder = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
-        table = folder / f"{self.sensor}.csv"
+        directory = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
+        table = directory / f"{self.sensor}.csv"
         check_file(table, "data.root", "a table beside the images, named after the sensor")
         rows, skipped = read_rows(
             table,
@@ -144,7 +148,7 @@ class TacVerse:
             target_columns=COLUMNS[self.task],
             asked_by=("TacVerse's layout", "TacVerse's layout"),
             remedy="rename columns: the layout fixes their names",
-            folders=(folder,),
+            directories=(directory,),
             skip_missing=self.skip_missing,
         )
         numbered = [row for row in rows if _number(row) is not None]
@@ -152,50 +156,35 @@ class TacVerse:
         refuse(f"{table.name} names images without a number", faults, "end names with their number, as image_12.png")
         return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
 
-    def _frames(self) -> list["Frame"]:
+    def _frames(self) -> list[_Frame]:
         """Find the images of all presses, ordered by size, press and frame."""
-        parent = _enter(self.root, {"data.root": FOLDERS[self.task], "data.sensor": self.sensor})
+        parent = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
         if self.pattern is None:
             expected = "the directory of one pattern, for task=grating"
             raise DataError("null", place="data.pattern", expected=expected, remedy=content(parent))
-        folder = _enter(parent, {"data.pattern": self.pattern})
-        paths = image_files(folder, "*")
+        directory = _enter(parent, {"data.pattern": self.pattern})
+        paths = image_files(directory, "*")
         if not paths:
             expected = f"a directory with {listed(sorted(SUFFIXES))} files"
-            raise DataError(str(folder), place="data.pattern", expected=expected, remedy=content(folder))
+            raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
         frames = [(path, _frame(path)) for path in paths]
         refuse(
-            f"{folder} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
+            f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
             [path.name for path, frame in frames if frame is None],
             "rename or remove them",
         )
-        found = sorted((frame for _, frame in frames if frame is not None), key=_order)
-        twice = repeats((frame.path.name, _order(frame)) for frame in found)
-        refuse(f"{folder} has several images of one size, press and frame", twice, "keep one of each")
+        found = sorted(frame for _, frame in frames if frame is not None)
+        twice = repeats((frame.path.name, frame[:3]) for frame in found)
+        refuse(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
         return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Frame:
-    """One picture of one press onto a grating."""
-
-    path: Path
-    #: In mm.
-    size: float
-    group: int
-    frame: int
-
-
-def _order(frame: Frame) -> tuple[float, int, int]:
-    return frame.size, frame.group, frame.frame
-
-
-def _frame(path: Path) -> Frame | None:
+def _frame(path: Path) -> _Frame | None:
     """Read a file name; None where it is not such a name."""
     parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
     if parts is None:
         return None
-    return Frame(path=path, size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0))
+    return _Frame(size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0), path=path)
 
 
 def _number(row: Row) -> int | None:

@@ -94,7 +94,9 @@ def attention(text: str, network: Network) -> Network | None:
     if not wording.mentions(text, pattern):
         return None
     if wording.removes(text, rf"(?:\w+ )?{pattern}"):
-        network = moves.edit_blocks(network, moves.all_blocks(network), _without_attention)
+        network = moves.edit_blocks(
+            network, moves.all_blocks(network), lambda block: replace(block, attention=Attention.none)
+        )
         return replace(network, attention=Attention.none)
     channel = wording.mentions(text, "channel|squeeze") and not wording.mentions(text, "spatial")
     wanted = Attention.channel if channel else Attention.spatial
@@ -138,10 +140,6 @@ def _add_pointwise(text: str, network: Network) -> Network:
     model = network.blocks[after - 1]
     block = Block(channels=model.channels, kernel=1, norm=model.norm, activation=model.activation)
     return moves.insert_block(network, after, block)
-
-
-def _without_attention(block: Block) -> Block:
-    return replace(block, attention=Attention.none)
 
 
 def _first_not_bypassed(network: Network) -> list[int]:
@@ -200,7 +198,8 @@ def output(text: str, network: Network) -> Network | None:
     }
     for pattern, wanted in names.items():
         if wording.mentions(text, pattern) and not wording.mentions(text, "attention"):
-            return moves.set_output(network, Output.free if wording.removes(text, pattern) else wanted)
+            bound = Output.free if wording.removes(text, pattern) else wanted
+            return replace(network, head=replace(network.head, output=bound))
     return None
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from tacevo.llm.grammar.bounds import MAX_BLOCKS, MAX_HIDDEN_LAYERS, MAX_SKIPS, MIN_BLOCKS
-from tacevo.llm.grammar.network import Activation, Block, Down, Hidden, Network, Output
+from tacevo.llm.grammar.network import Activation, Block, Down, Hidden, Network
 
 
 def all_blocks(network: Network) -> range:
@@ -106,11 +106,6 @@ def remove_head_dropout(network: Network) -> Network:
 def remove_dropout(network: Network) -> Network:
     """Take every dropout out of the network."""
     return remove_head_dropout(edit_blocks(network, all_blocks(network), lambda block: replace(block, dropout=0.0)))
-
-
-def set_output(network: Network, output: Output) -> Network:
-    """Bound the outputs, or free them."""
-    return replace(network, head=replace(network.head, output=output))
 
 
 def add_skip(network: Network, source: int, target: int) -> Network:

@@ -1,4 +1,7 @@
-"""The parts of a network, read from plain syntax trees: blocks, attention, head."""
+"""The parts of a network, read from plain syntax trees: blocks, attention, head.
+
+Every function raises `UnreadableError` where it does not find what it reads.
+"""
 
 import ast
 from collections.abc import Mapping, Sequence
@@ -29,9 +32,6 @@ def plain_tree(source: str) -> ast.Module:
 
     Gone are imports, docstrings and annotations; constant arithmetic is worked out, and a few layers that can be
     written in several ways are written in one.
-
-    Raises:
-        UnreadableError: the text is not Python, or is nested too deeply to be walked.
     """
     try:
         return cast(ast.Module, _Plain().visit(parse_python(source)))
@@ -42,11 +42,7 @@ def plain_tree(source: str) -> ast.Module:
 
 
 def read_call(node: ast.AST) -> Call:
-    """Take a call apart.
-
-    Raises:
-        UnreadableError: `node` is something else than a call.
-    """
+    """Take a call apart."""
     if not isinstance(node, ast.Call):
         raise UnreadableError(f"`{ast.unparse(node)}` stands where a layer was expected")
     return Call(
@@ -59,20 +55,19 @@ def read_call(node: ast.AST) -> Call:
 class _Plain(ast.NodeTransformer):
     """Rewrites a tree into its plain form, from the leaves up."""
 
-    def visit_Module(self, node: ast.Module) -> ast.Module:
-        self.generic_visit(node)
-        kept = [statement for statement in node.body if not isinstance(statement, ast.Import | ast.ImportFrom)]
-        node.body = _without_docstring(kept)
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        super().generic_visit(node)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            node.body = [statement for statement in node.body if not _is_docstring(statement)]
         return node
 
-    def visit_ClassDef(self, node: ast.ClassDef) -> ast.ClassDef:
+    def visit_Module(self, node: ast.Module) -> ast.Module:
         self.generic_visit(node)
-        node.body = _without_docstring(node.body)
+        node.body = [each for each in node.body if not isinstance(each, ast.Import | ast.ImportFrom)]
         return node
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
         self.generic_visit(node)
-        node.body = _without_docstring(node.body)
         node.returns = None
         for argument in node.args.args:
             argument.annotation = None
@@ -115,24 +110,15 @@ class _Plain(ast.NodeTransformer):
         return node
 
 
-def _without_docstring(body: Sequence[ast.stmt]) -> list[ast.stmt]:
-    """Drop statements that are only a string."""
-    return [
-        statement
-        for statement in body
-        if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant))
-    ]
+def _is_docstring(statement: ast.stmt) -> bool:
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
 
 
 _Member = TypeVar("_Member", bound=StrEnum)
 
 
 def method(node: ast.ClassDef, name: str) -> ast.FunctionDef:
-    """Find a method of a class.
-
-    Raises:
-        UnreadableError: there is none of that name.
-    """
+    """Find a method of a class."""
     for statement in node.body:
         if isinstance(statement, ast.FunctionDef) and statement.name == name:
             return statement
@@ -149,11 +135,7 @@ def attributes_of(constructor: ast.FunctionDef) -> dict[str, ast.expr]:
 
 
 def required(attributes: Mapping[str, ast.expr], name: str) -> ast.expr:
-    """Look up an attribute.
-
-    Raises:
-        UnreadableError: the constructor does not set it.
-    """
+    """Look up an attribute."""
     if name not in attributes:
         raise UnreadableError(f"the constructor does not set self.{name}")
     return attributes[name]
@@ -165,11 +147,7 @@ def read_attention(node: ast.expr) -> Attention:
 
 
 def read_block(node: ast.expr) -> Block:
-    """Read one block, be it a Sequential or an instance of the custom module.
-
-    Raises:
-        UnreadableError: it is neither, or a part that every block has is missing.
-    """
+    """Read one block, be it a Sequential or an instance of the custom module."""
     shape, layers = _custom_block(node) if read_call(node).name == "ConvBlock" else _sequential_block(node)
     return Block(
         channels=_number(shape.arguments[1:2]),
@@ -215,9 +193,6 @@ def read_head(classes: Mapping[str, ast.ClassDef], node: ast.expr) -> Head:
     Args:
         classes: every class of the source, by name.
         node: what the network's constructor assigns to the head's attribute.
-
-    Raises:
-        UnreadableError: it is neither, or a part that every head has is missing.
     """
     own_module = read_call(node).name == "Head"
     if own_module:

@@ -53,6 +53,11 @@ def warm(network: Network, temperature: float, rng: np.random.Generator) -> Netw
     return network
 
 
+def _one_of(options: Sequence[_Option], move: Callable[[Network, _Option], Network]) -> Variation:
+    """Make the variation that gives a move one of several values."""
+    return lambda network, rng: move(network, pick(rng, options))
+
+
 def _resize_block(network: Network, rng: np.random.Generator) -> Network:
     return moves.scale_channels(network, [_any_block(network, rng)], pick(rng, (0.75, 1.25)))
 
@@ -71,33 +76,13 @@ def _change_norm(network: Network, rng: np.random.Generator) -> Network:
     return moves.edit_blocks(network, moves.all_blocks(network), lambda block: replace(block, norm=norm))
 
 
-def _resize_hidden(network: Network, rng: np.random.Generator) -> Network:
-    return moves.scale_hidden(network, pick(rng, (0.5, 0.75, 1.25, 1.5)))
-
-
 def _change_layer_norm(network: Network, rng: np.random.Generator) -> Network:
     wanted = pick(rng, (True, False))
     return moves.edit_hidden(network, lambda layer: replace(layer, layer_norm=wanted))
 
 
-def _change_downsampling(network: Network, rng: np.random.Generator) -> Network:
-    return moves.set_downsampling(network, pick(rng, (Down.max, Down.average, Down.stride)))
-
-
-def _change_dropout(network: Network, rng: np.random.Generator) -> Network:
-    return moves.set_dropout(network, pick(rng, (0.1, 0.2, 0.3, 0.4, 0.5)))
-
-
 def _change_grid(network: Network, rng: np.random.Generator) -> Network:
     return replace(network, grid=min(MAX_GRID, max(2, network.grid + pick(rng, (-1, 1)))))
-
-
-def _change_pooling(network: Network, rng: np.random.Generator) -> Network:
-    return replace(network, pooling=pick(rng, tuple(Pooling)))
-
-
-def _change_attention(network: Network, rng: np.random.Generator) -> Network:
-    return replace(network, attention=pick(rng, tuple(Attention)))
 
 
 def _attend_in_block(network: Network, rng: np.random.Generator) -> Network:
@@ -140,28 +125,12 @@ def _drop_any_block(network: Network, rng: np.random.Generator) -> Network:
     return moves.drop_block(network, _any_block(network, rng))
 
 
-def _narrow_trunk(network: Network, rng: np.random.Generator) -> Network:
-    return moves.scale_channels(network, moves.all_blocks(network), pick(rng, (0.5, 0.75)))
-
-
-def _widen_trunk(network: Network, rng: np.random.Generator) -> Network:
-    return moves.scale_channels(network, moves.all_blocks(network), pick(rng, (1.25, 1.5)))
-
-
-def _lighten_head(network: Network, rng: np.random.Generator) -> Network:
-    return moves.scale_hidden(network, pick(rng, (0.25, 0.5)))
-
-
-def _coarsen_grid(network: Network, rng: np.random.Generator) -> Network:
-    return replace(network, grid=min(network.grid, pick(rng, (2, 3))))
+def _scale_trunk(network: Network, factor: float) -> Network:
+    return moves.scale_channels(network, moves.all_blocks(network), factor)
 
 
 def _stride_trunk(network: Network, rng: np.random.Generator) -> Network:
     return moves.set_downsampling(network, Down.stride)
-
-
-def _add_hidden(network: Network, rng: np.random.Generator) -> Network:
-    return moves.add_hidden(network, pick(rng, (64, 128, 256)))
 
 
 def _drop_hidden(network: Network, rng: np.random.Generator) -> Network:
@@ -181,6 +150,17 @@ def _later_block(network: Network, rng: np.random.Generator) -> int:
     """Choose a block behind conv1, or conv1 where it is the only one."""
     return int(rng.integers(min(2, len(network.blocks)), len(network.blocks) + 1))
 
+
+_resize_hidden = _one_of((0.5, 0.75, 1.25, 1.5), moves.scale_hidden)
+_change_downsampling = _one_of((Down.max, Down.average, Down.stride), moves.set_downsampling)
+_change_dropout = _one_of((0.1, 0.2, 0.3, 0.4, 0.5), moves.set_dropout)
+_change_pooling = _one_of(tuple(Pooling), lambda network, pooling: replace(network, pooling=pooling))
+_change_attention = _one_of(tuple(Attention), lambda network, attention: replace(network, attention=attention))
+_narrow_trunk = _one_of((0.5, 0.75), _scale_trunk)
+_widen_trunk = _one_of((1.25, 1.5), _scale_trunk)
+_lighten_head = _one_of((0.25, 0.5), moves.scale_hidden)
+_coarsen_grid = _one_of((2, 3), lambda network, grid: replace(network, grid=min(network.grid, grid)))
+_add_hidden = _one_of((64, 128, 256), moves.add_hidden)
 
 #: What temperature adds: one part of the network, changed a little.
 SMALL_EDITS: tuple[Variation, ...] = (

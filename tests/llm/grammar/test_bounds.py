@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from grammar_strategies import SIGNATURE, build, networks, train_a_step
-from hypothesis import given, settings
+from hypothesis import given
 
 from tacevo.llm.grammar.bounds import MAX_COST, MAX_PARAMETERS, cost, fit, parameters
 from tacevo.llm.grammar.network import Block, Down, Head, Hidden, Network, Output
@@ -30,7 +30,6 @@ def test_strided_convolution_pays_for_a_quarter_of_the_positions() -> None:
     assert cost(replace(BASELINE, blocks=strided)) == cost(BASELINE) / 4
 
 
-@settings(max_examples=25, deadline=None)
 @given(networks())
 def test_fitted_networks_train_at_32_pixels_and_are_counted_exactly(network: Network) -> None:
     """One forward and one backward pass; torch counts the parameters that we count; outputs have their shape."""

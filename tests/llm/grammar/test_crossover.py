@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from grammar_strategies import SIGNATURE, networks
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.llm.grammar.bounds import fit
@@ -66,7 +66,6 @@ def test_names_are_those_of_the_first_parent() -> None:
     assert {child.signature for child in children} == {SIGNATURE}
 
 
-@settings(max_examples=150, deadline=None)
 @given(networks(), networks(), st.integers(0, 10_000))
 def test_children_stay_within_the_bounds(first: Network, second: Network, seed: int) -> None:
     """Skips included: parents of different depth never leave one that leads nowhere."""

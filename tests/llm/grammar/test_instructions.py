@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from grammar_strategies import networks
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.llm.grammar.bounds import cost, fit, parameters
@@ -234,7 +234,6 @@ def test_network_that_no_variation_changes_comes_back() -> None:
     assert vary(BASELINES["force"], (lambda network, rng: network,), stream(0)) == BASELINES["force"]
 
 
-@settings(max_examples=100, deadline=None)
 @given(networks(), st.sampled_from(sorted(TEXTS)), st.integers(0, 1000), st.floats(0, 1))
 def test_children_stay_within_the_bounds(network: Network, key: tuple[str, str], seed: int, temperature: float) -> None:
     """Whatever the parent, the instruction and the temperature."""

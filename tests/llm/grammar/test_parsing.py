@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from grammar_strategies import SIGNATURE, build, networks, train_a_step
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head, Hidden, Network, Norm, Pooling
@@ -34,7 +34,6 @@ RICH = Network(
 )
 
 
-@settings(max_examples=150, deadline=None)
 @given(networks())
 def test_reading_undoes_writing(network: Network) -> None:
     """Every network of the grammar survives being written and read."""
@@ -119,7 +118,6 @@ def test_foreign_networks_are_refused_by_naming_the_place(ours: str, theirs: str
         parse(BASELINE.replace(ours, theirs, 1))
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.sampled_from([BASELINE, render(RICH)]), st.data())
 def test_damaged_sources_are_read_rightly_or_refused(source: str, data: st.DataObject) -> None:
     """A line lost, doubled or moved, or a word exchanged: never another exception, never a wrong reading."""

@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 from grammar_strategies import SIGNATURE, build, networks, train_a_step
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.llm.grammar.network import Block, Down, Head, Hidden, Network
@@ -93,7 +93,6 @@ def test_wrong_outputs_show_in_the_shape_only() -> None:
     assert train_a_step(module, 3, image_size=32).shape == (2, 4)
 
 
-@settings(max_examples=150, deadline=None)
 @given(networks(), st.sampled_from(sorted(set(Slip) - {Slip.prose, Slip.no_fence, Slip.cut_off})))
 def test_every_network_can_carry_every_slip(network: Network, slip: Slip) -> None:
     """The fault changes the source, which stays valid Python."""

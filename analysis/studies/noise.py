@@ -1,0 +1,125 @@
+"""The re-estimates of a run's fitnesses: what its studies and noise runs trained under other seeds.
+
+A study trains with the search's optimiser, batches and data, so its validation loss after as many epochs as the search
+trained for is the fitness under another seed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.statistics.noise import Draws, NetworkNoise, Noise, Ranking, noise, rankings
+from analysis.studies.scores import LOWER_IS_BETTER, PRIMARY
+from tacevo.config.schema import RunConfig
+from tacevo.errors import RunError
+from tacevo.storage.store import read_entry
+from tacevo.storage.verdicts import read_verdict
+from tacevo.studies.directory import StudyDirectory
+from tacevo.studies.lines import FailedLine, Network, ScoreLine, StudyHeader
+from tacevo.training.full import FullTraining
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reestimates:
+    """What a study or a noise run says of the fitnesses that its run recorded."""
+
+    #: Of its directory.
+    name: str
+    #: The baseline first.
+    networks: tuple[Network, ...]
+    #: The re-estimates of each of them, seed by seed.
+    estimates: tuple[tuple[float, ...], ...]
+    #: Of the search's trainings, after which a loss is a fitness.
+    epochs: int
+    noise: Noise
+    #: How the networks rank after each epoch, beside their test scores; () of a noise run.
+    rankings: tuple[Ranking, ...]
+
+    def estimates_of(self, name: str) -> tuple[float, ...]:
+        """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
+        return next((found for one, found in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
+
+    def of(self, name: str) -> NetworkNoise | None:
+        """Return what is known of a candidate, by its id; None where it was not trained again."""
+        pairs = zip(self.networks, self.noise.networks, strict=True)
+        return next((found for network, found in pairs if network.id == name), None)
+
+
+def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
+    """Read what a finished study or noise run says of its run's fitnesses.
+
+    Args:
+        directory: of the study.
+        config: of its run.
+        fingerprint: of the run's data.
+        store: the directory of the stores, where a study has the losses of each epoch.
+
+    Returns:
+        None where its losses are not fitnesses: other data, another recipe, or fewer epochs than the search had.
+
+    Raises:
+        RunError: it is not finished or was edited, a training failed, or the store lacks one.
+        StoreError: an entry of the store is damaged.
+    """
+    scores = directory.read_scores()
+    header, rows, place = scores.header, scores.rows, str(directory.path)
+    if not _trains_alike(header, config, fingerprint):
+        return None
+    failed = [f"{row.network} with seed {row.seed}" for row in rows if isinstance(row, FailedLine)]
+    if failed:
+        raise RunError(", ".join(failed), place=place, expected="trainings that did not fail")
+    names = [(network.name, seed) for network in header.networks for seed in range(header.seeds)]
+    sound = {(row.network, row.seed): row for row in rows if isinstance(row, ScoreLine)}
+    if len(rows) != len(names) or sound.keys() != set(names):
+        raise RunError(f"{len(rows)} others", place=place, expected="one score for each network and seed")
+    ordered, shape = [sound[name] for name in names], (len(header.networks), header.seeds)
+    epochs = config.training.epochs
+    found: tuple[Ranking, ...] = ()
+    if header.terms is None:
+        fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
+    else:
+        losses = np.array([_losses(store, row) for row in ordered]).reshape(*shape, -1)
+        fitness, found = losses[:, :, epochs - 1], rankings(losses, _tested(header, ordered).reshape(shape))
+    recorded = np.array([network.fitness for network in header.networks])
+    return Reestimates(
+        name=directory.path.name,
+        networks=header.networks,
+        estimates=tuple(map(tuple, fitness.tolist())),
+        epochs=epochs,
+        noise=noise(Draws(recorded=recorded, estimates=fitness)),
+        rankings=found,
+    )
+
+
+def _trains_alike(header: StudyHeader, config: RunConfig, fingerprint: str) -> bool:
+    """Return whether a study trains as the search did, and for as long at least."""
+    training, recipe = config.training, header.recipe
+    return recipe.epochs >= training.epochs and (
+        (header.data.fingerprint, header.numerics, header.device, recipe.batch_size, recipe.learning_rate)
+        == (fingerprint, config.numerics.kind, training.device, training.batch_size, training.learning_rate)
+    )
+
+
+def _tested(header: StudyHeader, rows: Sequence[ScoreLine]) -> NDArray[np.float64]:
+    """Return the test score of each row, lower is better."""
+    metric = PRIMARY[header.data.kind]
+    return np.array([row.metrics[metric] for row in rows]) * (1 if LOWER_IS_BETTER[metric] else -1)
+
+
+def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
+    """Return the validation loss of each epoch of a full training."""
+    path = store / "studies" / row.evaluation[:2] / f"{row.evaluation}.json"
+    if not path.exists():
+        raise RunError(
+            f"none of {row.network} with seed {row.seed}",
+            place=str(store),
+            expected="the trainings of the study",
+            remedy="name the stores by --store, or give the command of the study again",
+        )
+    training = read_verdict(FullTraining, "full", read_entry(path).answer, place=str(path))
+    if not isinstance(training, FullTraining):
+        raise RunError("a rejection", place=str(path), expected="a training, as the study's scores say")
+    return training.training.validation_losses

@@ -1,0 +1,88 @@
+"""Tables of what a run's recorded fitnesses are worth: their re-estimates, and how a fitness ranks the networks."""
+
+from analysis.rounding import shown
+from analysis.statistics.effects import LEVEL
+from analysis.statistics.noise import NetworkNoise
+from analysis.studies.noise import Reestimates
+from analysis.table import Between, Cell, Table
+from tacevo.studies.lines import Network
+from tacevo.text import counted
+
+
+def noise_tables(found: Reestimates, task: str) -> tuple[Table, ...]:
+    """Return all tables of a study's or a noise run's re-estimates."""
+    return (noise_table(found, task), ranking_table(found, task)) if found.rankings else (noise_table(found, task),)
+
+
+def noise_table(found: Reestimates, task: str) -> Table:
+    """Show the recorded fitness of each network beside what other training seeds give."""
+    seeds = counted(found.noise.seeds, "other training seed")
+    return Table(
+        name=f"noise_{task}",
+        caption=f"What the recorded fitnesses of {task} are worth: the same networks under {seeds}.",
+        columns=(
+            *("network", "candidate", "recorded fitness", "re-estimated, median", "least", "most"),
+            *("seeds as low as recorded", "recorded less re-estimated", "expected by regression"),
+            "chance to beat the baseline",
+        ),
+        rows=tuple(_cells(network, one) for network, one in zip(found.networks, found.noise.networks, strict=True)),
+        notes=(
+            f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
+            "is one draw, by which the search chose; the others decided nothing in it.",
+            "Recorded less re-estimated: below 0 the record flatters the network.",
+            _icc_note(found),
+            "Chance to beat the baseline: that one seed of the network has a lower loss than one of the baseline; in "
+            f"brackets the {100 * LEVEL:g} % interval of Newcombe (2006, method 5).",
+            *_agreement_note(found),
+        ),
+    )
+
+
+def ranking_table(found: Reestimates, task: str) -> Table:
+    """Show how the validation loss after some epochs ranks the networks, beside their final test scores."""
+    last = len(found.rankings)
+    doubled = {2**power for power in range(last.bit_length())}
+    return Table(
+        name=f"ranking_{task}",
+        caption=f"How a fitness after so many epochs ranks the networks of {task}, beside their final test scores.",
+        columns=("epochs", "tau, one seed", "tau, median of the seeds"),
+        rows=tuple(
+            (ranking.epoch, ranking.one_seed, ranking.median)
+            for ranking in found.rankings
+            if ranking.epoch in doubled | {found.epochs, last}
+        ),
+        notes=(
+            f"Kendall's tau over {counted(len(found.networks), 'network')}: 1 is the same order, 0 none. The first, "
+            "third ... seed give the fitness and the others the test score, so no training stands on both sides. One "
+            "seed: mean over the seeds of the fitness.",
+            f"The search trained for {counted(found.epochs, 'epoch')}, with one seed.",
+        ),
+    )
+
+
+def _cells(network: Network, one: NetworkNoise) -> tuple[Cell, ...]:
+    chance = None if one.beats is None else Between(one.beats.estimate, one.beats.low, one.beats.high)
+    drawn = one.recorded, one.median, one.least, one.most, one.as_low, one.optimism, one.expected
+    return network.name, network.id, *drawn, chance
+
+
+def _icc_note(found: Reestimates) -> str:
+    icc = found.noise.icc
+    if icc is None:
+        return (
+            "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "
+            "differ."
+        )
+    part = shown(Between(icc.estimate, icc.low, icc.high))
+    return (
+        f"ICC(1), the part of one fitness's variance that is the network's: {part} "
+        f"({100 * LEVEL:g} % interval; Shrout and Fleiss 1979; of logarithms, over these networks). Expected by "
+        "regression: what another seed gives on average, by that ICC, to a network with this recorded fitness."
+    )
+
+
+def _agreement_note(found: Reestimates) -> tuple[str, ...]:
+    tau = found.noise.agreement
+    if tau is None:
+        return ()
+    return (f"Kendall's tau of recorded and re-estimated fitness, over these networks: {shown(tau)}.",)

@@ -1,0 +1,135 @@
+"""Whether a candidate costs the same late in a search as early: one fold of 100,000, recorded and then replayed.
+
+    python -m benchmarks.linear
+
+Models, gate and trainings are made up and cost nothing; what is timed is the search's own work: propose, offer, commit,
+the ledger. It is processor time, and the ledger lies in memory, because it waits for a disk at every line.
+"""
+
+import hashlib
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.commits import profile
+from tacevo.config.compose import compose
+from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.profile import Admitted
+from tacevo.records import Completion, Mode, Request, Training, to_json
+from tacevo.runs.wiring import build_plan
+from tacevo.search.algorithm import Plan, SearchState, run_search
+from tacevo.search.archive import Tessellation
+from tacevo.search.development import Outcome, Tools
+from tacevo.search.lines import SearchLine, line_kind
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.ledger import Ledger
+
+NICHES = (1_000, 10_000)
+
+#: Where the time of a candidate is taken: over the tenth of the candidates before it.
+MARKS = (1_000, 10_000, 100_000)
+
+
+def linear() -> str:
+    """Fold made-up candidates, in the paper's settings; the time of one should not depend on how many there were."""
+    return "\n".join(line for niches in NICHES for line in _lines(niches))
+
+
+def _lines(niches: int) -> Iterator[str]:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        plan, path = _plan(Path(folder), niches), Path(folder) / "ledger.jsonl"
+        for what in ("recorded", "replayed"):
+            watch = _Watch()
+            with Ledger.open(path, line_kind) as ledger:
+                run_search(plan, _tools(), ledger, watch)
+            figures = ", ".join(f"{1e6 * watch.seconds[mark]:.0f} us at {mark:,}" for mark in MARKS)
+            ratio = watch.seconds[MARKS[-1]] / watch.seconds[MARKS[0]]
+            yield f"a candidate {what} with {niches:,} niches: {figures}; ratio {ratio:.2f}"
+
+
+class _Watch:
+    """Takes the processor time of a candidate at each mark."""
+
+    def __init__(self) -> None:
+        #: Of one candidate, by mark.
+        self.seconds: dict[int, float] = {}
+        self._since = {mark - mark // 10: mark for mark in MARKS}
+        self._count = 0
+        self._began = 0.0
+
+    def developed(self, outcome: Outcome) -> None:
+        """Nothing is timed before it is committed."""
+
+    def committed(self, line: SearchLine, state: SearchState) -> None:
+        """Begin or end a time at the end of a generation."""
+        if line.kind == "candidate":
+            self._count += 1
+        elif self._count in self._since:
+            self._began = time.process_time()
+        elif self._count in MARKS:
+            self.seconds[self._count] = (time.process_time() - self._began) / (self._count // 10)
+
+
+def _plan(folder: Path, niches: int) -> Plan:
+    """Return the plan of a search of the paper's, with 50 candidates a generation, generation 0 included."""
+    size = ["search.candidates=50", "search.initial=49"]
+    config = compose(["experiment=paper_force", "llm=grammar", f"store.root={folder}", *size])
+    plan = build_plan(config, load_task(config, facts_without_data(config)), Mode.record)
+    centroids = np.random.default_rng(0).random((niches, 2))
+    return replace(plan, networks=Tessellation(centroids), generations=MARKS[-1] // 50 - 1)
+
+
+def _tools() -> Tools:
+    """Return effects that are pure functions of what comes in."""
+    return Tools(
+        llm=_Mark(),
+        admit=lambda completion: _admitted(completion.text),
+        inspect=_admitted,
+        evaluate=_trained,
+        evaluation_key=lambda source: source,
+        executor=_Here(),
+    )
+
+
+class _Mark:
+    """Answers each request with the hash of it."""
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer in order."""
+        for position, request in enumerate(requests):
+            text = content_hash(to_json(request))
+            yield position, Completion(text=text, model="none", stop_reason="end_turn", input_tokens=0, output_tokens=0)
+
+
+class _Here(Executor):
+    """Works at once, in the thread that asks."""
+
+    def submit(self, work, /, *arguments, **named):  # type: ignore[no-untyped-def]
+        """Return a future that is done."""
+        done = Future()  # type: ignore[var-annotated]
+        done.set_result(work(*arguments, **named))
+        return done
+
+
+def _admitted(source: str) -> Admitted:
+    return Admitted(source=source, profile=profile(8 + _bytes_of(source)[:3].astype(int)))
+
+
+def _trained(source: str) -> Training:
+    loss = float(_bytes_of(source)[8:16].view(np.uint64)[0]) / 2**64
+    return Training(
+        train_losses=(loss,), validation_losses=(loss,), predictions_sha256="0" * 64, weights_sha256="0" * 64
+    )
+
+
+def _bytes_of(source: str) -> np.ndarray:
+    return np.frombuffer(hashlib.sha256(source.encode()).digest(), np.uint8)
+
+
+if __name__ == "__main__":
+    print(linear())

@@ -1,0 +1,157 @@
+"""The command `tacevo tables`, and what it shares with the other commands that show what runs found.
+
+Nothing here draws: Matplotlib takes a second to import.
+"""
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.report.collection import Collection, collect, tables_of
+from analysis.report.writing import remove_outdated, write_tables
+from analysis.runs.run import Run, load_run
+from analysis.table import Table
+from analysis.tables.published import beside_published, published_tables
+from analysis.tables.rendering import WRITERS, as_markdown
+from tacevo.bundles.open import Opened, opened
+from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
+from tacevo.errors import CacheMissError, ConfigError, RunError
+from tacevo.runs.profiles import recall_profiles
+
+RUN = "the directory or bundle of a run"
+
+#: The remedy where one run is needed and a sweep was named.
+_ONE = "compare its arms by `tacevo ablations`, or name the directory of one of its jobs"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gathered:
+    """A run with its studies, from a directory or a bundle."""
+
+    found: Collection
+    #: The directory of the stores that it is read with; None for the run's own.
+    store: str | None
+    is_bundle: bool
+
+    @property
+    def remarks(self) -> list[str]:
+        """The settings that were not sent, the studies that were left out, and how to make a first one."""
+        remarks = [*self.found.run.not_sent.values(), *(f"left out: {reason}" for reason in self.found.left_out)]
+        if not self.found.studies and not self.found.left_out:
+            make = f"`tacevo study run={self.found.run.path}` makes one, with its tables and figures"
+            how = "it was published without a study" if self.is_bundle else make
+            remarks.append(f"no finished study yet: {how}")
+        return remarks
+
+    @property
+    def status(self) -> int:
+        """The exit status: a study that was left out is a failed check."""
+        return DIFFERENT if self.found.left_out else DONE
+
+    def tables(self) -> tuple[tuple[Table, ...], list[str]]:
+        """Return its tables, and why there are none of motifs: a probe is missing, or a network was edited."""
+        try:
+            return tables_of(self.found, recall_profiles(self.found.run.path, self.store)), []
+        except (CacheMissError, RunError) as error:
+            return tables_of(self.found, None), [f"no tables of motifs: {error}"]
+
+
+def add_tables(parser: Parser) -> None:
+    """Describe `tacevo tables`."""
+    parser.description = "Print every table of a finished run and its studies, and write them as .tex, .md and .csv."
+    parser.add_argument("run", metavar="RUN", nargs="?", help=f"{RUN}; optional with --paper")
+    parser.add_argument(
+        "--paper", action="store_true", help="the paper's own tables beside corrected values, and beside RUN"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="where to write them (default for a directory: RUN/tables; with --paper nothing is written)",
+    )
+    finish(parser, _tables)
+
+
+def finish(parser: Parser, command: Callable[[argparse.Namespace], int]) -> None:
+    """Describe what all these commands have in common."""
+    parser.add_argument("--store", metavar="DIR", help="directory of the stores, if it was moved")
+    parser.set_defaults(
+        command=command, interrupted="every written file is complete; run the same command again for the rest"
+    )
+
+
+def _tables(options: argparse.Namespace) -> int:
+    if options.paper:
+        return _paper_tables(options)
+    if options.run is None:
+        raise ConfigError(
+            "neither",
+            place="tacevo tables",
+            expected="the directory or bundle of a run, or --paper for the paper's tables",
+        )
+    place = place_of(options, "tables")
+    with gather(options.run, options.store) as gathered:
+        directory = output_directory(place)
+        tables, remarks = gathered.tables()
+    show(tables, directory)
+    names = {table.name for table in tables}
+    say([*remarks, *remove_outdated(directory, names, task=gathered.found.run.task, endings=WRITERS)])
+    print(f"tables: {directory}")
+    return gathered.status
+
+
+def _paper_tables(options: argparse.Namespace) -> int:
+    """Print the paper's own tables, and one that compares a run with them; studies are not read."""
+    if options.run is None:
+        tables = with_published([])
+    else:
+        with opened(Path(options.run)) as place:
+            tables = with_published([load_run(place.one_run(_ONE))])
+    directory = None if options.output is None else output_directory(options.output)
+    show(tables, directory)
+    if directory is not None:
+        print(f"tables: {directory}")
+    return DONE
+
+
+@contextlib.contextmanager
+def gather(run: str, store: str | None) -> Iterator[Gathered]:
+    """Read a run and its studies from a directory or a bundle, and print what is missing."""
+    named = existing_store(store)
+    with opened(Path(run)) as place:
+        gathered = read_gathered(place.one_run(_ONE), place, named)
+        say(gathered.remarks)
+        yield gathered
+
+
+def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
+    """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
+    is_bundle = place.root is not None
+    used = str(place.store) if is_bundle and store is None else store
+    return Gathered(found=collect(run, None if used is None else Path(used)), store=used, is_bundle=is_bundle)
+
+
+def place_of(options: argparse.Namespace, name: str) -> Path:
+    """Return where the results of a run are written."""
+    return place_of_results(options.output, options.run, name, f"the {name} of a published run")
+
+
+def show(tables: Iterable[Table], directory: Path | None) -> None:
+    """Print tables, and write them into a directory, if there is one."""
+    print("\n".join(map(as_markdown, tables)))
+    if directory is not None:
+        write_tables(tables, directory)
+
+
+def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:
+    """Return the paper's own tables, and with runs the table that compares them."""
+    return (*published_tables(), beside_published(runs)) if runs else published_tables()
+
+
+def say(remarks: Iterable[str]) -> None:
+    """Print remarks on standard error."""
+    for remark in remarks:
+        print(remark, file=sys.stderr)

@@ -1,0 +1,56 @@
+"""The finished noise runs of a run: which one elites are chosen by, and what it says of them."""
+
+import math
+from statistics import median
+
+from tacevo.config.recorded import RecordedRun
+from tacevo.errors import RunError
+from tacevo.studies.directory import studies_of
+from tacevo.studies.lines import ScoreLine
+
+
+def noise_digest(run: RecordedRun) -> str:
+    """Return the digest of a run's noise run; of several, that of the most networks, then seeds.
+
+    Raises:
+        RunError: there is no finished one.
+    """
+    found = [
+        (len(noise.networks), noise.seeds, noise.digest)
+        for noise in (directory.read() for directory in studies_of(run.directory.path))
+        if noise.terms is None and noise.digest is not None and noise.run == run.ledger.digest
+    ]
+    if not found:
+        path = run.directory.path
+        raise RunError(
+            "none", place=str(path), expected="a finished noise run to choose by", remedy=f"run `tacevo noise {path}`"
+        )
+    return max(found)[-1]
+
+
+def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:
+    """Return the re-estimated fitness of the networks of a noise run, by id: the median over its seeds.
+
+    A network is left out where one of its trainings failed.
+
+    Args:
+        run: the run.
+        digest: of the noise run.
+
+    Raises:
+        RunError: the run does not have it, or it was edited.
+    """
+    for directory in studies_of(run.directory.path):
+        if directory.read().digest == digest:
+            break
+    else:
+        raise RunError(
+            "none",
+            place=f"{run.directory.path}/studies",
+            expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
+            remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
+        )
+    losses: dict[str, list[float]] = {}
+    for row in directory.read_scores().rows:
+        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}

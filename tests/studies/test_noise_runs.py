@@ -1,0 +1,226 @@
+"""Promise: a noise run gives fitnesses under other seeds, as the search would, and elites can be chosen by them."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import pytest
+from refusals import refused
+from smallest import Once
+
+from analysis.report.collection import collect
+from analysis.runs.run import load_run
+from analysis.studies.noise import load_reestimates
+from analysis.studies.study import load_study
+from tacevo.cli.app import main
+from tacevo.config.recorded import read_recorded
+from tacevo.errors import RunError
+from tacevo.records import Mode, Training
+from tacevo.rules import CURRENT
+from tacevo.runs.datasets import load_same, source_of
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench
+from tacevo.storage.store import Store
+from tacevo.studies.directory import StudyDirectory, studies_of
+from tacevo.studies.lines import ScoreLine
+
+pytestmark = pytest.mark.timeout(300)
+
+NOISE = ["noise", "run", "elites=2", "seeds=2"]
+CHOSEN = ["study", "run=run", "elites=1", "seeds=1", "epochs=2", "choose=reestimated"]
+
+
+@pytest.fixture(scope="session")
+def noisy(published: Path, once: Once) -> Path:
+    """Return a directory with a run, its study and its noise run; no test may change it."""
+
+    def fill(folder: Path) -> None:
+        for name in ("run", "cache"):
+            shutil.copytree(published / name, folder / name)
+        described = json.loads((folder / "run" / "run.json").read_text())
+        described["config"]["run"]["dir"], described["config"]["store"]["root"] = "run", "cache"
+        (folder / "run" / "run.json").write_text(json.dumps(described))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            assert main(NOISE) == 0
+
+    return once("noisy", fill)
+
+
+@pytest.fixture
+def folder(noisy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a copy of them."""
+    shutil.copytree(noisy, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def noise_of(folder: Path) -> StudyDirectory:
+    """Return the noise run of a directory."""
+    (found,) = (one for one in studies_of(folder / "run") if one.path.name.startswith("noise"))
+    return found
+
+
+def rows_of(directory: StudyDirectory) -> list[ScoreLine]:
+    """Return the scores of a study or a noise run whose trainings did not fail."""
+    return [row for row in directory.read_scores().rows if isinstance(row, ScoreLine)]
+
+
+def test_noise_run_is_the_searchs_training_under_other_seeds(noisy: Path) -> None:
+    """Its evaluations differ from those of the search in the seed alone, and no test score is taken."""
+    run, directory = load_run(noisy / "run"), noise_of(noisy)
+    header, rows = directory.read_scores().header, rows_of(directory)
+    assert (header.terms, header.seeds, header.recipe.epochs) == (None, 2, run.config.training.epochs)
+    assert all((row.metrics, row.confusion, row.epoch) == ({}, None, header.recipe.epochs) for row in rows)
+    asked: dict[str, Any] = {
+        entry.key: (entry.request, entry.answer) for entry in Store(noisy / "cache", "evaluations").entries()
+    }
+    again = {row.evaluation for row in rows}
+    searched = next(request for key, (request, _) in asked.items() if key not in again)
+    seeds: set[int] = set()
+    for row in rows:
+        request, answer = asked[row.evaluation]
+        seeds.add(request["seed"])
+        assert {**request, "source": "", "seed": 0} == {**searched, "source": "", "seed": 0}
+        assert answer["training"]["validation_losses"][-1] == row.validation_loss
+    assert len(seeds) == 2
+    assert searched["seed"] not in seeds
+    studied: list[Any] = list(Store(noisy / "cache", "studies").entries())
+    assert not seeds & {entry.request["seed"] for entry in studied}
+
+
+def test_every_elite_is_trained_again_unless_fewer_are_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All is the default; each seed is new, and what is recorded already is not trained again."""
+    assert main(["noise", "run", "seeds=1"]) == 0
+    sources = {line.source for line in load_run(folder / "run").best(99)}
+    (every,) = (one for one in studies_of(folder / "run") if one.read().seeds == 1)
+    assert len(every.read().networks) == 1 + len(sources)
+    assert "fewer elites" not in capsys.readouterr().err
+    before = sorted(folder.glob("cache/*/*/*"))
+    assert main(NOISE) == 0
+    assert "(6 of 6 trainings recorded already)" in capsys.readouterr().err
+    assert sorted(folder.glob("cache/*/*/*")) == before
+
+
+def test_replay_compares_every_re_estimate(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From the store, as it does those of a study; an edited one is found."""
+    name = noise_of(folder).path.name
+    assert main(["replay", "run"]) == 0
+    assert f"study {name}: every score is as recorded" in capsys.readouterr().out
+    scores = noise_of(folder).scores
+    loss = str(rows_of(noise_of(folder))[0].validation_loss)
+    scores.write_text(scores.read_text().replace(loss, "0.123", 1))
+    assert main(["replay", "run"]) != 0
+
+
+def test_bundle_holds_the_noise_run_and_can_be_verified(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With its tables, which follow from the records byte for byte, and every entry that they need."""
+    assert main(["publish", "run", "-o", "run.zip", "--author", "A. Nyone"]) == 0
+    assert main(["replay", "run.zip"]) == 0
+    told = capsys.readouterr().out
+    assert noise_of(folder).path.name in told
+    assert "tables follow from the records, byte for byte" in told
+
+
+def test_tables_set_record_and_re_estimates_beside_each_other(noisy: Path) -> None:
+    """Of the noise run and of the study, whose losses at the search's epoch are fitnesses too."""
+    found = collect(noisy / "run", noisy / "cache")
+    assert found.left_out == ()
+    by_name = {one.name: one for one in found.reestimates}
+    assert sorted(name[:5] for name in by_name) == ["elite", "noise"]
+    noise, rows = by_name[noise_of(noisy).path.name], rows_of(noise_of(noisy))
+    best = found.run.ranked()[0]
+    again = noise.of(best.id)
+    assert again is not None
+    assert again.recorded == best.fitness
+    assert again.median == pytest.approx(median(row.validation_loss for row in rows if row.id == best.id))
+    (study,) = (one for name, one in by_name.items() if name.startswith("elites"))
+    tested = rows_of(StudyDirectory(noisy / "run" / "studies" / study.name))
+    for network in study.networks:  # of one epoch, which is the search's and the best
+        found_again = study.of(network.id)
+        assert found_again is not None
+        losses = [row.validation_loss for row in tested if row.id == network.id]
+        assert found_again.median == pytest.approx(median(losses))
+    assert len(study.rankings) == 1
+    assert noise.rankings == ()
+
+
+def test_noise_run_is_not_a_study_with_test_scores(noisy: Path) -> None:
+    """It is refused where test scores are wanted."""
+    with refused(RunError, got="a noise run", expected="test scores"):
+        load_study(noise_of(noisy).path)
+
+
+def chosen(folder: Path) -> Sequence[str]:
+    """Return the ids of the networks of the study whose elites a noise run chose."""
+    (found,) = (one.read() for one in studies_of(folder / "run") if one.read().chosen_by)
+    return [network.id for network in found.networks]
+
+
+def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By the lowest median of the noise run, whose digest the study keeps; a replay chooses by it again."""
+    rows = rows_of(noise_of(folder))
+    medians = {row.id: median(one.validation_loss for one in rows if one.id == row.id) for row in rows}
+    run = load_run(folder / "run")
+    best = min((line.id for line in run.best(99) if line.id in medians), key=medians.__getitem__)
+    assert main(CHOSEN) == 0
+    assert chosen(folder) == [run.baseline.id, best]
+    assert main(["replay", "run"]) == 0
+    shutil.rmtree(noise_of(folder).path)
+    capsys.readouterr()
+    assert main(["replay", "run"]) != 0
+    assert "that the elites of a study were chosen by" in capsys.readouterr().err
+
+
+def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None:
+    """Bit for bit what the search's training gives under that seed: more epochs and test images change nothing."""
+    assert main(["study", "run=run", "elites=1", "seeds=1", "epochs=2"]) == 0
+    run = read_recorded(folder / "run")
+    task, facts = run.record.task, run.record.data
+    studied: list[Any] = list(Store(folder / "cache", "studies").entries())
+    full = next(entry for entry in studied if entry.request["recipe"]["epochs"] == 2)
+    data = load_same(run.config, facts, Progress(), catalogue=source_of(run.config).catalogue())
+    with Workbench(run.config, task, facts, Mode.live, data=data) as bench:
+        short = bench.evaluator(CURRENT).evaluate(full.request["source"], full.request["seed"])
+    assert isinstance(short, Training)
+    assert run.config.training.epochs == 1
+    assert short.fitness == full.answer["full"]["training"]["validation_losses"][0]
+
+
+def test_choosing_without_a_noise_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In one line that names the command."""
+    shutil.rmtree(noise_of(folder).path)
+    assert main(CHOSEN) == 2
+    assert "run `tacevo noise run`" in capsys.readouterr().err
+
+
+def test_epochs_of_a_noise_run_are_the_searchs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """After others a loss would not be a fitness, so they are not a setting."""
+    assert main(["noise", "run", "epochs=3"]) == 2
+    assert "epochs" in capsys.readouterr().err
+
+
+def test_study_that_trains_otherwise_gives_no_re_estimates(noisy: Path) -> None:
+    """Where the search trained for longer, with other batches, or on other data."""
+    run = load_run(noisy / "run")
+    training, fingerprint = run.config.training, run.facts.fingerprint
+    (study,) = (one for one in studies_of(noisy / "run") if one.path.name.startswith("elites"))
+    assert load_reestimates(study, run.config, fingerprint, noisy / "cache") is not None
+    for changed in (replace(training, epochs=2), replace(training, batch_size=7)):
+        config = replace(run.config, training=changed)
+        assert load_reestimates(study, config, fingerprint, noisy / "cache") is None
+    assert load_reestimates(study, run.config, "other", noisy / "cache") is None
+
+
+def test_training_that_the_store_lacks_is_named(folder: Path) -> None:
+    """The study's scores and verdicts stay; its re-estimates are left out with the reason."""
+    shutil.rmtree(folder / "cache" / "studies")
+    found = collect(folder / "run", folder / "cache")
+    assert (len(found.studies), len(found.reestimates)) == (1, 1)
+    assert "none of baseline with seed 0" in found.left_out[0]
