@@ -6,13 +6,13 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bundles import entries_of, members_of, resealed, with_entries
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
-from tacevo.records import Json
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     assert "Motifs of" not in told.out
 
 
-def shown_in(page: Path) -> Json:
+def shown_in(page: Path) -> Any:
     """Read the contents that lie in a page."""
     found = re.search(r'<script type="application/json" id="contents">(.*?)</script>', page.read_text(), re.DOTALL)
     assert found is not None
