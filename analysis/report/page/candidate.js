@@ -45,7 +45,10 @@ function factsOf(run, one) {
           ]
         : [];
     const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
-    if (one.reestimates.length) fitness.push(["Trained again", one.reestimates.map(number).join(", ")]);
+    if (one.reestimates.length) {
+        const all = one.reestimates.map(number).join(", ");
+        fitness.push(["Trained again", `${number(d3.median(one.reestimates))}, the median of ${all}`]);
+    }
     const held = one.fitness === null ? [] : [["Niches held", nichesHeld(run, one)]];
     return facts([
         ["Came in", `generation ${one.generation}, slot ${one.slot}`],
