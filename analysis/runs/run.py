@@ -5,7 +5,7 @@ run that is not finished is rejected. Nothing is computed here beyond what the f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ArchiveKind, Scale
@@ -17,10 +17,11 @@ from tacevo.records import DataFacts, Operator, Task, to_json
 from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
 from tacevo.search.files import EliteEntry, TrialEntry, check_references, read_archives, read_finished
-from tacevo.search.lines import CandidateLine, GenerationLine, RulesLine, RunLine, eras_of
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, RulesLine, RunLine, eras_of
 from tacevo.search.unsent import not_sent
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.typed import convert
 
 #: How many of the best networks tables and figures look at, as the paper does.
@@ -126,15 +127,29 @@ def load_run(path: Path) -> Run:
     """
     directory = RunDirectory(path)
     record, ledger = read_finished(directory)
+    run = as_run(path, record, ledger)
+    networks, prompts = read_archives(directory, run.generations[-1])
+    return replace(run, elites=networks.elites, prompt_trials=prompts.trials)
+
+
+def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
+    """Return a run without its archives.
+
+    Args:
+        path: its directory.
+        record: what its run.json holds.
+        ledger: checked, with at least one generation, and nothing after the last one.
+
+    Raises:
+        RunError: candidates name others that are not there, or run.json has other settings or texts than the ledger.
+    """
     check_references(path, record, ledger.lines)
     header = next(line for line in ledger.lines if isinstance(line, RunLine))
     config = convert(
         RunConfig, record.config, place=f"{path}/run.json, config", error=RunError, remedy="restore the file"
     )
     _check_description(path, config, record.task, header)
-    candidates = tuple(line for line in ledger.lines if isinstance(line, CandidateLine))
     generations = tuple(line for line in ledger.lines if isinstance(line, GenerationLine))
-    networks, prompts = read_archives(directory, generations[-1])
     return Run(
         path=path,
         name=path.resolve().name,
@@ -143,14 +158,14 @@ def load_run(path: Path) -> Run:
         facts=header.data,
         centroids=header.centroids,
         instructions=tuple(instruction.id for instruction in record.task.instructions),
-        candidates=candidates,
+        candidates=tuple(line for line in ledger.lines if isinstance(line, CandidateLine)),
         generations=generations,
-        elites=networks.elites,
-        bounds=networks.bounds,
-        prompt_trials=prompts.trials,
+        elites=(),
+        bounds=generations[-1].bounds,
+        prompt_trials=(),
         eras=eras_of(ledger.lines),
         versions=record.versions,
-        spent=directory.read_spending(),
+        spent=RunDirectory(path).read_spending(),
     )
 
 

@@ -30,11 +30,17 @@ class Reestimates:
     name: str
     #: The baseline first.
     networks: tuple[Network, ...]
+    #: The re-estimates of each of them, seed by seed.
+    estimates: tuple[tuple[float, ...], ...]
     #: Of the search's trainings, after which a loss is a fitness.
     epochs: int
     noise: Noise
     #: How the networks rank after each epoch, beside their test scores; () of a noise run.
     rankings: tuple[Ranking, ...]
+
+    def estimates_of(self, name: str) -> tuple[float, ...]:
+        """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
+        return next((found for one, found in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
 
     def of(self, name: str) -> NetworkNoise | None:
         """Return what is known of a candidate, by its id; None where it was not trained again."""
@@ -81,6 +87,7 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
     return Reestimates(
         name=directory.path.name,
         networks=header.networks,
+        estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
         noise=noise(Draws(recorded=recorded, estimates=fitness)),
         rankings=found,

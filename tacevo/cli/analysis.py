@@ -13,13 +13,17 @@ from rich.console import Console
 from analysis.report.collection import with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
-from analysis.report.page import as_html, drawn
+from analysis.report.page.contents import PageContents
+from analysis.report.page.html import as_html
+from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.whole import page_contents
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
-from tacevo.bundles.open import opened
+from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, say, show, with_published
+from tacevo.cli.report_page import checked, commands, page_of_sweep, samples_of
+from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, read_gathered, say, show, with_published
 from tacevo.errors import ConfigError, DataError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress
@@ -42,8 +46,10 @@ def add_figures(parser: Parser) -> None:
 
 def add_report(parser: Parser) -> None:
     """Describe `tacevo report`."""
-    parser.description = "Write one HTML file that holds every table and figure of a finished run and its studies."
-    parser.add_argument("run", metavar="RUN", help=RUN)
+    parser.description = (
+        "Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into."
+    )
+    parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run or a sweep")
     parser.add_argument("-o", "--output", metavar="FILE", help="default for a directory: RUN/report.html")
     finish(parser, _report)
 
@@ -87,16 +93,29 @@ def _figures(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    path = place_of(options, "report.html")
-    with gather(options.run, options.store) as gathered:
-        tables, missing = gathered.tables()
-        pictures, undrawn = _pictures(gathered)
-    with _shown("figures", len(pictures)) as on_drawn:
-        images = [drawn(picture, on_drawn) for picture in pictures]
-    write_durably(path, as_html(gathered.found.run, tables, images, [*gathered.remarks, *missing, *undrawn]))
-    say([*missing, *undrawn])
+    path, source = place_of(options, "report.html"), Path(options.run)
+    store = existing_store(options.store)
+    with opened(source) as place:
+        gathered = [read_gathered(run, place, store) for run in place.runs]
+        if place.jobs is None:
+            page, missing = _page_of_run(gathered[0], place, source.name)
+        else:
+            page, missing = page_of_sweep([one.found for one in gathered], place, source.name)
+    write_durably(path, as_html(page))
+    say(missing)
     print(f"report: {path}")
-    return gathered.status
+    return max(one.status for one in gathered)
+
+
+def _page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a run shows, and what is missing of it."""
+    found = gathered.found
+    tables, missing = gathered.tables()
+    samples, unseen = samples_of(found.run.path, gathered.store)
+    missing += unseen
+    remarks = [*gathered.remarks, *missing]
+    shown = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks, samples=samples)
+    return page_contents([shown], title=name, checked=checked(place, name), commands=commands(name)), missing
 
 
 def _paper(options: argparse.Namespace) -> int:

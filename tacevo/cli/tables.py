@@ -16,7 +16,7 @@ from analysis.runs.run import Run, load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown
-from tacevo.bundles.open import opened
+from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.runs.profiles import recall_profiles
@@ -122,12 +122,16 @@ def gather(run: str, store: str | None) -> Iterator[Gathered]:
     """Read a run and its studies from a directory or a bundle, and print what is missing."""
     named = existing_store(store)
     with opened(Path(run)) as place:
-        is_bundle = place.root is not None
-        used = str(place.store) if is_bundle and named is None else named
-        found = collect(place.one_run(_ONE), None if used is None else Path(used))
-        gathered = Gathered(found=found, store=used, is_bundle=is_bundle)
+        gathered = read_gathered(place.one_run(_ONE), place, named)
         say(gathered.remarks)
         yield gathered
+
+
+def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
+    """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
+    is_bundle = place.root is not None
+    used = str(place.store) if is_bundle and store is None else store
+    return Gathered(found=collect(run, None if used is None else Path(used)), store=used, is_bundle=is_bundle)
 
 
 def place_of(options: argparse.Namespace, name: str) -> Path:

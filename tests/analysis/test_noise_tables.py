@@ -21,7 +21,14 @@ DRAWS = Draws(recorded=np.array([0.5, 0.4]), estimates=np.array([[0.6, 0.5, 0.7]
 def reestimates(draws: Draws = DRAWS, *, name: str = "noise1-seeds3-epochs5-00000000") -> Reestimates:
     """Make the re-estimates of a baseline and a winner."""
     networks = (network("baseline"), replace(network("variant 1"), id="g01s00"))
-    return Reestimates(name=name, networks=networks[: len(draws.recorded)], epochs=5, noise=noise(draws), rankings=())
+    return Reestimates(
+        name=name,
+        networks=networks[: len(draws.recorded)],
+        estimates=tuple(map(tuple, draws.estimates.tolist())),
+        epochs=5,
+        noise=noise(draws),
+        rankings=(),
+    )
 
 
 def searched() -> Run:

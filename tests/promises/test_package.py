@@ -28,6 +28,8 @@ def test_wheel_carries_every_config_and_no_test(wheel: Path) -> None:
     configs = {path.relative_to(ROOT) for path in (ROOT / "conf").rglob("*") if path.is_file()}
     assert {f"tacevo/{path.as_posix()}" for path in configs} <= names
     assert "analysis/__init__.py" in names
+    page = ROOT / "analysis" / "report" / "page"
+    assert {path.relative_to(ROOT).as_posix() for path in page.iterdir() if path.is_file()} <= names
     assert not {name for name in names if name.startswith(("tests/", "benchmarks/"))}
 
 

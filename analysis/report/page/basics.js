@@ -1,0 +1,69 @@
+// What all panels use: elements, numbers, links to candidates, arrow keys. Text enters the page by `append` only.
+
+const byId = (id) => document.getElementById(id);
+
+// Make an HTML element; children are elements or texts, and null is none.
+function h(name, attributes, ...children) {
+    const node = document.createElement(name);
+    for (const [key, value] of Object.entries(attributes ?? {})) {
+        if (value !== null && value !== undefined) node.setAttribute(key, value);
+    }
+    node.append(...children.filter((child) => child !== null));
+    return node;
+}
+
+// As in the tables (analysis/rounding.py): three significant digits, and all digits before the point.
+function number(value) {
+    if (value === null || value === undefined) return "–";
+    if (Number.isInteger(value)) return d3.format(",")(value);
+    const size = Math.abs(value);
+    return d3.format(size < 1e-4 ? ".2e" : size < 1000 ? ".3r" : ",.0f")(value);
+}
+
+// Show a panel and its link, or neither.
+function showPanel(id, isShown) {
+    byId(id).hidden = !isShown;
+    document.querySelector(`nav a[href="#${id}"]`).hidden = !isShown;
+}
+
+const percent = (share) => (share === null ? "–" : d3.format(".1%")(share));
+
+const counted = (count, noun) => `${number(count)} ${noun}${count === 1 ? "" : "s"}`;
+
+// A candidate's address within the page; the first part is the run's, of which a sweep has many.
+const addressOf = (run, id) => `#/${encodeURIComponent(run.name)}/${encodeURIComponent(id)}`;
+
+const linkTo = (run, id) => h("a", { href: addressOf(run, id) }, id);
+
+const listOf = (nodes) => nodes.flatMap((node, place) => (place ? [", ", node] : [node]));
+
+function instructionOf(run, candidate) {
+    if (candidate.operator === "baseline") return "baseline";
+    return candidate.prompt === null ? "crossover" : run.instructions[candidate.prompt][0];
+}
+
+// Give a group of links one stop of the Tab key; arrow keys go to the nearest link in their direction.
+function withArrowKeys(links, placeOf, first) {
+    const nodes = [...links];
+    nodes.forEach((node) => node.setAttribute("tabindex", node === first ? 0 : -1));
+    const directions = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    for (const node of nodes) {
+        node.onkeydown = (event) => {
+            const direction = directions[event.key];
+            if (direction === undefined) return;
+            event.preventDefault();
+            const [x, y] = placeOf(node);
+            const ahead = nodes.flatMap((other) => {
+                const [dx, dy] = [placeOf(other)[0] - x, placeOf(other)[1] - y];
+                const along = dx * direction[0] + dy * direction[1];
+                const aside = Math.abs(dx * direction[1]) + Math.abs(dy * direction[0]);
+                return along > 0.5 ? [[along + 2 * aside, other]] : [];
+            });
+            const nearest = d3.least(ahead, (entry) => entry[0]);
+            if (nearest === undefined) return;
+            node.setAttribute("tabindex", -1);
+            nearest[1].setAttribute("tabindex", 0);
+            nearest[1].focus();
+        };
+    }
+}

@@ -1,0 +1,186 @@
+// One candidate: what was asked, what became of it, and its source beside a parent's.
+
+function drawCandidate() {
+    const run = state.run;
+    const one = run.byId.get(state.selected);
+    const panel = byId("candidate-body");
+    if (one === undefined) {
+        byId("candidate-name").textContent = "Candidate";
+        panel.replaceChildren(h("p", null, "Choose an elite on the map, or a candidate in the table or the lineage."));
+        return;
+    }
+    byId("candidate-name").textContent = `Candidate ${one.id}`;
+    const losses = one.validation_losses.length
+        ? lineChart({
+              caption: "Loss after each epoch.",
+              xName: "epoch",
+              from: 1,
+              yName: "loss",
+              scaleOf: lossScale,
+              series: [
+                  { name: "validation", values: one.validation_losses },
+                  ...(one.train_losses.length ? [{ name: "training", values: one.train_losses }] : []),
+              ],
+          })
+        : null;
+    panel.replaceChildren(
+        ...[factsOf(run, one), requestOf(run, one), losses, sourceOf(run, one), rejectedOf(one)].filter(
+            (part) => part !== null,
+        ),
+    );
+}
+
+function facts(pairs) {
+    return h("dl", null, ...pairs.flatMap(([name, ...value]) => [h("dt", null, name), h("dd", null, ...value)]));
+}
+
+function factsOf(run, one) {
+    const path = one.repairs.map(([stage, reason]) => `rejected at ${stage} (${reason}), sent back`);
+    path.push(one.stage === null ? "trained" : `rejected at ${one.stage} (${one.reason})`);
+    const measured = one.point.length
+        ? [
+              ...run.axes.map((name, axis) => [name, number(one.point[axis])]),
+              ["Parameters", number(one.parameters)],
+              ["FLOPs", number(one.flops)],
+          ]
+        : [];
+    const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
+    if (one.reestimates.length) {
+        const all = one.reestimates.map(number).join(", ");
+        fitness.push(["Trained again", `${number(d3.median(one.reestimates))}, the median of ${all}`]);
+    }
+    const held = one.fitness === null ? [] : [["Niches held", nichesHeld(run, one)]];
+    return facts([
+        ["Came in", `generation ${one.generation}, slot ${one.slot}`],
+        ["Gate", path.join("; then ")],
+        ...fitness,
+        ...measured,
+        ...(one.status === null ? [] : [["When it came", `niche ${one.niche}: ${one.status}`]]),
+        ...held,
+        ["Parents", ...linksTo(run, one.parents)],
+        [
+            "All ancestors",
+            ...linksTo(
+                run,
+                ancestorsOf(run, one.id).filter((id) => id !== one.id),
+            ),
+        ],
+        ["Children", ...linksTo(run, run.children.get(one.id) ?? [])],
+        ["All descendants", String(descendantsOf(run, one.id).length)],
+    ]);
+}
+
+const linksTo = (run, ids) => (ids.length ? listOf(ids.map((id) => linkTo(run, id))) : ["none"]);
+
+// Say in which generations a candidate was the elite of which niche; it can move with the bounds.
+function nichesHeld(run, one) {
+    const spans = [];
+    for (const line of run.generations) {
+        const niche = line.elites.find(([, id]) => id === one.id)?.[0];
+        const last = spans.at(-1);
+        if (niche === undefined) continue;
+        if (last && last.niche === niche && last.to === line.generation - 1) last.to = line.generation;
+        else spans.push({ niche, from: line.generation, to: line.generation });
+    }
+    const words = spans.map(
+        ({ niche, from, to }) => `niche ${niche} after generation ${from === to ? from : `${from} to ${to}`}`,
+    );
+    return words.join("; ") || "none";
+}
+
+function requestOf(run, one) {
+    if (one.operator === "baseline") return h("p", null, "The task's baseline; no model was asked for it.");
+    const text = one.prompt === null ? run.crossover : run.instructions[one.prompt][1];
+    const temperature = one.temperature_sent
+        ? `Temperature ${number(one.temperature)}.`
+        : `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`;
+    return h(
+        "div",
+        null,
+        h("h4", null, `Asked for by ${one.operator}: ${instructionOf(run, one)}`),
+        h("blockquote", null, text),
+        h("p", null, temperature),
+    );
+}
+
+function rejectedOf(one) {
+    if (one.rejected === null) return null;
+    return h(
+        "div",
+        null,
+        h("h4", null, "The reason, and the rejected answer"),
+        h("pre", { tabindex: 0 }, one.rejected),
+    );
+}
+
+function sourceOf(run, one) {
+    const source = state.page.sources[one.source];
+    if (source === undefined) return null;
+    const lines = linesOf(source);
+    const code = h("code", null);
+    const show = (change) => {
+        const rows = change
+            ? changedLines(linesOf(state.page.sources[run.byId.get(change.parent).source]), lines, change.kept)
+            : lines.map((line) => [" ", line]);
+        code.replaceChildren(...rows.map(([sign, line]) => lineOf(sign, line, Boolean(change))));
+    };
+    const choice = h("select", { id: "source-choice" }, h("option", { value: "" }, "the source"));
+    one.changes.forEach((change, place) =>
+        choice.append(h("option", { value: place }, `changes since ${change.parent}`)),
+    );
+    choice.onchange = () => show(one.changes[choice.value]);
+    choice.value = one.changes.length ? "0" : "";
+    show(one.changes[choice.value]);
+    return h(
+        "div",
+        null,
+        h("p", null, h("label", null, "Show ", choice)),
+        h("pre", { class: "source", tabindex: 0, "aria-label": `source of ${one.id}` }, code),
+    );
+}
+
+// Cut a source into lines of (class, text).
+function linesOf({ text, marks }) {
+    const lines = [[]];
+    let at = 0;
+    for (const mark of marks.split(" ").filter(Boolean)) {
+        const part = text.slice(at, (at += Number(mark.slice(1))));
+        part.split("\n").forEach((piece, place) => {
+            if (place) lines.push([]);
+            if (piece) lines.at(-1).push([mark[0], piece]);
+        });
+    }
+    return lines;
+}
+
+// Put the lines that a parent lost and those that its child gained between those that were kept.
+function changedLines(parent, child, kept) {
+    const rows = [];
+    let [lost, gained] = [0, 0];
+    for (const [ofParent, ofChild, count] of [...kept, [parent.length, child.length, 0]]) {
+        while (lost < ofParent) rows.push(["−", parent[lost++]]);
+        while (gained < ofChild) rows.push(["+", child[gained++]]);
+        for (let at = 0; at < count; at++) rows.push([" ", child[gained++]]);
+        lost += count;
+    }
+    return folded(rows);
+}
+
+// Leave out lines that are far from every change.
+function folded(rows) {
+    const near = new Set(rows.flatMap(([sign], at) => (sign === " " ? [] : d3.range(at - CONTEXT, at + CONTEXT + 1))));
+    return rows.flatMap((row, at) => {
+        if (near.has(at)) return [row];
+        return at === 0 || near.has(at - 1) ? [["⋯", []]] : [];
+    });
+}
+
+const CONTEXT = 4;
+
+const SIGNS = { "−": ["del", "is-lost"], "+": ["ins", "is-gained"], " ": ["span", null], "⋯": ["span", null] };
+
+function lineOf(sign, line, isSigned) {
+    const [name, ofSign] = SIGNS[sign];
+    const parts = line.map(([kind, text]) => (kind === "t" ? text : h("span", { class: `code-${kind}` }, text)));
+    return h(name, { class: `line-of-code ${ofSign ?? ""}` }, isSigned ? `${sign} ` : "", ...parts);
+}

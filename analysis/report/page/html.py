@@ -1,0 +1,74 @@
+"""The page as one HTML file: contents as JSON, one script, one style, and a policy that lets nothing else run.
+
+What it promises: a text of a candidate, a model or a name is data to the script, which sets it as text; even if it were
+to become markup, the page's Content-Security-Policy runs no script but the one whose hash it names, and sends nothing.
+"""
+
+import base64
+import hashlib
+import json
+from functools import cache
+from importlib.resources import files
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from analysis.report.page.contents import PageContents
+from tacevo.records import to_json
+
+#: The script's parts in order: D3 (https://d3js.org, see d3.LICENSE), then the page's own, which share one scope.
+SCRIPTS = (
+    "d3.min.js",
+    *("basics.js", "charts.js", "map.js", "candidate.js", "lineage.js"),
+    *("table.js", "dynamics.js", "studies.js", "main.js"),
+)
+
+
+def as_html(contents: PageContents) -> str:
+    """Write the page."""
+    library, *own = (_part(name) for name in SCRIPTS)
+    script = f'{library}\n(() => {{\n"use strict";\n{"".join(own)}}})();\n'
+    style = _part("style.css")
+    template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_part("page.html.jinja"))
+    return template.render(
+        title=contents.title,
+        policy=_policy(script, style, live=contents.live),
+        style=Markup(style),
+        script=Markup(script),
+        contents=Markup(json_in_html(as_json(contents))),
+    )
+
+
+def as_json(contents: PageContents) -> str:
+    """Write the contents as JSON in ASCII; a running search's page asks for this."""
+    return json.dumps(to_json(contents), allow_nan=False, separators=(",", ":"))
+
+
+def json_in_html(text: str) -> str:
+    """Escape what could end a script element or open a comment; the JSON stays the same value."""
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+@cache
+def _part(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _policy(script: str, style: str, *, live: bool) -> str:
+    """Allow this very script, this very style, and images that lie in the page; a live page may ask its own server."""
+    rules = {
+        "default-src": "'none'",
+        "script-src": _hash(script),
+        "style-src": _hash(style),
+        "img-src": "data:",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+    }
+    if live:
+        rules["connect-src"] = "'self'"
+    return "; ".join(f"{name} {value}" for name, value in rules.items())
+
+
+def _hash(text: str) -> str:
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+    return f"'sha256-{digest}'"

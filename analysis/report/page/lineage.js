@@ -1,0 +1,146 @@
+// Where networks come from: the best one's line back to the baseline, and all elites with their ancestors.
+
+function ancestorsOf(run, id) {
+    const found = new Set();
+    const waiting = [id];
+    while (waiting.length) {
+        const name = waiting.pop();
+        if (found.has(name)) continue;
+        found.add(name);
+        waiting.push(...run.byId.get(name).parents);
+    }
+    return run.candidates.filter((one) => found.has(one.id)).map((one) => one.id);
+}
+
+function descendantsOf(run, id) {
+    const found = new Set();
+    const waiting = [...(run.children.get(id) ?? [])];
+    while (waiting.length) {
+        const name = waiting.pop();
+        if (!found.has(name)) waiting.push(...(run.children.get(name) ?? []));
+        found.add(name);
+    }
+    return [...found];
+}
+
+const bestOf = (run) => d3.least(run.generations.at(-1).elites, ([, id]) => run.byId.get(id).fitness)?.[1];
+
+function drawLineage() {
+    const run = state.run;
+    const best = bestOf(run);
+    byId("lineage-line").replaceChildren(...(best === undefined ? [] : lineTo(run, best)));
+    drawTree(run);
+}
+
+// Follow the better parent of each network back to the baseline.
+function lineTo(run, id) {
+    const items = [];
+    for (let one = run.byId.get(id); one !== undefined;) {
+        const parents = d3.sort(
+            one.parents.map((name) => run.byId.get(name)),
+            (parent) => parent.fitness,
+        );
+        const by = parents.length
+            ? `${instructionOf(run, one)}${
+                  parents.length > 1
+                      ? ` with ${parents
+                            .slice(1)
+                            .map((other) => other.id)
+                            .join(", ")}`
+                      : ""
+              }`
+            : "baseline";
+        items.unshift(
+            h("li", null, h("span", { class: "edge" }, by), linkTo(run, one.id), ` loss ${number(one.fitness)}`),
+        );
+        one = parents[0];
+    }
+    return items;
+}
+
+const TREE = { left: 40, top: 14, step: 26, column: 96, width: 720 };
+
+// The baseline stands before generation 0.
+const columnOf = (one) => (one.operator === "baseline" ? -1 : one.generation);
+
+function drawTree(run) {
+    const elites = new Set(run.generations.at(-1).elites.map(([, id]) => id));
+    const names = new Set([...elites].flatMap((id) => ancestorsOf(run, id)));
+    const nodes = run.candidates.filter((one) => names.has(one.id));
+    const place = new Map();
+    const columns = d3.group(nodes, columnOf);
+    const tallest = d3.max([...columns.values()], (column) => column.length) ?? 0;
+    const width = Math.max(TREE.width, TREE.left * 2 + TREE.column * run.generations.length);
+    const height = TREE.top * 2 + TREE.step * Math.max(tallest, 4) + 20;
+    const x = d3.scaleLinear([-1, Math.max(run.generations.length - 1, 1)], [TREE.left, width - TREE.left]);
+    for (const [generation, column] of columns) {
+        const wish = (one) => d3.mean(one.parents, (id) => place.get(id)?.[1]) ?? height / 2;
+        d3.sort(column, wish).forEach((one, at) => {
+            place.set(one.id, [x(generation), height / 2 + (at - (column.length - 1) / 2) * TREE.step - 6]);
+        });
+    }
+    const svg = d3.create("svg").attr("viewBox", `0 0 ${width} ${height}`).attr("width", width).attr("height", height);
+    svg.attr("role", "group").attr(
+        "aria-label",
+        "Elites and their ancestors by generation. Arrow keys go to the next one.",
+    );
+    for (const generation of columns.keys()) {
+        svg.append("text")
+            .attr("class", "muted")
+            .attr("x", x(generation))
+            .attr("y", height - 2)
+            .attr("text-anchor", "middle")
+            .text(generation < 0 ? "baseline" : generation);
+    }
+    const edges = nodes.flatMap((one) => one.parents.map((parent) => ({ parent, one })));
+    const link = d3
+        .linkHorizontal()
+        .source(({ parent }) => place.get(parent))
+        .target(({ one }) => place.get(one.id));
+    const groups = svg.append("g").selectAll("g").data(edges).join("g").attr("class", "edge");
+    groups
+        .append("path")
+        .attr("d", link)
+        .append("title")
+        .text(({ parent, one }) => `${parent} to ${one.id}: ${instructionOf(run, one)}`);
+    groups
+        .append("text")
+        .attr("text-anchor", "middle")
+        .text(({ one }) => instructionOf(run, one))
+        .attr("x", ({ parent, one }) => (place.get(parent)[0] + place.get(one.id)[0]) / 2)
+        .attr("y", ({ parent, one }) => (place.get(parent)[1] + place.get(one.id)[1]) / 2 - 3);
+    const scale = colouring(run, "fitness");
+    const links = svg
+        .append("g")
+        .selectAll("a")
+        .data(nodes)
+        .join("a")
+        .attr("href", (one) => addressOf(run, one.id));
+    links.attr(
+        "aria-label",
+        (one) =>
+            `${one.id}, by ${instructionOf(run, one)} from ${one.parents.join(" and ") || "nothing"}, loss ${number(one.fitness)}`,
+    );
+    links.attr("transform", (one) => `translate(${place.get(one.id)})`).attr("class", "node");
+    links
+        .append("path")
+        .attr("fill", (one) => scale.of(one))
+        .attr("d", (one) =>
+            d3.symbol(elites.has(one.id) ? d3.symbolCircle : d3.symbolSquare, elites.has(one.id) ? 90 : 45)(),
+        );
+    links.append("title").text((one) => `${one.id}: loss ${number(one.fitness)}`);
+    const box = byId("lineage-tree");
+    box.replaceChildren(svg.node());
+    const shown = names.has(state.selected) ? state.selected : bestOf(run);
+    if (shown !== undefined) box.scrollLeft = place.get(shown)[0] - box.clientWidth / 2;
+    const first = links.nodes().find((node) => d3.select(node).datum().id === shown);
+    withArrowKeys(links.nodes(), (node) => place.get(d3.select(node).datum().id), first);
+    const light = (id) => {
+        const line = new Set(id === undefined ? [] : ancestorsOf(run, id));
+        groups.classed("is-lit", ({ parent, one }) => line.has(parent) && line.has(one.id));
+        links.classed("is-lit", (one) => line.has(one.id)).classed("is-selected", (one) => one.id === state.selected);
+    };
+    const rest = () => light(shown);
+    links.on("pointerenter focus", (_, one) => light(one.id)).on("pointerleave blur", rest);
+    rest();
+}

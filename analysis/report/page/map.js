@@ -1,0 +1,179 @@
+// The archive map: the niches of the network archive and what held them after the chosen generation.
+
+const COLOURS = {
+    fitness: { name: "validation loss", value: (one) => one.fitness, isReversed: true },
+    generation: { name: "generation", value: (one) => one.generation, isLinear: true },
+    parameters: { name: "parameters", value: (one) => one.parameters },
+    flops: { name: "FLOPs", value: (one) => one.flops },
+};
+
+const MAP = { width: 560, height: 500, left: 62, right: 12, top: 12, bottom: 44 };
+const mapX = d3.scaleLinear([0, 1], [MAP.left, MAP.width - MAP.right]);
+const mapY = d3.scaleLinear([0, 1], [MAP.height - MAP.bottom, MAP.top]);
+
+const cellPath = (corners) => `M${corners.map(([x, y]) => `${mapX(x)},${mapY(y)}`).join("L")}Z`;
+
+// Where a network stands: clipped to the bounds, as the archive clips it; in the middle of an axis without extent.
+function placeOnMap(point, bounds) {
+    const places = point.map((value, axis) => {
+        const [low, high] = bounds[axis];
+        return high > low ? Math.min(Math.max((value - low) / (high - low), 0), 1) : 0.5;
+    });
+    return [places[0], places[1] ?? 0.5];
+}
+
+// Return the colour of a candidate, and of a value. One scale holds for all generations, from the least to the greatest
+// value of the last one; an elite beyond it has the colour of its end.
+function colouring(run, choice) {
+    const { value, isReversed, isLinear } = COLOURS[choice];
+    let [low, high] = d3.extent(run.generations.at(-1).elites, ([, id]) => value(run.byId.get(id)));
+    if (low === undefined) [low, high] = [0, 1];
+    const isLog = !isLinear && low > 0 && high > low;
+    const place = isLog
+        ? d3.scaleLog([low, high], [0, 1])
+        : d3.scaleLinear([low, high === low ? low + 1 : high], [0, 1]);
+    place.clamp(true);
+    const colour = (one) => d3.interpolateCividis(isReversed ? 1 - place(one) : place(one));
+    return { of: (candidate) => colour(value(candidate)), colour, at: (part) => place.invert(part), low, high };
+}
+
+function drawMap() {
+    const run = state.run;
+    const slider = byId("generation");
+    slider.max = run.generations.length - 1;
+    slider.value = state.generation;
+    byId("map-drawing").replaceChildren();
+    const svg = d3.select("#map-drawing").append("svg").attr("viewBox", `0 0 ${MAP.width} ${MAP.height}`);
+    svg.attr("role", "group").attr("aria-label", "Elites on the archive map. Arrow keys go to the next one.");
+    svg.append("rect")
+        .attr("class", "empty")
+        .attr("x", MAP.left)
+        .attr("y", MAP.top)
+        .attr("width", MAP.width - MAP.left - MAP.right)
+        .attr("height", MAP.height - MAP.top - MAP.bottom);
+    svg.append("g")
+        .attr("class", "cells")
+        .selectAll("path")
+        .data(run.cells)
+        .join("path")
+        .attr("class", "empty")
+        .attr("d", cellPath);
+    svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
+    svg.append("g").attr("class", "lost");
+    svg.append("g").attr("class", "elites");
+    fillMap();
+}
+
+// Draw what depends on the generation or the choice of colours.
+function fillMap() {
+    const run = state.run;
+    const line = run.generations[state.generation];
+    const before = new Map(state.generation ? run.generations[state.generation - 1].elites : []);
+    const now = new Map(line.elites);
+    const lost = [...before.keys()].filter((niche) => !now.has(niche));
+    const scale = colouring(run, state.colour);
+    const best = d3.least(line.elites, ([, id]) => run.byId.get(id).fitness)?.[1];
+    const svg = d3.select("#map-drawing svg");
+    svg.select(".lost")
+        .selectAll("path")
+        .data(run.cells.length ? lost : [])
+        .join("path")
+        .attr("d", (niche) => cellPath(run.cells[niche]));
+    const links = svg
+        .select(".elites")
+        .selectAll("a")
+        .data(line.elites, ([niche]) => niche)
+        .join((entered) => {
+            const link = entered.append("a");
+            link.append("path").attr("class", "cell");
+            link.append("path").attr("class", "point");
+            return link;
+        });
+    const placeOf = ([, id]) => placeOnMap(run.byId.get(id).point, line.bounds);
+    links.attr("href", ([, id]) => addressOf(run, id));
+    links.attr("aria-label", ([niche, id]) => eliteWords(run, niche, id));
+    links
+        .classed("is-new", ([niche, id]) => before.get(niche) !== id)
+        .classed("is-selected", ([, id]) => id === state.selected);
+    const rank = ([niche, id]) => (id === state.selected ? 2 : Number(before.get(niche) !== id));
+    links.sort((a, b) => rank(a) - rank(b)); // an edge that says something lies above its neighbours'
+    links.select(".cell").attr("d", ([niche]) => (run.cells.length ? cellPath(run.cells[niche]) : null));
+    links.select(".cell").attr("fill", ([, id]) => scale.of(run.byId.get(id)));
+    links
+        .select(".point")
+        .attr("d", ([, id]) => (id === best ? d3.symbol(d3.symbolStar, 90)() : d3.symbol(d3.symbolCircle, 22)()));
+    links.select(".point").classed("is-best", ([, id]) => id === best);
+    links.select(".point").attr("transform", (elite) => {
+        const [x, y] = placeOf(elite);
+        return `translate(${mapX(x)},${mapY(y)})`;
+    });
+    if (!run.cells.length) links.select(".point").attr("fill", ([, id]) => scale.of(run.byId.get(id)));
+    const say = ([niche, id]) => (byId("map-readout").textContent = eliteWords(run, niche, id));
+    links.on("pointerenter focus", (_, elite) => say(elite));
+    const nodes = links.nodes();
+    const first = nodes.find((node) => d3.select(node).datum()[1] === (state.selected ?? best)) ?? nodes[0];
+    withArrowKeys(
+        nodes,
+        (node) => placeOf(d3.select(node).datum()).map((part, axis) => 500 * (axis ? 1 - part : part)),
+        first,
+    );
+    drawMapAxes(svg, run, line);
+    const changed = line.elites.filter(([niche, id]) => before.get(niche) !== id).length;
+    const holds = `${now.size} of ${run.places} ${run.cells.length ? "niches" : "places"} held`;
+    const moved = lost.length ? `; ${lost.length} emptied because the bounds moved` : "";
+    byId("generation-words").textContent =
+        `Generation ${line.generation}: ${holds}, ${changed} by a new elite${moved}.`;
+    byId("generation").setAttribute("aria-valuetext", byId("generation-words").textContent);
+    const bar = scale.high > scale.low ? colourBar(scale.colour, scale.at, scale.low, scale.high) : "";
+    byId("map-colours").replaceChildren(
+        `${COLOURS[state.colour].name} of the elite, between the ends of the last generation`,
+        bar,
+    );
+}
+
+function drawMapAxes(svg, run, line) {
+    const axes = svg.select(".axes");
+    axes.selectAll("*").remove();
+    const [x, y] = line.bounds.map(([low, high]) => d3.scaleLinear([low, high > low ? high : low + 1], [0, 1]));
+    const bottom = MAP.height - MAP.bottom;
+    for (const tick of x ? x.ticks(6) : []) {
+        axes.append("line")
+            .attr("x1", mapX(x(tick)))
+            .attr("x2", mapX(x(tick)))
+            .attr("y1", bottom)
+            .attr("y2", bottom + 5);
+        axes.append("text")
+            .attr("x", mapX(x(tick)))
+            .attr("y", bottom + 17)
+            .attr("text-anchor", "middle")
+            .text(shortly(tick));
+    }
+    for (const tick of y ? y.ticks(6) : []) {
+        axes.append("line")
+            .attr("x1", MAP.left - 5)
+            .attr("x2", MAP.left)
+            .attr("y1", mapY(y(tick)))
+            .attr("y2", mapY(y(tick)));
+        axes.append("text")
+            .attr("x", MAP.left - 8)
+            .attr("y", mapY(y(tick)))
+            .attr("dy", "0.32em")
+            .attr("text-anchor", "end")
+            .text(shortly(tick));
+    }
+    axes.append("text")
+        .attr("x", mapX(0.5))
+        .attr("y", MAP.height - 6)
+        .attr("text-anchor", "middle")
+        .text(run.axes[0]);
+    axes.append("text")
+        .attr("transform", `translate(14,${mapY(0.5)}) rotate(-90)`)
+        .attr("text-anchor", "middle")
+        .text(run.axes[1] ?? "");
+}
+
+function eliteWords(run, niche, id) {
+    const one = run.byId.get(id);
+    const sizes = `${counted(one.parameters, "parameter")}, ${counted(one.flops, "FLOP")}`;
+    return `${id}, niche ${niche}: loss ${number(one.fitness)}, ${sizes}, by ${instructionOf(run, one)}`;
+}

@@ -1,0 +1,319 @@
+"""What the page shows of one run."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.report.collection import Collection, Compared
+from analysis.report.page.contents import (
+    Candidate,
+    Change,
+    Corners,
+    Generation,
+    RunContents,
+    Source,
+    StudyContents,
+    TableContents,
+    Tested,
+    Trial,
+    Yield,
+)
+from analysis.report.page.sources import kept_lines, marked
+from analysis.rounding import shown
+from analysis.runs.archive_history import archive_history, archive_medians
+from analysis.runs.coverage_map import descriptors
+from analysis.runs.dynamics import Productivity, by_prompt, by_temperature, progress
+from analysis.runs.niches import cells
+from analysis.runs.prompt_niches import reachable_prompt_niches
+from analysis.runs.run import Run
+from analysis.studies.metrics import metric_name
+from analysis.studies.scores import LOWER_IS_BETTER
+from analysis.table import PValue, Table
+from analysis.tables.rendering import numeric_columns
+from tacevo.choices import Axis, PromptPolicy, Scale
+from tacevo.config.identity import identity
+from tacevo.records import Kind
+from tacevo.search.lines import CandidateLine, eras_in_words
+from tacevo.storage.run_directory import RunDirectory, RunRecord
+
+#: Decimals of a cell's corners: a thousandth of a pixel.
+_CORNERS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """What a run's directory holds beside its ledger and archives."""
+
+    record: RunRecord
+    #: By candidate: the source that its line has the hash of; or, of a rejected one, the reason and the answer.
+    texts: Mapping[str, str]
+
+
+def read_recorded(run: Run) -> Recorded:
+    """Read run.json and the candidates' files; a source that is not the ledger's is left out.
+
+    Raises:
+        RunError: run.json is damaged.
+    """
+    directory = RunDirectory(run.path)
+    texts = {line.id: directory.read_kept(line.id) for line in run.candidates}
+    own = {line.id: text for line in run.candidates if (text := texts[line.id]) is not None and _is_own(line, text)}
+    return Recorded(record=directory.read_run(), texts=own)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMaterial:
+    """What the page of a run is made from."""
+
+    found: Collection
+    recorded: Recorded
+    #: Of the run and its studies.
+    tables: Sequence[Table] = ()
+    #: Sentences that stand above all.
+    remarks: Sequence[str] = ()
+    #: Sample images, as a `data:` address.
+    samples: str | None = None
+
+
+def run_contents(given: RunMaterial) -> RunContents:
+    """Return all that the page shows of a run but its sources (`run_sources`)."""
+    found, recorded, tables = given.found, given.recorded, given.tables
+    run, task = found.run, recorded.record.task
+    has_prompts = run.config.prompts.policy is not PromptPolicy.none
+    reached = reachable_prompt_niches(run, found.niches.prompts) if has_prompts else frozenset()
+    lost = [line.id for line in run.candidates if line.source is not None and line.id not in recorded.texts]
+    missing = [f"no source, because the file is missing or was edited: {', '.join(lost)}"] if lost else []
+    return RunContents(
+        name=run.name,
+        headlines=_headlines(run),
+        remarks=(*given.remarks, *missing),
+        axes=tuple(_axis_name(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
+        cells=_cells(found.niches.networks),
+        places=run.places,
+        instructions=tuple((instruction.id, instruction.text) for instruction in task.instructions),
+        crossover=task.crossover,
+        candidates=_candidates(found, recorded.texts),
+        generations=_generations(run, found.niches.networks),
+        prompt_cells=_cells(found.niches.prompts) if has_prompts else (),
+        unreachable=tuple(sorted(set(range(len(found.niches.prompts))) - reached)) if has_prompts else (),
+        trials=tuple(
+            Trial(
+                niche=trial.niche,
+                prompt=trial.prompt,
+                temperature=trial.temperature,
+                curiosity=trial.curiosity,
+                inserted=trial.inserted,
+            )
+            for trial in run.prompt_trials
+        ),
+        by_instruction=tuple(map(_yield, by_prompt(run))),
+        by_temperature=tuple(map(_yield, by_temperature(run))),
+        studies=tuple(_study(compared, tables) for compared in found.studies),
+        tables=tuple(table_contents(table) for table in tables if not _of_study(table, found.studies)),
+        samples=given.samples,
+        provenance=_provenance(run, recorded.record),
+        settings=identity(run.config),
+    )
+
+
+def run_sources(run: Run, texts: Mapping[str, str]) -> dict[str, Source]:
+    """Return the sources of a run's candidates by their hash."""
+    return {line.source: marked(texts[line.id]) for line in run.candidates if line.source and line.id in texts}
+
+
+def table_contents(table: Table) -> TableContents:
+    """Round the cells of a table."""
+    return TableContents(
+        caption=table.caption,
+        columns=table.columns,
+        numeric=tuple(numeric_columns(table)),
+        rows=tuple(tuple(map(shown, row)) for row in table.rows),
+        notes=table.notes,
+    )
+
+
+def _is_own(line: CandidateLine, text: str) -> bool:
+    return line.source is None or hashlib.sha256(text.encode()).hexdigest() == line.source
+
+
+def _headlines(run: Run) -> tuple[str, str, str]:
+    """Say what was searched, with which model and data, and what it rests on."""
+    config, best = run.config, run.generations[-1].best
+    losses = f"; best validation loss {shown(best)}" if best is not None else ""
+    if losses and run.baseline.fitness is not None:
+        losses += f", the baseline's {shown(run.baseline.fitness)}"
+    size = f"{len(run.candidates)} candidates in {len(run.generations)} generations"
+    images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
+    return (
+        f"Task: {run.task}. {size}, seed {config.seed}{losses}.",
+        f"Model: {config.llm.model}, provider: {config.llm.provider}. Data source: {config.data.source}, {images}.",
+        f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {eras_in_words(run.eras)}.",
+    )
+
+
+def _axis_name(axis: Axis, scale: Scale) -> str:
+    if axis is Axis.arch_div:
+        return "Architectural Diversity"
+    return "Efficiency Ratio" if scale is Scale.linear else "log10 Efficiency Ratio"
+
+
+def _cells(centroids: NDArray[np.float64]) -> tuple[Corners, ...]:
+    """Return the cells of an archive of two axes, or the bands of one axis; none without niches."""
+    if centroids.shape[1] == 1 and len(centroids):
+        return _bands(centroids[:, 0])
+    polygons = cells(centroids) if len(centroids) else ()
+    return tuple(tuple((x, y) for x, y in polygon.round(_CORNERS).tolist()) for polygon in polygons)
+
+
+def _bands(centres: NDArray[np.float64]) -> tuple[Corners, ...]:
+    """Cut [0, 1] half-way between neighbours; a band is as high as the map."""
+    order = np.argsort(centres)
+    inner = (centres[order][1:] + centres[order][:-1]) / 2
+    edges = np.concatenate([[0.0], inner, [1.0]]).round(_CORNERS).tolist()
+    found: dict[int, Corners] = {}
+    for niche, low, high in zip(order.tolist(), edges, edges[1:], strict=False):
+        found[niche] = ((low, 0.0), (high, 0.0), (high, 1.0), (low, 1.0))
+    return tuple(found[niche] for niche in range(len(centres)))
+
+
+def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate, ...]:
+    run = found.run
+    points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
+    sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
+    return tuple(
+        Candidate(
+            id=line.id,
+            generation=line.generation,
+            slot=line.slot,
+            operator=line.operator,
+            parents=line.parents,
+            prompt=line.prompt,
+            temperature=line.temperature,
+            temperature_sent=line.sent_temperature is not None,
+            repairs=tuple((sent.stage, sent.reason) for sent in line.repairs),
+            stage=line.stage,
+            reason=line.reason,
+            source=line.source if line.id in sources else None,
+            rejected=texts.get(line.id) if line.source is None else None,
+            changes=tuple(
+                Change(parent=parent, kept=kept_lines(sources[parent], sources[line.id]))
+                for parent in dict.fromkeys(line.parents)
+                if parent in sources and line.id in sources
+            ),
+            parameters=line.parameters,
+            flops=line.flops,
+            point=tuple(points.get(line.id, ())),
+            fitness=line.fitness,
+            train_losses=line.train_losses or (),
+            validation_losses=line.validation_losses or (),
+            reestimates=tuple(value for one in found.reestimates for value in one.estimates_of(line.id)),
+            niche=line.niche,
+            status=line.status,
+        )
+        for line in run.candidates
+    )
+
+
+def _generations(run: Run, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
+    entries = zip(progress(run), archive_medians(run, centroids), archive_history(run, centroids), strict=True)
+    raw = descriptors(run)
+    born = np.array([line.generation for line in run.trained])
+    return tuple(
+        Generation(
+            generation=entry.line.generation,
+            temperature=entry.line.temperature,
+            candidates=entry.line.candidates,
+            trained=entry.line.trained,
+            rejected=entry.rejected,
+            best=entry.line.best,
+            archive_median=median,
+            generation_median=entry.line.generation_median,
+            coverage=entry.line.coverage,
+            prompt_coverage=entry.line.prompt_coverage,
+            qd_score=entry.line.qd_score,
+            tokens=None if entry.spent is None else entry.spent.input_tokens + entry.spent.output_tokens,
+            usd=None if entry.spent is None or entry.spent.unpriced else entry.spent.usd,
+            bounds=tuple(zip(entry.line.bounds.low, entry.line.bounds.high, strict=True))
+            if entry.line.bounds is not None
+            else _extent(raw[born <= entry.line.generation]),
+            elites=tuple((niche, elite.name) for niche, elite in sorted(archive.elites.items())),
+        )
+        for entry, median, archive in entries
+    )
+
+
+def _extent(points: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    """Return (low, high) of each axis, for an archive that has no bounds; () before anything was trained."""
+    if not len(points):
+        return ()
+    return tuple((low, high) for low, high in zip(points.min(0).tolist(), points.max(0).tolist(), strict=True))
+
+
+def _yield(found: Productivity) -> Yield:
+    return Yield(name=found.name, tried=found.tried, inserted=found.inserted, interval=found.interval)
+
+
+def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
+    """Return whether a table is a study's: its name then ends in the study's (`collection.tables_of`)."""
+    return any(table.name.endswith(f"_{compared.name}") for compared in studies)
+
+
+def _study(compared: Compared, tables: Sequence[Table]) -> StudyContents:
+    study = compared.study
+    variants = () if compared.comparisons is None else compared.comparisons.variants
+    verdicts = {one.network: f"{one.verdict}, Holm's p {_relation(one.p_holm)}" for one in variants}
+    matrices = {(score.network, score.seed): score.confusion for score in study.scores}
+    is_classification = study.kind is Kind.classification
+    return StudyContents(
+        name=compared.name,
+        metric=metric_name(study.primary),
+        lower_is_better=LOWER_IS_BETTER[study.primary],
+        names=study.names,
+        networks=tuple(
+            Tested(
+                name=network.name,
+                id=network.id,
+                values=tuple(study.values(network.name, study.primary).tolist()),
+                verdict=verdicts.get(network.name),
+                confusion=matrices[network.name, study.median_seed(network.name)] if is_classification else None,
+            )
+            for network in study.networks
+        ),
+        tables=tuple(table_contents(table) for table in tables if _of_study(table, [compared])),
+    )
+
+
+def _relation(value: float) -> str:
+    text = shown(PValue(value))
+    return f"< {text[1:]}" if text.startswith("<") else f"= {text}"
+
+
+def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
+    train, validation, test = run.facts.counts
+    code = record.code
+    commit = "not known" if code is None else f"{code.commit}{' and changes since' if code.dirty else ''}"
+    walls = {}
+    for number, measures in enumerate(record.confinement, start=1):
+        words = "; ".join(f"{name}: {state}" for name, state in measures.items())
+        walls["confinement" if len(record.confinement) == 1 else f"confinement {number}"] = words
+    found = {
+        "run": run.name,
+        "digest": run.digest,
+        "task": run.task,
+        "seed": str(run.config.seed),
+        "model": run.config.llm.model,
+        "provider": str(run.config.llm.provider),
+        "data source": str(run.config.data.source),
+        "data fingerprint": run.facts.fingerprint,
+        "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test",
+        "numerics": str(run.config.numerics.kind),
+        "rules": eras_in_words(run.eras),
+        "commit": commit,
+        **{f"version of {name}": number for name, number in run.versions.items()},
+        **{f"machine: {name}": str(value) for name, value in record.machine.items()},
+        **walls,
+    }
+    return tuple(found.items())

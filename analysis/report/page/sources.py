@@ -1,0 +1,47 @@
+"""Source texts for the page: which letters are what, and which lines a child kept of a parent."""
+
+from difflib import SequenceMatcher
+from functools import cache, lru_cache
+from itertools import groupby
+
+from pygments.lexers.python import PythonLexer
+from pygments.token import Comment, Keyword, Name, Number, Operator, String, _TokenType
+
+from analysis.report.page.contents import Source
+
+#: What the page colours, by the letter of its class; the rest is `t`.
+CLASSES: dict[str, tuple[_TokenType, ...]] = {
+    "c": (Comment, String.Doc),
+    "s": (String,),
+    "n": (Number,),
+    "k": (Keyword, Operator.Word),
+    "d": (Name.Function, Name.Class, Name.Decorator),
+    "b": (Name.Builtin,),
+}
+
+_LEXER = PythonLexer()
+
+
+@lru_cache(maxsize=4096)  # a page of a running search is made again after every generation
+def marked(text: str) -> Source:
+    """Return a source text with the classes of its letters, whatever it holds: what is not Python is plain text."""
+    parts = ((_class_of(token), _units(part)) for _, token, part in _LEXER.get_tokens_unprocessed(text))
+    runs = ((name, sum(units for _, units in group)) for name, group in groupby(parts, key=lambda part: part[0]))
+    return Source(text=text, marks=" ".join(f"{name}{units}" for name, units in runs))
+
+
+@lru_cache(maxsize=8192)
+def kept_lines(parent: str, child: str) -> tuple[tuple[int, int, int], ...]:
+    """Return which lines of a parent a child kept: (first line of the parent, first line of the child, number)."""
+    matcher = SequenceMatcher(None, parent.split("\n"), child.split("\n"), autojunk=False)
+    return tuple((match.a, match.b, match.size) for match in matcher.get_matching_blocks() if match.size)
+
+
+@cache
+def _class_of(token: _TokenType) -> str:
+    return next((name for name, kinds in CLASSES.items() if any(token in kind for kind in kinds)), "t")
+
+
+def _units(part: str) -> int:
+    """Count UTF-16 units; a lone surrogate, which a damaged file can hold, is one."""
+    return len(part.encode("utf-16-le", "surrogatepass")) // 2

@@ -1,0 +1,74 @@
+"""A run that may not be finished, as far as its whole generations go: as if it had been that many generations long."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from analysis.runs.archive_history import archive_history
+from analysis.runs.coverage_map import descriptors
+from analysis.runs.niches import Niches, load_niches
+from analysis.runs.run import Run, as_run, was_inserted
+from tacevo.search.archive import AddStatus
+from tacevo.search.files import EliteEntry, TrialEntry, read_ledger
+from tacevo.search.lines import GenerationLine
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import RunDirectory
+
+
+def load_begun(path: Path, store: Path | None = None) -> tuple[Run, Niches] | None:
+    """Read a run and its niches; None before its first generation has ended.
+
+    Its digest is that of a run of so many generations. Both archives follow from the ledger, because their files may be
+    older or newer than the lines that were read.
+
+    Args:
+        path: the run directory.
+        store: where its stores lie, if not where the run has them.
+
+    Raises:
+        RunError: there is no run.json, or something of the run was damaged or edited.
+        StoreError: the store's entry of its niches is damaged.
+    """
+    directory = RunDirectory(path)
+    record, ledger = directory.read_run(), read_ledger(directory)
+    ends = [number for number, line in enumerate(ledger.lines, start=1) if isinstance(line, GenerationLine)]
+    if not ends:
+        return None
+    run = as_run(path, record, Sealed(ledger.lines[: ends[-1]], ledger.hashes[: ends[-1]]))
+    niches = load_niches(run, store)
+    return replace(run, elites=_elites(run, niches), prompt_trials=_trials(run, niches)), niches
+
+
+def _elites(run: Run, niches: Niches) -> tuple[EliteEntry, ...]:
+    """Return the elites of the network archive after the last generation, niche by niche."""
+    held = archive_history(run, niches.networks)[-1].elites
+    points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
+    return tuple(
+        EliteEntry(
+            niche=niche,
+            centroid=tuple(niches.networks[niche].tolist()) if run.has_niches else None,
+            id=elite.name,
+            fitness=-elite.objective,
+            descriptors=tuple(points[elite.name]),
+        )
+        for niche, elite in sorted(held.items())
+    )
+
+
+def _trials(run: Run, niches: Niches) -> tuple[TrialEntry, ...]:
+    """Return the occupants of the prompt archive: in each niche the last one that was let in."""
+    temperatures = {line.generation: line.temperature for line in run.generations}
+    found = {}
+    for line in run.candidates:
+        let_in = line.prompt_status in {AddStatus.new, AddStatus.improved}
+        if let_in and line.prompt is not None and line.prompt_niche is not None and line.curiosity is not None:
+            found[line.prompt_niche] = TrialEntry(
+                niche=line.prompt_niche,
+                centroid=tuple(niches.prompts[line.prompt_niche].tolist()),
+                id=line.id,
+                instruction=run.instructions[line.prompt],
+                prompt=line.prompt,
+                temperature=temperatures[line.generation],
+                inserted=was_inserted(line),
+                curiosity=line.curiosity,
+            )
+    return tuple(found[niche] for niche in sorted(found))

@@ -1,0 +1,232 @@
+"""The command `tacevo watch`: the report page of a search that may still run, served to this machine alone.
+
+What it promises: it listens on 127.0.0.1; who asks needs the token in the address, and a Host that is this machine's,
+so that no page from elsewhere reaches it by a name of its own; it answers GET, and writes nothing.
+"""
+
+import argparse
+import contextlib
+import hashlib
+import secrets
+import threading
+import webbrowser
+from dataclasses import replace
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+from analysis.report.collection import Collection, collect, tables_of
+from analysis.report.page.contents import PageContents, SweepContents
+from analysis.report.page.html import as_html, as_json
+from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.of_sweep import sweep_contents
+from analysis.report.page.whole import page_contents
+from analysis.report.sweep_collection import collect_sweep
+from analysis.runs.begun import load_begun
+from tacevo.cli.common import DONE, Parser, existing_store
+from tacevo.errors import ConfigError, TacevoError
+from tacevo.search.files import finished_digest
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.text import counted
+
+#: The files of a run that its page follows from.
+_FOLLOWED = ("run.json", "ledger.jsonl", "studies/*/study.json")
+
+
+def add_watch(parser: Parser) -> None:
+    """Describe `tacevo watch`."""
+    parser.description = (
+        "Serve the page of `tacevo report` to this machine alone, of a run or a sweep that may still be at work; it "
+        "follows the search, also when that is stopped and continued. Ctrl-C ends it."
+    )
+    parser.add_argument("run", metavar="RUN", help="the directory of a run or a sweep, begun or not")
+    parser.add_argument("--open", action="store_true", help="open it in the browser")
+    parser.add_argument("--port", metavar="N", type=int, default=0, help="default: any that is free")
+    parser.add_argument("--store", metavar="DIR", help="directory of the stores, if it was moved")
+    parser.set_defaults(command=_watch, interrupted="the search was not touched")
+
+
+def _watch(options: argparse.Namespace) -> int:
+    store, path = existing_store(options.store), Path(options.run)
+    if path.is_file():
+        remedy = "`tacevo report` makes the page of a bundle, which does not change"
+        raise ConfigError(f"the file {path}", expected="the directory of a run or a sweep", remedy=remedy)
+    with Server(LivePage(path, None if store is None else Path(store)), options.port) as server:
+        print(f"watch: {server.address}", flush=True)
+        if options.open:
+            webbrowser.open(server.address)
+        server.serve_forever()
+    return DONE
+
+
+class LivePage:
+    """The page of a directory as it is now; made again when a file of it has changed.
+
+    Args:
+        path: of a run or a sweep; it need not exist yet.
+        store: where the stores lie, if not where the runs have them.
+    """
+
+    def __init__(self, path: Path, store: Path | None = None) -> None:
+        self._path = path
+        self._store = store
+        self._lock = threading.Lock()
+        self._version = ""
+        self._contents = page_contents([], title=path.resolve().name, live=True, state="", checked=[], commands=[])
+
+    def now(self) -> tuple[str, PageContents]:
+        """Return the version of the files and the page of them; where they cannot be read, the last one and why."""
+        with self._lock:
+            try:
+                runs = self._runs()
+                version = self._version_of(runs)
+                if version != self._version:
+                    self._version, self._contents = version, self._made(runs)
+            except TacevoError as error:  # e.g. a file that was removed, because the search begins again
+                self._version = hashlib.sha256(str(error).encode()).hexdigest()
+                self._contents = replace(self._contents, state=f"This cannot be read now: {error}")
+            return self._version, self._contents
+
+    def _runs(self) -> list[RunDirectory]:
+        """List the runs, begun or not."""
+        directory = SweepDirectory(self._path)
+        return [directory.run(job) for job in directory.read()[1]] if directory.is_one else [RunDirectory(self._path)]
+
+    def _version_of(self, runs: list[RunDirectory]) -> str:
+        """Hash all that tells whether something changed: times and sizes of files, and who is at work."""
+        files = [self._path / "sweep.json"]
+        files += [file for run in runs for pattern in _FOLLOWED for file in sorted(run.path.glob(pattern))]
+        found: list[object] = [run.is_busy for run in runs]
+        for file in files:
+            with contextlib.suppress(OSError):
+                state = file.stat()
+                found.append((str(file), state.st_mtime_ns, state.st_size))
+        return hashlib.sha256(repr(found).encode()).hexdigest()
+
+    def _made(self, runs: list[RunDirectory]) -> PageContents:
+        found = [one for one in map(self._collected, runs) if one is not None]
+        is_sweep = SweepDirectory(self._path).is_one
+        sweep, reason = self._compared() if is_sweep else (None, "")
+        return page_contents(
+            [
+                RunMaterial(
+                    found=one,
+                    recorded=read_recorded(one.run),
+                    tables=() if is_sweep else tables_of(one, None),
+                    remarks=[*one.run.not_sent.values(), *one.left_out],
+                )
+                for one in found
+            ],
+            sweep=sweep,
+            title=self._path.resolve().name,
+            live=True,
+            state=f"{_standing(runs)}{reason}",
+            checked=[
+                "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet."
+            ],
+            commands=[f"tacevo replay {self._path.resolve().name}"],
+        )
+
+    def _collected(self, run: RunDirectory) -> Collection | None:
+        """Read a run, with its studies once it is finished; None before its first generation has ended."""
+        if not (run.path / "run.json").exists():
+            return None
+        if finished_digest(run) is not None:
+            return collect(run.path, self._store)
+        begun = load_begun(run.path, self._store)
+        return (
+            None
+            if begun is None
+            else Collection(run=begun[0], niches=begun[1], studies=(), reestimates=(), left_out=())
+        )
+
+    def _compared(self) -> tuple[SweepContents | None, str]:
+        """Compare the arms of the finished jobs; or return why not."""
+        try:
+            return sweep_contents(collect_sweep(self._path, self._store)), ""
+        except TacevoError as error:
+            return None, f" The arms are not compared yet: {error}"
+
+
+def _standing(runs: list[RunDirectory]) -> str:
+    """Say how many searches are finished, and how many run."""
+    finished = sum((run.path / "run.json").exists() and finished_digest(run) is not None for run in runs)
+    running = sum(run.is_busy for run in runs)
+    return f"{finished} of {counted(len(runs), 'run')} finished, {running} at work."
+
+
+class Server(ThreadingHTTPServer):
+    """Serves a page to this machine under an address that nobody can guess.
+
+    Args:
+        page: what is served.
+        port: 0 for any that is free.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, page: LivePage, port: int) -> None:
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.page = page
+        self.root = f"/{secrets.token_urlsafe(24)}/"
+
+    @property
+    def address(self) -> str:
+        """The page's address."""
+        return f"http://127.0.0.1:{self.server_port}{self.root}"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers GET of the page and of its contents as JSON, and nothing else."""
+
+    server: Server
+    server_version, sys_version = "tacevo", ""
+    timeout = 10
+
+    def parse_request(self) -> bool:
+        """Read a request; refuse every method but GET."""
+        if not super().parse_request():
+            return False
+        if self.command != "GET":
+            self.send_error(HTTPStatus.METHOD_NOT_ALLOWED)
+            return False
+        return True
+
+    def do_GET(self) -> None:
+        """Answer; who has not the token, or calls this machine by another name, learns nothing."""
+        hosts = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}
+        known = {f"{self.server.root}{name}": name for name in ("", "data")}
+        name = next((known[path] for path in known if secrets.compare_digest(path.encode(), self.path.encode())), None)
+        if name is None or self.headers.get("Host") not in hosts:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        version, contents = self.server.page.now()
+        with contextlib.suppress(ConnectionError):  # the browser was closed meanwhile
+            if name == "":
+                self._answer(version, "text/html", as_html(contents))
+            elif self.headers.get("If-None-Match") == f'"{version}"':
+                self.send_response(HTTPStatus.NOT_MODIFIED)
+                self.end_headers()
+            else:
+                self._answer(version, "application/json", as_json(contents))
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Keep the terminal quiet."""
+
+    def _answer(self, version: str, kind: str, text: str) -> None:
+        body = text.encode()
+        self.send_response(HTTPStatus.OK)
+        headers = {
+            "Content-Type": f"{kind}; charset=utf-8",
+            "Content-Length": str(len(body)),
+            "ETag": f'"{version}"',
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": "frame-ancestors 'none'",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "X-Content-Type-Options": "nosniff",
+        }
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)

@@ -1,0 +1,189 @@
+"""Promise: the page's contents are what the records say, candidate by candidate and generation by generation."""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_runs import closed, elite, rejected, run, trained
+from ledger_lines import run_record
+
+from analysis.report.collection import Collection, collect, tables_of
+from analysis.report.page.contents import RunContents
+from analysis.report.page.of_run import Recorded, RunMaterial, read_recorded, run_contents, run_sources
+from analysis.report.page.of_sweep import sweep_contents
+from analysis.report.page.sources import kept_lines, marked
+from analysis.report.sweep_collection import collect_sweep
+from analysis.runs.niches import Niches
+from analysis.runs.run import Run
+from tacevo.search.archive import AddStatus, find_centroids
+
+#: Of a run by hand, which has four niches.
+NICHES = Niches(
+    networks=np.array(find_centroids(niches=4, dimensions=2, samples=100, seed=0)),
+    prompts=np.array(find_centroids(niches=4, dimensions=2, samples=100, seed=1)),
+)
+
+
+def contents(given: Run, texts: dict[str, str] | None = None) -> RunContents:
+    """Return the contents of a run by hand."""
+    found = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
+    return run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts=texts or {})))
+
+
+@pytest.fixture(scope="module")
+def whole(published: Path) -> tuple[Collection, RunContents]:
+    """Return a recorded run with its study, and what its page shows."""
+    found = collect(published / "run")
+    material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables_of(found, None))
+    return found, run_contents(material)
+
+
+def test_last_archive_is_the_recorded_one(whole: tuple[Collection, RunContents]) -> None:
+    """The elites after the last generation are those of archive.json."""
+    found, shown = whole
+    assert dict(shown.generations[-1].elites) == {elite.niche: elite.id for elite in found.run.elites}
+
+
+def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, RunContents]) -> None:
+    """Fitness, losses and size are the ledger's; the source has the hash of the line."""
+    found, shown = whole
+    sources = run_sources(found.run, read_recorded(found.run).texts)
+    for line, one in zip(found.run.candidates, shown.candidates, strict=True):
+        assert (one.id, one.fitness, one.parameters, one.parents) == (
+            line.id,
+            line.fitness,
+            line.parameters,
+            line.parents,
+        )
+        assert one.validation_losses == (line.validation_losses or ())
+        assert one.source == line.source
+        if one.source is not None:
+            assert hashlib.sha256(sources[one.source].text.encode()).hexdigest() == one.source
+
+
+def test_network_of_a_study_has_its_reestimates(whole: tuple[Collection, RunContents]) -> None:
+    """One for each seed that trained it again; the others have none."""
+    found, shown = whole
+    (study,) = found.studies
+    again = {network.id for network in study.study.networks}
+    expected = [study.study.seeds if one.id in again else 0 for one in shown.candidates]
+    assert [len(one.reestimates) for one in shown.candidates] == expected
+
+
+def test_study_comes_with_its_seeds_and_tables(whole: tuple[Collection, RunContents]) -> None:
+    """Each network has a value a seed; tables of the study are with it, and with nothing else."""
+    found, shown = whole
+    (study,) = shown.studies
+    assert all(len(network.values) == found.studies[0].study.seeds for network in study.networks)
+    assert {table.caption for table in study.tables}.isdisjoint(table.caption for table in shown.tables)
+    assert len(study.tables) + len(shown.tables) == len(tables_of(found, None))
+
+
+def test_first_lines_name_task_model_provider_data_and_digest(whole: tuple[Collection, RunContents]) -> None:
+    """Whoever reads a figure must know that no language model answered, and that no sensor was touched."""
+    found, shown = whole
+    assert shown.headlines[0].startswith("Task: force. ")
+    assert shown.headlines[1].startswith("Model: grammar-1, provider: grammar. Data source: simulated, ")
+    assert shown.headlines[2].startswith(f"Digest: {found.run.digest}. Numerics: portable.")
+
+
+def test_edited_source_is_not_shown(folder: Path) -> None:
+    """A file that is not what was trained is named, and its candidate has no source."""
+    found = collect(folder / "run")
+    (folder / "run" / "candidates" / "g00s00.py").write_text("edited")
+    shown = run_contents(RunMaterial(found=found, recorded=read_recorded(found.run)))
+    assert shown.candidates[0].source is None
+    assert "no source, because the file is missing or was edited: g00s00" in shown.remarks
+
+
+def test_elites_that_moving_bounds_lose_leave_their_niches() -> None:
+    """By hand: a far network squeezes two others into one niche, and the better one keeps it."""
+    near = [trained(0, 0, 0.5, descriptors=(0.0, 0.0)), trained(0, 1, 0.4, descriptors=(1.0, 1.0))]
+    far = trained(1, 0, 0.6, descriptors=(100.0, 100.0))
+    shown = contents(run([*near, far], [closed(0, candidates=2), closed(1)], bounds=((0.0, 100.0), (0.0, 100.0))))
+    first, second = ([name for _, name in line.elites] for line in shown.generations)
+    assert sorted(first) == ["g00s00", "g00s01"]
+    assert sorted(second) == ["g00s01", "g01s00"]
+
+
+def test_archive_without_niches_has_places_and_no_cells() -> None:
+    """Its axes are then as long as the networks found so far are apart."""
+    lines = [trained(0, 0, 0.5, descriptors=(0.2, 3.0)), trained(1, 0, 0.4, descriptors=(0.7, 1.0))]
+    given = run(lines, [closed(0), closed(1)], archive={"kind": "best", "kept": 3}, bounds=None)
+    found = Collection(
+        run=given, niches=replace(NICHES, networks=np.empty((0, 2))), studies=(), reestimates=(), left_out=()
+    )
+    shown = run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts={})))
+    assert (shown.cells, shown.places) == ((), 3)
+    assert [line.bounds for line in shown.generations] == [((0.2, 0.2), (3.0, 3.0)), ((0.2, 0.7), (1.0, 3.0))]
+
+
+def test_one_axis_gives_bands_that_cover_the_map() -> None:
+    """By hand: niches at 0.2 and 0.6 meet half-way."""
+    given = run([trained(0, 0)], [closed(0)], archive={"axes": ["arch_div"]}, bounds=((0.0, 1.0),))
+    found = Collection(
+        run=given, niches=replace(NICHES, networks=np.array([[0.6], [0.2]])), studies=(), reestimates=(), left_out=()
+    )
+    shown = run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts={})))
+    assert [(cell[0][0], cell[1][0]) for cell in shown.cells] == [(0.4, 1.0), (0.0, 0.4)]
+
+
+def test_rejected_candidate_has_its_answer_and_no_source() -> None:
+    """Where and why it was rejected comes with what the model said."""
+    shown = contents(run([trained(0, 0), rejected(0, 1)], [closed(0)]), {"g00s01": "probe: why\n---\nanswer"})
+    one = shown.candidates[1]
+    assert (one.stage, one.reason, one.source, one.rejected) == (
+        "probe",
+        "forward_failed",
+        None,
+        "probe: why\n---\nanswer",
+    )
+
+
+def test_run_in_which_nothing_trained_has_a_page() -> None:
+    """There is no elite and no bound to draw."""
+    shown = contents(run([rejected(0, 0)], [closed(0, None, trained=0)], bounds=None))
+    assert (shown.generations[0].elites, shown.generations[0].bounds) == ((), ())
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "a\r\nb\rc", "x = '\U0001f600'  # \u2028", "def f(:\n\t\x00", "'\ud800'"])
+def test_marks_cover_every_letter_once(text: str) -> None:
+    """Their lengths are those of the text in UTF-16, whatever the text is."""
+    marks = marked(text).marks.split()
+    assert sum(int(mark[1:]) for mark in marks) == len(text.encode("utf-16-le", "surrogatepass")) // 2
+    assert {mark[0] for mark in marks} <= set("tcsnkdb")
+
+
+def test_marks_tell_keywords_from_strings() -> None:
+    """By hand: a keyword, a name, a number and a comment."""
+    assert marked("return 'a' + 12 # b").marks == "k6 t1 s3 t3 n2 t1 c3"
+
+
+def test_kept_lines_are_alike_on_both_sides() -> None:
+    """What is between them was lost or gained."""
+    parent, child = ["a", "b", "c", "d"], ["a", "x", "c", "d", "e"]
+    kept = kept_lines("\n".join(parent), "\n".join(child))
+    assert kept == ((0, 0, 1), (2, 2, 2))
+    assert all(parent[a : a + size] == child[b : b + size] for a, b, size in kept)
+
+
+def test_arms_are_those_of_the_tables(swept: Path) -> None:
+    """A band lies between the quartiles, and every seed has an end."""
+    found = collect_sweep(swept / "sweep", swept / "cache")
+    shown = sweep_contents(found)
+    assert [arm.name for arm in shown.arms] == [arm.name for arm in found.found.arms]
+    for arm in shown.arms:
+        for band in arm.bands.values():
+            middle = np.array(band.median, dtype=float)
+            assert (np.array(band.low, dtype=float) <= middle).all()
+            assert (middle <= np.array(band.high, dtype=float)).all()
+        assert {seed for seed, _ in arm.ends["best fitness"]} == {seed for seed, _ in arm.ends["coverage"]}
+
+
+def test_improved_elite_takes_the_niche_of_the_old_one() -> None:
+    """The history of a niche names both, one after the other."""
+    lines = [trained(0, 0, 0.5), trained(1, 0, 0.4, status=AddStatus.improved)]
+    shown = contents(run(lines, [closed(0), closed(1)], elites=[elite("g01s00", niche=0, fitness=0.4)]))
+    assert [[name for _, name in line.elites] for line in shown.generations] == [["g00s00"], ["g01s00"]]

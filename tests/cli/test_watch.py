@@ -1,0 +1,176 @@
+"""Promise: `tacevo watch` follows a search as far as it goes, answers this machine alone, and writes nothing."""
+
+import http.client
+import json
+import shutil
+import threading
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pytest
+from refusals import refused
+from sweeps import files_of
+
+from analysis.runs.begun import load_begun
+from analysis.runs.run import load_run
+from tacevo.cli.app import main
+from tacevo.cli.watch import LivePage, Server
+from tacevo.errors import RunError
+
+
+@pytest.fixture
+def begun(published: Path, tmp_path: Path) -> Path:
+    """Return a copy of a run, cut off after its first generation, as a killed search leaves it."""
+    run = Path(shutil.copytree(published / "run", tmp_path / "run"))
+    shutil.rmtree(run / "studies")
+    described = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps({**described, "digest": None}))
+    lines = (run / "ledger.jsonl").read_text().splitlines(keepends=True)
+    end = next(number for number, line in enumerate(lines, start=1) if '"kind":"generation"' in line)
+    (run / "ledger.jsonl").write_text(
+        "".join(lines[: end + 1]) + lines[end + 1][:20]
+    )  # a line of the next, and a torn one
+    return run
+
+
+@pytest.fixture
+def server(begun: Path) -> Iterator[Server]:
+    """Serve that run."""
+    with Server(LivePage(begun), 0) as serving:
+        thread = threading.Thread(target=serving.serve_forever)
+        thread.start()
+        yield serving
+        serving.shutdown()
+        thread.join()
+
+
+def ask(
+    server: Server, path: str, method: str = "GET", headers: Mapping[str, str] | None = None
+) -> tuple[int, bytes, str | None]:
+    """Send a request; return status, body and version."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    connection.request(method, path, headers=dict(headers or {}))
+    answer = connection.getresponse()
+    found = answer.status, answer.read(), answer.headers["ETag"]
+    connection.close()
+    return found
+
+
+def test_finished_run_is_read_as_begun(published: Path) -> None:
+    """Archives that follow from the ledger are those that the search wrote."""
+    found = load_begun(published / "run")
+    assert found is not None
+    assert found[0] == load_run(published / "run")
+
+
+def test_begun_run_ends_with_its_last_whole_generation(begun: Path, published: Path) -> None:
+    """What stands behind it is left out; before there is one, there is no run."""
+    found = load_begun(begun)
+    whole = load_run(published / "run")
+    assert found is not None
+    assert found[0].generations == whole.generations[:1]
+    assert {line.generation for line in found[0].candidates} == {0}
+    (begun / "ledger.jsonl").write_text("".join((begun / "ledger.jsonl").read_text().splitlines(keepends=True)[:2]))
+    assert load_begun(begun) is None
+
+
+def test_edited_ledger_is_refused(begun: Path) -> None:
+    """A live page shows nothing that its search did not decide."""
+    text = (begun / "ledger.jsonl").read_text()
+    (begun / "ledger.jsonl").write_text(text.replace('"slot":0', '"slot":7', 1))
+    with refused(RunError, expected="the line of its hash"):
+        load_begun(begun)
+
+
+def test_page_and_contents_are_served(server: Server) -> None:
+    """The page may ask its own server, and nobody else; asked again, unchanged contents are not sent."""
+    status, page, _ = ask(server, server.root)
+    assert status == 200
+    assert b"connect-src &#39;self&#39;" in page
+    status, body, version = ask(server, f"{server.root}data")
+    assert (status, json.loads(body)["live"]) == (200, True)
+    assert version is not None
+    assert ask(server, f"{server.root}data", headers={"If-None-Match": version})[:2] == (304, b"")
+
+
+def test_page_follows_a_search_that_ends_and_begins_again(begun: Path, published: Path) -> None:
+    """One generation, then all of them, then files that cannot be read, then all of them again."""
+    page = LivePage(begun)
+    first, contents = page.now()
+    assert [len(run.generations) for run in contents.runs] == [1]
+    assert contents.state == "0 of 1 run finished, 0 at work."
+    shutil.rmtree(begun)
+    shutil.copytree(published / "run", begun)
+    second, contents = page.now()
+    assert [len(run.generations) for run in contents.runs] == [2]
+    assert len(contents.runs[0].studies) == 1
+    assert contents.state == "1 of 1 run finished, 0 at work."
+    text = (begun / "ledger.jsonl").read_text()
+    (begun / "ledger.jsonl").write_text(text.replace('"slot":0', '"slot":7', 1))
+    third, contents = page.now()
+    assert contents.state.startswith("This cannot be read now: ")
+    assert [len(run.generations) for run in contents.runs] == [2]
+    (begun / "ledger.jsonl").write_text(text)
+    assert page.now()[1].state == "1 of 1 run finished, 0 at work."
+    assert len({first, second, third}) == 3
+
+
+def test_run_that_is_not_begun_has_an_empty_page(tmp_path: Path) -> None:
+    """`watch` may be given before `search`."""
+    _, contents = LivePage(tmp_path / "later").now()
+    assert (contents.runs, contents.state) == ((), "0 of 1 run finished, 0 at work.")
+
+
+def test_sweep_shows_what_is_begun_of_it(swept: Path, tmp_path: Path) -> None:
+    """A job without a directory is waited for; the arms are compared as soon as jobs are finished."""
+    sweep = Path(shutil.copytree(swept / "sweep", tmp_path / "sweep"))
+    shutil.rmtree(sweep / "none-seed1")
+    _, contents = LivePage(sweep).now()
+    assert [run.name for run in contents.runs] == ["none-seed0", "fixed_temperature-seed0"]
+    assert contents.sweep is not None
+    assert contents.state == "2 of 3 runs finished, 0 at work."
+
+
+def test_watching_writes_nothing(server: Server, begun: Path) -> None:
+    """Every file stays as it was, and none is added."""
+    before = files_of(begun.parent)
+    for path in (server.root, f"{server.root}data"):
+        assert ask(server, path)[0] == 200
+    assert files_of(begun.parent) == before
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/data", "/x/", "ROOT../data", "ROOTrun.json", "ROOTdata?x=1", "/xROOT", "ROOT%2e"]
+)
+def test_other_addresses_are_not_found(path: str, server: Server) -> None:
+    """Without the token, or beside the two things that are served, there is nothing."""
+    assert ask(server, path.replace("ROOT", server.root))[0] == 404
+
+
+@pytest.mark.parametrize("method", ["HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "CONNECT", "TRACE", "X"])
+def test_other_methods_are_refused(method: str, server: Server) -> None:
+    """There is no way to change anything."""
+    assert ask(server, server.root, method)[0] == 405
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:PORT", "127.0.0.1", "127.0.0.1:1", "localhost.evil:PORT", ""]
+)
+def test_foreign_name_of_this_machine_is_refused(host: str, server: Server) -> None:
+    """A page from elsewhere whose name was pointed at 127.0.0.1 gets nothing, even with the token."""
+    assert ask(server, server.root, headers={"Host": host.replace("PORT", str(server.server_port))})[0] == 404
+
+
+def test_server_listens_on_loopback_under_a_new_token(server: Server, begun: Path) -> None:
+    """No other machine reaches it, and an old address opens nothing."""
+    assert server.server_address[0] == "127.0.0.1"
+    with Server(LivePage(begun), 0) as other:
+        assert other.root != server.root
+    assert len(server.root) >= 32
+    assert server.address == f"http://127.0.0.1:{server.server_port}{server.root}"
+
+
+def test_bundle_is_refused(published: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It does not change; `tacevo report` makes its page."""
+    assert main(["watch", str(published / "run.zip")]) == 2
+    assert "`tacevo report` makes the page of a bundle" in capsys.readouterr().err

@@ -1,0 +1,286 @@
+"""Promise: in a real browser the page fills every panel, follows mouse and keyboard, runs no foreign text, asks nobody.
+
+Skipped without Chromium, unless TACEVO_BROWSER=1 insists on it, as the gate does.
+"""
+
+import os
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from pages import HOSTILE, SHIPPED, page_of_shipped_run, poisoned
+from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
+
+from analysis.report.page.contents import PageContents
+from analysis.report.page.html import as_html
+from tacevo.bundles.open import opened
+from tacevo.cli.watch import LivePage, Server
+
+#: What `open_page` takes, and what it found wrong until now: errors, and requests that left the page.
+Opener = Callable[..., tuple[Page, list[str]]]
+
+_DESKTOP: ViewportSize = {"width": 1280, "height": 900}
+_PHONE: ViewportSize = {"width": 390, "height": 844}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Start Chromium once."""
+    path = shutil.which("chromium")
+    if path is None:
+        if os.environ.get("TACEVO_BROWSER") == "1":
+            pytest.fail("TACEVO_BROWSER=1, but there is no chromium: `apt-get install chromium`")
+        pytest.skip("no chromium: `apt-get install chromium`")
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def shipped() -> PageContents:
+    """Return what the page of a shipped run shows."""
+    return page_of_shipped_run()
+
+
+@pytest.fixture
+def open_page(browser: Browser, tmp_path: Path) -> Iterator[Opener]:
+    """Return a function that opens contents as a file, and keeps every error and every request that leaves it."""
+    contexts = []
+
+    def open_page(
+        contents: PageContents, *, address: str = "", size: ViewportSize = _DESKTOP
+    ) -> tuple[Page, list[str]]:
+        file = tmp_path / "page.html"
+        file.write_text(as_html(contents))
+        contexts.append(browser.new_context(viewport=size))
+        page, wrong = contexts[-1].new_page(), list[str]()
+        page.on("console", lambda message: wrong.append(message.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on(
+            "request", lambda request: wrong.append(request.url) if request.url.split("#")[0] != file.as_uri() else None
+        )
+        page.goto(f"{file.as_uri()}{address}")
+        return page, wrong
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_page: Opener) -> None:
+    """No error, no request; map, lineage, table, figures, study, tables and provenance hold what the records have."""
+    page, wrong = open_page(shipped)
+    (run,) = shipped.runs
+    assert page.locator("#map-drawing .cells path").count() == len(run.cells)
+    assert page.locator("#map-drawing .elites a").count() == len(run.generations[-1].elites)
+    assert page.locator("#candidates-table tbody tr").count() == len(run.candidates)
+    assert page.locator("#lineage-line li").count() > 1
+    assert page.locator("#lineage-tree a").count() >= len(run.generations[-1].elites)
+    assert page.locator("#dynamics-figures figure").count() >= 7
+    assert page.locator("#studies-body circle").count() == sum(len(one.values) for one in run.studies[0].networks)
+    assert page.locator("#run-tables details").count() == len(run.tables)
+    assert page.locator("#headlines p").all_inner_texts() == list(run.headlines)
+    assert run.provenance[1][1] in page.locator("#provenance-facts").inner_text()
+    assert wrong == []
+
+
+def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Opener) -> None:
+    """The source shown is the candidate's, to the letter; its changes name what was lost and gained."""
+    page, wrong = open_page(shipped)
+    run = shipped.runs[0]
+    wanted = next(one for one in run.candidates if one.changes and one.id in dict(run.generations[-1].elites).values())
+    page.locator(f'.elites a[href$="/{wanted.id}"] .cell').click()
+    assert page.locator("#candidate-name").inner_text() == f"Candidate {wanted.id}"
+    assert page.locator("#candidate del, #candidate ins").count() > 0
+    page.locator("#source-choice").select_option("")
+    lines = page.locator("#candidate pre.source .line-of-code").all_text_contents()
+    assert wanted.source is not None
+    assert "\n".join(lines) == shipped.sources[wanted.source].text
+    assert wrong == []
+
+
+def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: Opener) -> None:
+    """Rejected ones show the answer; trained ones their losses; an address of none changes nothing."""
+    page, wrong = open_page(shipped)
+    run = shipped.runs[0]
+    for one in run.candidates[:: len(run.candidates) // 12]:
+        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
+        assert page.locator("#candidate figure").count() == bool(one.validation_losses)
+    for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", f"#/{run.name}/g99s99", "#/"):
+        page.evaluate("hash => { location.hash = hash }", address)
+    assert page.locator("#candidate-name").inner_text().startswith("Candidate g")
+    assert wrong == []
+
+
+def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open_page: Opener) -> None:
+    """By keyboard, from the first one on: the elites are those of the records, and lost niches are marked."""
+    page, wrong = open_page(shipped)
+    generations = shipped.runs[0].generations
+    page.locator("#generation").focus()
+    page.keyboard.press("Home")
+    for line, before in zip(generations, (None, *generations), strict=False):
+        shown = {
+            href.rsplit("/", 1)[1]
+            for href in page.eval_on_selector_all(".elites a", "all => all.map(a => a.href.baseVal)")
+        }
+        assert shown == {name for _, name in line.elites}
+        lost = set() if before is None else dict(before.elites).keys() - dict(line.elites).keys()
+        assert page.locator(".lost path").count() == len(lost)
+        page.keyboard.press("ArrowRight")
+    assert wrong == []
+
+
+def test_colours_follow_the_choice(shipped: PageContents, open_page: Opener) -> None:
+    """Each choice paints the cells in another way, and names its scale."""
+    page, _ = open_page(shipped)
+    seen = set()
+    for choice in ("fitness", "generation", "parameters", "flops"):
+        page.locator("#colour").select_option(choice)
+        seen.add(str(page.eval_on_selector_all(".elites .cell", "all => all.map(one => one.getAttribute('fill'))")))
+    assert len(seen) == 4
+
+
+def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> None:
+    """A filter leaves those of its value; a second click on a column turns the order, and absent values stay last."""
+    page, _ = open_page(shipped)
+    candidates = shipped.runs[0].candidates
+    page.locator("#filter-outcome").select_option("rejected at probe")
+    assert page.locator("#candidates-table tbody tr:visible").count() == sum(one.stage == "probe" for one in candidates)
+    page.locator("#filter-outcome").select_option("")
+    page.get_by_role("button", name="loss", exact=True).click()
+    best = min((one for one in candidates if one.fitness is not None), key=lambda one: one.fitness or 0)
+    assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == best.id
+    page.get_by_role("button", name="loss", exact=True).click()
+    worst = max((one for one in candidates if one.fitness is not None), key=lambda one: one.fitness or 0)
+    assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == worst.id
+    assert page.locator('th[aria-sort="descending"]').inner_text() == "loss"
+
+
+def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -> None:
+    """Tab comes to every control and to one link of map and tree; arrows walk on from there, and Enter opens."""
+    page, wrong = open_page(shipped)
+    reached: list[str] = []
+    name = (
+        "(e => e.id || e.closest('#map-drawing, #lineage-tree')?.id || e.getAttribute('aria-label') || e.textContent)"
+    )
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.append(page.evaluate(f"{name}(document.activeElement)"))
+    order = ["generation", "colour", "map-drawing", "lineage-tree", "filter-outcome", "filter-status", "loss"]
+    assert [reached.index(one) for one in order] == sorted(reached.index(one) for one in order)
+    assert reached.count("map-drawing") == reached.count("lineage-tree") == 1
+    page.locator('.elites a[tabindex="0"]').focus()
+    before = page.evaluate("document.activeElement.href.baseVal")
+    for key in ("ArrowLeft", "ArrowUp", "ArrowRight"):
+        page.keyboard.press(key)
+    assert page.evaluate("document.activeElement.href.baseVal") != before
+    page.keyboard.press("Enter")
+    expect(page.locator("#candidate-name")).not_to_have_text("Candidate")
+    assert page.evaluate("document.activeElement.id") == "candidate-name"
+    assert wrong == []
+
+
+def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page: Opener) -> None:
+    """Ids, names, sources, answers, table cells, models: each is text on the page, and no script of theirs ran."""
+    page, wrong = open_page(poisoned(shipped))
+    for row in (0, 12):
+        page.locator("#candidates-table tbody tr a").nth(row).click()
+        expect(page.locator("#candidate-name")).not_to_have_text("Candidate")
+    page.locator("#source-choice").select_option("")
+    assert page.locator("#title").text_content() == f"{shipped.title}{HOSTILE}"
+    assert HOSTILE.split("\x00")[0] in (page.locator("pre.source").text_content() or "")
+    assert page.evaluate("window.hurt") is None
+    assert page.locator("script").count() == 2
+    assert page.locator("[onerror], [onload]").count() == 0
+    assert wrong == []
+
+
+def test_policy_stops_what_would_become_markup(shipped: PageContents, open_page: Opener) -> None:
+    """Even markup that got into the page runs nothing and sends nothing."""
+    page, _ = open_page(shipped)
+    refused = page.evaluate(
+        """() => new Promise((resolve) => {
+        const refused = new Set();
+        document.addEventListener("securitypolicyviolation", (event) => {
+            refused.add(event.effectiveDirective);
+            if (refused.size === 5) resolve([...refused].sort());
+        });
+        const markup = "<img src='https://example.org/x' onerror='window.hurt = 1'>";
+        document.body.insertAdjacentHTML("beforeend", `${markup}<iframe src='https://example.org'></iframe>`);
+        const script = document.createElement("script");
+        script.textContent = "window.hurt = 2";
+        document.body.append(script);
+        fetch("https://example.org").catch(() => {});
+        setTimeout(() => resolve([...refused].sort()), 20_000);
+        })"""
+    )
+    assert refused == ["connect-src", "frame-src", "img-src", "script-src-attr", "script-src-elem"]
+    assert page.evaluate("window.hurt") is None
+
+
+def test_single_generation_has_a_page(shipped: PageContents, open_page: Opener) -> None:
+    """Nothing can slide, and every figure has its one value."""
+    run = shipped.runs[0]
+    first = tuple(one for one in run.candidates if one.generation == 0)
+    short = replace(run, generations=run.generations[:1], candidates=first, studies=(), tables=())
+    page, wrong = open_page(replace(shipped, runs=(short,)))
+    assert page.locator(".elites a").count() == len(run.generations[0].elites)
+    assert not page.locator("#studies").is_visible()
+    assert wrong == []
+
+
+def test_reestimates_stand_beside_the_recorded_fitness(shipped: PageContents, open_page: Opener) -> None:
+    """Where a candidate was trained again, its further losses are shown."""
+    run = shipped.runs[0]
+    again = replace(run.candidates[0], reestimates=(0.25, 0.125))
+    page, _ = open_page(
+        replace(shipped, runs=(replace(run, candidates=(again, *run.candidates[1:])),)),
+        address=f"#/{run.name}/{again.id}",
+    )
+    assert "0.250, 0.125" in page.locator("#candidate-body dl").inner_text()
+
+
+def test_phone_scrolls_in_one_direction(shipped: PageContents, open_page: Opener) -> None:
+    """At 390 pixels nothing is wider than the screen; what is wide scrolls in its own box."""
+    run = shipped.runs[0]
+    page, _ = open_page(shipped, address=f"#/{run.name}/{run.generations[-1].elites[0][1]}", size=_PHONE)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_print_shows_tables_and_no_controls(shipped: PageContents, open_page: Opener) -> None:
+    """On paper nothing can be clicked, and what is folded on a screen is open."""
+    page, _ = open_page(shipped)
+    page.emulate_media(media="print")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert not page.locator("#generation").is_visible()
+    assert page.locator("details:not([open])").count() == 0
+
+
+def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: Path) -> None:
+    """The page shows what was added to the run without a reload, keeps the choice, and says that nobody answers."""
+    with opened(SHIPPED) as place:
+        run = Path(shutil.copytree(place.folder, tmp_path / "run"))
+        store = Path(shutil.copytree(place.store / "centroids", tmp_path / "store" / "centroids")).parent
+    whole = (run / "ledger.jsonl").read_text().splitlines(keepends=True)
+    ends = [number for number, line in enumerate(whole, start=1) if '"kind":"generation"' in line]
+    (run / "ledger.jsonl").write_text("".join(whole[: ends[3]]))
+    page = browser.new_page()
+    with Server(LivePage(run, store), 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        page.goto(f"{server.address}#/run/g01s06")
+        page.wait_for_selector(".elites a")
+        assert page.get_attribute("#generation", "max") == "3"
+        (run / "ledger.jsonl").write_text("".join(whole))
+        expect(page.locator("#generation")).to_have_attribute("max", "20", timeout=60_000)
+        assert page.locator("#candidate-name").inner_text() == "Candidate g01s06"
+        assert page.locator("#state").inner_text().startswith("1 of 1 run finished")
+        server.shutdown()
+        thread.join()
+    expect(page.locator("#state")).to_contain_text("No answer from")
+    page.close()

@@ -1,0 +1,53 @@
+"""Contents of the report page for tests: those of a shipped run, and the same with hostile texts in every place."""
+
+import dataclasses
+import enum
+from collections.abc import Mapping
+from pathlib import Path
+
+from analysis.report.collection import collect, tables_of
+from analysis.report.page.contents import PageContents, Source
+from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.sources import marked
+from analysis.report.page.whole import page_contents
+from tacevo.bundles.open import opened
+
+#: What would do harm as markup, and what could end the element that holds the contents; `hurt` is set if it runs.
+HOSTILE = (
+    " </script><script>window.hurt = 1</script><img src=x onerror='window.hurt = 2'><!--<script>]]>"
+    "\u2028\u2029{{ 7 * 7 }}\"'><svg onload='window.hurt = 3'>\x00\u202e&lt;b&gt; javascript:window.hurt=4"
+)
+
+SHIPPED = Path(__file__).parents[2] / "cache" / "published" / "force-grammar.zip"
+
+
+def page_of_shipped_run() -> PageContents:
+    """Return what the page of a shipped run with a study shows, without its sample images."""
+    with opened(SHIPPED) as place:
+        found = collect(place.folder, place.store)
+        material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables_of(found, None))
+        return page_contents(
+            [material], title="force-grammar.zip", checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"]
+        )
+
+
+def poisoned(page: PageContents) -> PageContents:
+    """Return contents with `HOSTILE` behind every text: ids, names, sources, answers, table cells, keys of mappings."""
+    found = _poisoned(page)
+    assert isinstance(found, PageContents)
+    return found
+
+
+def _poisoned(value: object) -> object:
+    if isinstance(value, str) and not isinstance(value, enum.Enum):
+        return value + HOSTILE
+    if isinstance(value, Source):
+        return marked(value.text + HOSTILE)
+    if isinstance(value, Mapping):
+        return {_poisoned(key): _poisoned(one) for key, one in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_poisoned, value))
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {field.name: _poisoned(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return dataclasses.replace(value, **fields)
+    return value
