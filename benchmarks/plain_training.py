@@ -26,7 +26,7 @@ def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int
         targets: float32, shape (TRAINED, 3).
         epochs: at least 1.
     """
-    model = network().to(memory_format=torch.channels_last)
+    model = network()
     optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE, fused=True)
     for _ in range(epochs):
         model.train()

@@ -349,7 +349,7 @@ def to_json(record: Any) -> Any:
     return record
 
 
-def written(record: DataclassInstance) -> dict[str, Json]:
+def written(record: Any) -> dict[str, Json]:
     """Turn a record into JSON as `to_json` does, without the fields that are at their defaults; `kind` always stays.
 
     So a field that came later leaves the bytes of older records as they are.

@@ -52,6 +52,8 @@ class Collection:
     reestimates: tuple[Reestimates, ...]
     #: Why other studies of the run, or the comparisons of these, are left out, a sentence each.
     left_out: tuple[str, ...]
+    #: Why a study, which is there, has no re-estimates: the stores are elsewhere, for example.
+    remarks: tuple[str, ...] = ()
 
 
 def collect(path: Path, store: Path | None = None) -> Collection:
@@ -68,7 +70,7 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         RunError: the run is not finished, or it was edited.
     """
     run = load_run(path)
-    studies, reestimates, left_out = [], [], []
+    studies, reestimates, left_out, remarks = [], [], [], []
     for directory in studies_of(path):
         try:
             recorded = directory.read()
@@ -84,16 +86,21 @@ def collect(path: Path, store: Path | None = None) -> Collection:
                 comparisons, reasons = _compared(study, directory.path)
                 studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
                 left_out += reasons
+        except (RunError, StoreError) as error:
+            left_out.append(str(error))
+            continue
+        try:
             place = store or Path(run.config.store.root)
             reestimates.append(load_reestimates(directory, run.config, run.facts.fingerprint, place))
         except (RunError, StoreError) as error:
-            left_out.append(str(error))
+            (left_out if recorded.terms is None else remarks).append(f"no re-estimates: {error}")
     return Collection(
         run=run,
         niches=load_niches(run, store),
         studies=tuple(studies),
         reestimates=tuple(found for found in reestimates if found is not None),
         left_out=tuple(left_out),
+        remarks=tuple(remarks),
     )
 
 

@@ -8,7 +8,7 @@ import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import ndtri
 
@@ -34,34 +34,16 @@ class Interval:
 class Effects:
     """How a first sample x differs from a second one y."""
 
-    #: P(x > y) + P(x = y) / 2, in [0, 1]; at 0.5 there is no difference.
+    #: P(x > y) + P(x = y) / 2, in [0, 1]; at 0.5 there is no difference (Vargha & Delaney 2000).
     a12: Interval
-    #: P(x > y) - P(x < y), in [-1, 1]; twice A12 less one.
+    #: P(x > y) - P(x < y), in [-1, 1]; twice A12 less one (Cliff 1993).
     cliffs_delta: Interval
     #: Median of x less median of y, in the unit of the values.
     median_difference: Interval
 
 
-def cliffs_delta(x: ArrayLike, y: ArrayLike) -> float:
-    """Estimate P(x > y) - P(x < y) (Cliff 1993).
-
-    Args:
-        x: shape (n,), n >= 2.
-        y: shape (m,), m >= 2.
-
-    Raises:
-        ValueError: a sample has another shape, or values that are not finite.
-    """
-    return float(_dominance(checked(x, name="x"), checked(y, name="y")).mean(dtype=np.float64))
-
-
-def a12(x: ArrayLike, y: ArrayLike) -> float:
-    """Estimate P(x > y) + P(x = y) / 2 (Vargha & Delaney 2000); arguments as of `cliffs_delta`."""
-    return (1 + cliffs_delta(x, y)) / 2
-
-
 def median_difference(x: ArrayLike, y: ArrayLike) -> float:
-    """Return the median of x less the median of y; arguments as of `cliffs_delta`."""
+    """Return the median of x, shape (n,), less the median of y, shape (m,)."""
     return float(np.median(checked(x, name="x")) - np.median(checked(y, name="y")))
 
 
@@ -158,12 +140,6 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
 def _check_resamples(resamples: int) -> None:
     if resamples < 39:
         raise ValueError(f"a 95 % interval needs resamples >= 39; got {resamples}")
-
-
-def _dominance(x: Sample, y: Sample) -> NDArray[np.int8]:
-    """Return for each pair whether x is above (1), at (0) or below (-1) y, shape (n, m)."""
-    above, below = x[:, None] > y[None, :], x[:, None] < y[None, :]
-    return above.astype(np.int8) - below.astype(np.int8)
 
 
 def _interval(estimate: float, drawn: Sample) -> Interval:

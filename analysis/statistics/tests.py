@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import hypergeom, mannwhitneyu
 from statsmodels.stats.multitest import multipletests
 
 from analysis.statistics.samples import Sample, checked
@@ -108,9 +109,7 @@ def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) ->
         raise ValueError(
             f"expected the counts of a draw; got {found} marked of {drawn} drawn, {marked} of {population} in all"
         )
-    more = range(found, min(drawn, marked) + 1)
-    draws = sum(math.comb(marked, count) * math.comb(population - marked, drawn - count) for count in more)
-    return rounded(draws / math.comb(population, drawn))
+    return rounded(float(hypergeom.sf(found - 1, population, marked, drawn)))
 
 
 def smallest_p(n: int, m: int) -> float:
@@ -119,8 +118,6 @@ def smallest_p(n: int, m: int) -> float:
 
 
 def _normal_p(x: Sample, y: Sample, alternative: Alternative) -> float:
-    from scipy.stats import mannwhitneyu  # a second to import, and few samples are so large
-
     if np.ptp(np.concatenate([x, y])) == 0:  # SciPy would divide by a deviation of 0
         return 1.0
     return float(mannwhitneyu(x, y, alternative=alternative, method="asymptotic").pvalue)

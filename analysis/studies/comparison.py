@@ -11,7 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from analysis.statistics.effects import Effects, a12, effects
+from analysis.statistics.effects import Effects, effects
 from analysis.statistics.equivalence import Equivalence, equivalence
 from analysis.statistics.power import Detectable, detectable
 from analysis.statistics.samples import Sample
@@ -142,6 +142,10 @@ def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Var
         for (metric, _), sample in zip(pairs, samples, strict=True)
     ]
     differ, equal = holm([test.p for test in tests]), holm([found.p for found in equivalences])
+    sizes = [
+        effects(*sample, rng=stream(seed, "bootstrap", name, metric))
+        for (metric, name), sample in zip(pairs, samples, strict=True)
+    ]
     least = holm([smallest_p(study.seeds, study.seeds)] * len(pairs))
     found = [
         VariantComparison(
@@ -149,10 +153,12 @@ def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Var
             median=rounded(float(np.median(samples[at][0]))),
             test=tests[at],
             p_holm=differ[at],
-            effects=effects(*samples[at], rng=stream(seed, "bootstrap", name, metric)),
+            effects=sizes[at],
             equivalence=equivalences[at],
             equivalence_p_holm=equal[at],
-            verdict=_verdict(a12(*samples[at]), lower=lower, differs=differ[at] <= alpha, equals=equal[at] <= alpha),
+            verdict=_verdict(
+                sizes[at].a12.estimate, lower=lower, differs=differ[at] <= alpha, equals=equal[at] <= alpha
+            ),
             cautions=cautions(*samples[at], least_p=least[at], alpha=alpha),
         )
         for at, (metric, name) in enumerate(pairs)

@@ -40,6 +40,7 @@ class Gathered:
     def remarks(self) -> list[str]:
         """The settings that were not sent, the studies that were left out, and how to make a first one."""
         remarks = [*self.found.run.not_sent.values(), *(f"left out: {reason}" for reason in self.found.left_out)]
+        remarks += self.found.remarks
         if not self.found.studies and not self.found.left_out:
             make = f"`tacevo study run={self.found.run.path}` makes one, with its tables and figures"
             how = "it was published without a study" if self.is_bundle else make
