@@ -13,7 +13,7 @@ test test-slow test-all coverage: export OMP_NUM_THREADS := 1
 .PHONY: help setup demo test test-slow test-all test-portable coverage check format bench bench-quick replay paper lock clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 16
 
 setup: $(READY) ## build the environment in .venv, and nothing else
 
@@ -34,7 +34,7 @@ test: $(READY) ## run the tests, two at a time (six minutes)
 test-slow: $(READY) ## run the tests that attack each promise further (seven minutes)
 	$(BIN)/pytest $(TWO) -m slow
 
-test-all: $(READY) ## run all tests, brute force too (hours)
+test-all: $(READY) ## run brute force, too (hours); all but test-portable
 	$(BIN)/pytest $(TWO) -m "not portable" --hypothesis-profile thorough
 
 test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)

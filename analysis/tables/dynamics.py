@@ -30,7 +30,7 @@ from tacevo.text import counted, misreported
 #: Below every improvement.
 ONE_DRAW = (
     "Every fitness is one draw: the loss of one training seed, and the best is the lowest of many draws. What other "
-    "seeds give stands in the tables of noise, once `tacevo noise` or `tacevo study` has trained them."
+    "seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
 )
 
 

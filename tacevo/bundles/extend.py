@@ -53,7 +53,7 @@ def continue_run(
         TacevoError: what `check` raises, and as `tacevo.runs.session.search`.
     """
     run = published.one_run(
-        "give the directory of one of its jobs, or publish that by itself: `tacevo publish SWEEP/JOB -o FILE.zip`"
+        "use the directory of one of its jobs, or publish that by itself: `tacevo publish SWEEP/JOB -o FILE.zip`"
     )
     check_walls(published)
     recorded = read_recorded(run)
@@ -76,14 +76,16 @@ def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: 
     if last == CURRENT:
         return eras
     was, now = asdict(last), asdict(CURRENT)
-    others = ", ".join(f"{part} {was[part]} instead of {now[part]}" for part in now if was[part] != now[part])
+    changed = [part for part in now if was[part] != now[part]]
     if not mix_rules:
+        others = ", ".join(f"{part} {was[part]} instead of {now[part]}" for part in changed)
         raise RunError(
             f"one under others ({others}), whose candidates and new ones would be judged differently",
             expected="a run under the current rules",
             remedy="continue all the same with --rules current, which the ledger records",
         )
-    view.say(f"from generation {generations + 1} on, the current rules apply: {others}")
+    apply = ", ".join(f"{part} {now[part]} instead of {was[part]}" for part in changed)
+    view.say(f"from generation {generations + 1} on, the current rules apply: {apply}")
     return (*eras, RulesLine(generation=generations + 1, rules=CURRENT))
 
 

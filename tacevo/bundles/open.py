@@ -164,7 +164,7 @@ def _check_finished(directory: SweepDirectory) -> None:
             f"some are not finished: {', '.join(unfinished)}",
             place=str(directory.path),
             expected="finished jobs",
-            remedy="give the `tacevo search -m` command that began the sweep again; it continues them",
+            remedy="repeat the `tacevo search -m` command that began the sweep; it continues them",
         )
 
 

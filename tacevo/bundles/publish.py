@@ -144,7 +144,7 @@ def _last_day(run: Path) -> str:
     if not day:
         place = f"{run}/timings.jsonl"
         raise ConfigError(
-            "none", place=place, expected="lines with a time", remedy="give the day with --date YYYY-MM-DD"
+            "none", place=place, expected="lines with a time", remedy="set the day with --date YYYY-MM-DD"
         )
     return day
 

@@ -47,6 +47,7 @@ examples:
   tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
   tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
   tacevo continue NAME.zip search.generations=30   search on from its end
+  tacevo noise runs/NAME                      what its fitnesses are worth: its elites under other training seeds
   tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it

@@ -134,7 +134,7 @@ def _diff(options: argparse.Namespace) -> int:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
 
     with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
-        remedy = "give the directories of two runs, of a sweep those of two jobs (unpack a published one for that)"
+        remedy = "name the directories of two runs, of a sweep those of two jobs (unpack a published one for that)"
         runs = [compare.read_compared(each.one_run(remedy)) for each in (one, other)]
         found = compare.compare(*runs)
     print(printable(compare.describe(found)))

@@ -208,7 +208,7 @@ class BatchLLM:
         raise TransportError(
             f"a call about a batch failed after all tries, the last with {fault.message}",
             place=self.name,
-            remedy="give the same command again: it reads the batches that were submitted",
+            remedy="repeat the same command: it reads the batches that were submitted",
         )
 
 

@@ -87,5 +87,5 @@ class BudgetedLLM:
             f"{spent} USD for the run's answers, and up to {next_} USD for the next of {waiting} open requests",
             place="llm.budget_usd",
             expected=f"costs up to {self.limit:g} USD",
-            remedy="give the same command with a larger llm.budget_usd to continue; the answers so far are recorded",
+            remedy="repeat the command with a larger llm.budget_usd to continue; the answers so far are recorded",
         )

@@ -134,7 +134,7 @@ class Failures:
             raise TransportError(
                 f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}",
                 place=self.name,
-                remedy="give the same command again: the answers that came are recorded",
+                remedy="repeat the same command: the answers that came are recorded",
             )
         if rest:
             raise ConfigError(

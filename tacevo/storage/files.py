@@ -43,7 +43,7 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
         with contextlib.suppress(OSError):  # no locks here
             if not flock(handle, fcntl.LOCK_EX if wait else NOW):
                 got = "one that its search or another `tacevo track` is mirroring"
-                remedy = "give the command again when that is done"
+                remedy = "repeat the command when that is done"
                 raise RunError(got, place=str(folder), expected="an idle run", remedy=remedy)
         yield
     finally:
@@ -114,7 +114,7 @@ def write_durably(path: Path, content: str | bytes) -> None:
         raise StoreError(
             f"cannot be written: {error.strerror}; what stood there is unchanged",
             place=str(path),
-            remedy="make room, or choose a directory that can be written to, and give the same command again",
+            remedy="make room, or choose a directory that can be written to, and repeat the command",
         ) from error
 
 

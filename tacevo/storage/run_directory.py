@@ -135,8 +135,9 @@ class RunDirectory:
             text = path.read_bytes()
         except OSError as error:
             is_file = self.path.is_file()
+            got = "a file" if is_file else f"one whose run.json cannot be read ({error.strerror})"
             raise RunError(
-                "a file" if is_file else f"one whose run.json cannot be read ({error.strerror})",
+                got if self.path.exists() else "a path that does not exist",
                 place=str(self.path),
                 expected="the directory of a run",
                 remedy="unpack a published run, and use its run/" if is_file else "",

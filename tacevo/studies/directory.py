@@ -109,10 +109,10 @@ class StudyDirectory:
         rows = tuple(line for line in sealed.lines if not isinstance(line, StudyHeader))
         if not headers or not rows or sealed.lines != (headers[0], *rows):
             raise RunError(
-                f"{len(headers)} headers and {len(rows)} scores",
+                f"one that is not finished ({len(rows)} scores)",
                 place=str(self.scores),
                 expected="a header, then scores",
-                remedy="`tacevo study` continues a study that is not finished",
+                remedy="the command that began it, `tacevo study` or `tacevo noise`, continues it; or delete it",
             )
         return Scores(header=headers[0], rows=rows, digest=sealed.digest)
 

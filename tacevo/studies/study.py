@@ -260,11 +260,12 @@ def _plan(
 
 def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
-    view.say(f"study: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
+    what = "study" if plan.header.terms else "noise run"
+    view.say(f"{what}: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks, terms, seeds = plan.header.networks, plan.header.terms, plan.header.seeds
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if len(networks) <= wanted:
-        view.say(f"the archive has fewer elites with a source of their own than elites={wanted}")
+        view.say(f"the archive has {len(networks) - 1} elites with a source of their own, fewer than elites={wanted}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
             f"no comparison will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "

@@ -113,7 +113,7 @@ def test_other_commands_ask_for_one_run(swept: Path, capsys: pytest.CaptureFixtu
     """They say so in one line, with what to do."""
     for place in (str(swept / "sweep"), str(swept / "sweep.zip")):
         assert main(["replay", place, "--diff", place]) == 2
-        assert "expected one run; got a sweep of 3; give the directories of two runs" in capsys.readouterr().err
+        assert "expected one run; got a sweep of 3; name the directories of two runs" in capsys.readouterr().err
         assert main(["continue", place, "search.generations=9"]) == 2
         assert "expected one run; got a sweep of 3; give the directory of one of its jobs" in capsys.readouterr().err
 

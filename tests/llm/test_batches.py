@@ -153,7 +153,7 @@ def test_only_a_submission_without_an_answer_is_made_again(
 def test_results_without_an_answer_are_read_again_and_not_for_ever(results: str, tmp_path: Path) -> None:
     """What is paid for is not submitted again; a later command takes it."""
     with serving(Script(results=results)) as server:
-        with refused(TransportError, remedy="give the same command again"):
+        with refused(TransportError, remedy="repeat the same command"):
             recorded(server.url, tmp_path)
         assert server.results_read == 5
         server.script = Script()

@@ -130,7 +130,7 @@ def test_failure_comes_after_the_answers_in_flight(provider: str) -> None:
         llm = hosted(server.url, provider, patience=QUICK)
         answers = llm.complete([request(text) for text in ("a", "x [fault 529]", "b")])
         assert sorted(position for position, _ in itertools.islice(answers, 2)) == [0, 2]
-        with refused(TransportError, got="1 of 3 requests failed", remedy="give the same command again"):
+        with refused(TransportError, got="1 of 3 requests failed", remedy="repeat the same command"):
             next(answers)
 
 
