@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import STRICT
+from tacevo.records import Record
 from tacevo.search.growing import Growing
 
 #: Coordinates of a point, shape (d,).
@@ -158,10 +158,8 @@ def quality(objective: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class Bounds(Record):
     """The range of each descriptor that min-max normalisation maps to [0, 1]."""
-
-    __pydantic_config__ = STRICT
 
     low: Point
     high: Point
