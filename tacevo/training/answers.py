@@ -62,14 +62,9 @@ class Answer:
 def read_answer(
     outcome: Finished | Died, contract: Contract, *, epochs: int, rows: int, device: Device = Device.cpu
 ) -> Answer | Rejection:
-    """Read a child's answer, of which nothing is trusted.
+    """Read a child's answer, of which nothing is trusted: predictions of so many rows after each epoch.
 
-    Args:
-        outcome: what the sandbox returned.
-        contract: for the number of outputs.
-        epochs: how many were asked for.
-        rows: how many images were to be predicted.
-        device: what was trained on; on a CPU no operation may lack a deterministic form.
+    On a CPU no operation may lack a deterministic form.
     """
     if isinstance(outcome, Died):
         return _rejection(outcome.reason, outcome.detail)
@@ -90,10 +85,7 @@ def read_answer(
 def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:
     """Compute the validation losses of an answer whose first predictions are those of the validation images.
 
-    Args:
-        answer: its predictions may go on with other images.
-        loss: the task's.
-        targets: of the validation images, as in `training.evaluation.Examples`.
+    The targets are those of `training.evaluation.Examples`.
     """
     count = len(targets)
     return Training(

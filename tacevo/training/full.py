@@ -68,11 +68,7 @@ def assess(
 ) -> FullTraining | Rejection:
     """Choose the epoch of the lowest validation loss, the first on a tie, and compute its test metrics.
 
-    Args:
-        outcome: what the sandbox returned; its predictions are those of the validation images, then of the test images.
-        setting: of the training.
-        validation_targets: as in `Examples`.
-        held_out: the test images.
+    The predictions are those of the validation images, then of the test images.
     """
     contract, count = setting.contract, len(validation_targets)
     rows, epochs = count + len(held_out.rows), setting.recipe.epochs
