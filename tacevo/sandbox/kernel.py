@@ -38,7 +38,7 @@ def protect_memory() -> None:
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel kill this process as soon as its parent is gone, for any reason; it may be gone already."""
+    """Have the kernel kill this process as soon as its parent, which may be gone already, is gone for any reason."""
     _control(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)

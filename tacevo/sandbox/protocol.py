@@ -112,7 +112,7 @@ class Message:
 
 
 class Splitter:
-    """Cuts a stream of bytes into messages; of a sender without bounds, which is trusted, any number."""
+    """Cuts a stream of bytes into messages; bounds say how much may come in all, None for a trusted sender."""
 
     def __init__(self, bounds: Bounds | None) -> None:
         self._bounds = bounds

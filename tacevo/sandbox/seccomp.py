@@ -107,7 +107,7 @@ def is_available() -> bool:
 
 
 def program(machine: Machine, pid: int) -> bytes:
-    """Write the filter of one process, which is also the one that signals may reach.
+    """Write the filter of one process, the only one that its signals may reach.
 
     The first test refuses calls of other architectures. Those of x32 have numbers that are not listed.
     """

@@ -67,7 +67,7 @@ def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.A
 
 
 class _Watch:
-    """What a supervisor knows of its candidate, a child with a result pipe that does not block.
+    """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
     When the socket to the search closes, the search no longer waits. `prepared` is as in `child.run`.
     """

@@ -191,8 +191,8 @@ def crossover_text(first: str, second: str, instruction: str) -> str:
 def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
     """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
 
-    Temperature and draw number are those of the first request; the longer conversation makes it another request. None
-    where there is nothing to correct: no answer, a refusal, or one too long to send back.
+    Temperature and draw number are those of the first request; the longer conversation makes it another request.
+    Return None where there is nothing to correct: no answer, a refusal, or one too long to send back.
     """
     if rejection.reason in _NOT_REPAIRED or not answer.strip():
         return None

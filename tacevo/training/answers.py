@@ -62,7 +62,7 @@ class Answer:
 def read_answer(
     outcome: Finished | Died, contract: Contract, *, epochs: int, rows: int, device: Device = Device.cpu
 ) -> Answer | Rejection:
-    """Read a child's answer, of which nothing is trusted: predictions of so many rows after each epoch.
+    """Read a child's answer, of which nothing is trusted: predictions for a number of rows after each epoch.
 
     On a CPU no operation may lack a deterministic form.
     """

@@ -11,7 +11,7 @@ from tacevo.errors import DataError
 
 
 def check_directory(path: Path, place: str, expected: str) -> None:
-    """Refuse a path that is not a directory; a setting such as `data.root` names it as the place.
+    """Refuse a path that is not a directory; the place is the setting that names it, e.g. `data.root`.
 
     Raises:
         DataError: the path is absent, or a file; the remedy says what is there.

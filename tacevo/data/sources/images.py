@@ -57,7 +57,9 @@ def _hidden(path: Path) -> bool:
 
 
 def file_catalogue(files: Sequence[Path], places: Sequence[str], image_size: int, **fields: Any) -> Catalogue:
-    """List image files, at least one, which are decoded when their picture is made; `fields` are the other fields.
+    """List image files, at least one, which are decoded when their picture is made.
+
+    Places are what messages call them, and `fields` the other fields of the catalogue.
 
     Raises:
         DataError: as `common_size`.
