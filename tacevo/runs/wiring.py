@@ -126,7 +126,7 @@ class Workbench:
     seen: Seen | None = None
     #: Called with the measures that confine a candidate, before its answer is kept.
     notice: Notice | None = None
-    #: What runs jobs in place of a sandbox.
+    #: What runs jobs: a sandbox that is made with the first job, unless something else is given.
     run: Run | None = None
     #: Of `start_zygote`, for the sandbox; one starts with the first job where there is none.
     zygote: Zygote | None = None
