@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import BoundsRule, Scale
 from tacevo.rounding import rounded
-from tacevo.search.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score, quality
+from tacevo.search.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,5 +107,5 @@ def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
                 niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(one, common.scale)))
                 archive, _ = insert(archive, niche, Elite(name=one.id, objective=-one.fitness))
         occupied = rounded(coverage(archive, common.tessellation.niches))
-        found.append(Filled(coverage=occupied, qd_score=rounded(qd_score(archive, quality))))
+        found.append(Filled(coverage=occupied, qd_score=rounded(qd_score(archive))))
     return tuple(found)

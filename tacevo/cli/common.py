@@ -25,13 +25,9 @@ def existing_store(name: str | None) -> str | None:
 
 
 def place_of_results(output: str | None, source: str, name: str, what: str) -> Path:
-    """Return where results go: where the user wants them, else into the directory of the run or sweep.
+    """Return where results go: where the user wants them, else under a name in the directory of the run or sweep.
 
-    Args:
-        output: where the user wants them.
-        source: the directory or the bundle.
-        name: what they are called in a directory.
-        what: what they are, for the message, e.g. `the figures of a published run`.
+    The message calls them, e.g., `the figures of a published run`.
 
     Raises:
         ConfigError: nothing is written into a bundle, and the user named no place.

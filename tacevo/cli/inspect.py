@@ -52,17 +52,11 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_json: bool) -> Iterator[str]:
-    """Put answers through the gate of a task, one after another.
+    """Put answers through the gate of a task; yield a line for each file.
 
-    Args:
-        files: text files with an answer each, or JSON recordings with a `response` (and its `stop_reason`) or a
-            `source`.
-        task: the task's name.
-        image_size: in pixels; None for that of the task's data.
-        as_json: whether each verdict is a JSON object (file, verdict, stage, reason, detail, parameters), or words.
-
-    Yields:
-        One line a file.
+    A file is a text with an answer, or a JSON recording with a `response` (and its `stop_reason`) or a `source`. A line
+    is a JSON object (file, verdict, stage, reason, detail, parameters), or words. Without an image size, in pixels,
+    that of the task's data holds.
 
     Raises:
         ConfigError: there is no such task, or a file is not an answer.
@@ -237,12 +231,9 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def examine() -> tuple[str, bool]:
-    """Check machine, packages, sandbox and directories.
+    """Check machine, packages, sandbox and directories; return the findings as text, and whether a search can run.
 
     The confinement is what confined the candidate that was tried, or what the machine offers if none could be tried.
-
-    Returns:
-        The findings as text, and whether a search can run.
     """
     held: list[tuple[str, ...]] = []
     checks: dict[str, Callable[[], str]] = {

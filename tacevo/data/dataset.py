@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tacevo.data.scaling import BLOCK
 from tacevo.errors import DataError
-from tacevo.records import STRICT, DataFacts, to_json
+from tacevo.records import DataFacts, Record, to_json
 from tacevo.storage.canonical import canonical
 from tacevo.typed import parse
 
@@ -33,10 +33,8 @@ STATISTICS = ("mean", "deviation", "offset", "scale")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Facts:
+class _Facts(Record):
     """What stands in `facts.json`; the fields are those of `Dataset`."""
-
-    __pydantic_config__ = STRICT
 
     facts: DataFacts
     mean: tuple[float, ...]

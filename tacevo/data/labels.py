@@ -16,8 +16,7 @@ _ENDINGS = ("mm", "um", "deg", "rad", "N", "mN", "Nm", "MPa", "kPa")
 def units_of(catalogue: Catalogue) -> tuple[str, ...]:
     """Find the unit of every output: the source's statement, else the ending of its name.
 
-    Returns:
-        One text for each name, empty where the unit is unknown: a force may be in N or in mN.
+    It is empty where it is unknown: a force may be in N or in mN.
     """
     return tuple(map(_stated, catalogue.names)) if catalogue.units is None else catalogue.units
 

@@ -49,21 +49,13 @@ def load(
 ) -> Dataset:
     """Load a data set from the cache, or make it and keep it there.
 
-    Args:
-        source: where images and labels come from.
-        split_seed: seed of a random split; a release's own split does not use it, but it still names the cache entry.
-        normalisation: how inputs are to be normalised; only its statistics are computed here.
-        target_scaling: how regression targets are scaled; classification ignores it.
-        cache: directory of all cached data sets; made where it is absent.
-        workers: processes that make pictures; 1, or a small data set, makes them in this one.
-        split: who decides which images are for training.
-        accept: called with the catalogue before any picture is made; raises where it does not suit.
-        progress: called after every chunk of pictures, while they are being made.
-        say: called with one line where another process makes the data set and this one waits.
-        catalogue: what the source lists, where the caller has it already; else it is listed where it is needed.
+    A release's own split does not use the seed, but the seed still names the cache entry. Of the normalisation only the
+    statistics are computed here; classification ignores the scaling of targets. With one worker, or a small data set,
+    this process makes the pictures.
 
-    Returns:
-        The data set, with its images in `cache`.
+    `accept` is called with the catalogue before any picture is made, and raises where it does not suit; `progress`
+    after every chunk of pictures; `say` with one line where another process makes the data set and this one waits. The
+    source lists its catalogue where the caller does not have it already.
 
     Raises:
         DataError: the source is missing or broken, has fewer than 10 images or fewer than two classes, cannot be
@@ -91,15 +83,6 @@ def load(
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:
         remove_leftovers(cache)
-    return _read(directory)
-
-
-def _read(directory: Path) -> Dataset:
-    """Read an entry of the cache, and compare it with its fingerprint.
-
-    Raises:
-        DataError: it was changed or damaged.
-    """
     dataset = datasets.read(directory)
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
         raise DataError(
@@ -116,14 +99,14 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int) -> Split:
     Raises:
         DataError: the source has no split of its own, has too few groups, or a class would be absent from a part.
     """
-    if rule is SplitRule.release and catalogue.release is None:
-        got = "release, and the source does not name a split"
-        raise DataError(got, place="data.split", remedy="set data.split=random")
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
-    if rule is SplitRule.release and catalogue.release is not None:
+    if rule is SplitRule.random:
+        parts = random_split(len(catalogue.labels), seed, groups=catalogue.groups, classes=classes)
+    elif catalogue.release is not None:
         parts = catalogue.release
     else:
-        parts = random_split(len(catalogue.labels), seed, groups=catalogue.groups, classes=classes)
+        got = "release, and the source does not name a split"
+        raise DataError(got, place="data.split", remedy="set data.split=random")
     if classes is not None:
         refuse_unbalanced(parts, classes, catalogue.names)
     return parts

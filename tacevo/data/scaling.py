@@ -18,14 +18,10 @@ LARGEST_LABEL = 1e30
 def input_statistics(
     images: npt.NDArray[np.uint8], train: npt.NDArray[np.int64], normalisation: Normalisation
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Find the mean and deviation that inputs are normalised with.
+    """Find the mean and deviation that inputs are normalised with; `unit` looks at no pixel and gives 0 and 255.
 
-    Both come from whole-number sums and correctly rounded operations, so their bits are equal on every machine.
-
-    Args:
-        images: shape (N, C, S, S), values 0 to 255; may be memory-mapped.
-        train: the rows that may be looked at.
-        normalisation: `unit` looks at no pixel and gives mean 0 and deviation 255.
+    Both come from whole-number sums and correctly rounded operations, so their bits are equal on every machine. Images
+    are of shape (N, C, S, S), and may be memory-mapped; only the rows `train` are looked at.
 
     Returns:
         Mean and population deviation per channel, in units of the pixel values 0 to 255. A channel that never
@@ -66,17 +62,10 @@ def target_scale(
     *,
     chosen_by: str | None = None,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Find offset and scale per output, where target = (label - offset) / scale.
+    """Find offset and scale per output, K each, where target = (label - offset) / scale; only rows `train` count.
 
-    Args:
-        labels: shape (N, K), in the units of the recording; no training label beyond `LARGEST_LABEL` in size.
-        train: the rows that may be looked at.
-        scaling: what the training targets shall become.
-        names: of the K outputs, for messages.
-        chosen_by: the setting that names the outputs, for messages; None where the source fixes them.
-
-    Returns:
-        Offsets and scales, K each, in the units of the labels.
+    Labels are of shape (N, K), in the units of the recording, and no training label is beyond `LARGEST_LABEL` in size.
+    `chosen_by` is the setting that names the outputs, for messages; None where the source fixes them.
 
     Raises:
         DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt.

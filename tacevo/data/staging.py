@@ -31,9 +31,8 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterator[Path | None]:
     """Offer a hidden sibling to fill; on success it becomes `directory` in one step, else it is removed.
 
-    Args:
-        directory: what shall exist afterwards; its parent is made where it is absent.
-        waiting: called where another process makes the directory, before we wait for it.
+    The parent is made where it is absent. `waiting` is called where another process makes the directory, before we
+    wait for it.
 
     Yields:
         The directory to fill; None where another process was first, so that there is nothing left to do.
@@ -73,11 +72,9 @@ def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterat
 
 
 def reserve(file: BinaryIO, size: int) -> None:
-    """Reserve the space of a file now, because a full disk under a memory map would kill the process.
+    """Reserve the bytes of a file now, because a full disk under a memory map would kill the process.
 
-    Args:
-        file: open for writing, in a directory that `staged` offers.
-        size: in bytes.
+    The file is open for writing, in a directory that `staged` offers.
 
     Raises:
         DataError: the space is missing; the error names the directory and the bytes.

@@ -8,6 +8,7 @@ courtesy, the sandbox is the wall.
 import contextlib
 from dataclasses import dataclass
 
+from tacevo.choices import Numerics
 from tacevo.gate.extraction import extract, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import check
@@ -29,45 +30,29 @@ class GateLimits:
     flops: int
     #: Modules of the network, and operations of one forward pass.
     modules: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gate:
+    """Judges candidates of one task."""
+
+    #: The sandbox; it needs an entry `probe`, `tacevo.gate.probe:run`.
+    run: Run
+    #: Where probes are kept, of kind `probes`.
+    store: Store
+    #: Where the verdicts of extraction and policy on whole answers are kept, of kind `answers`.
+    answers: Store
+    contract: Contract
+    limits: GateLimits
     #: UTF-8 bytes of a model's whole answer.
     source_bytes: int = 100_000
-
-
-class Gate:
-    """Judges candidates of one task.
-
-    Args:
-        run: the sandbox; it needs an entry `probe`, `tacevo.gate.probe:run`.
-        store: where probes are kept, of kind `probes`.
-        answers: where the verdicts of extraction and policy on whole answers are kept, of kind `answers`.
-        contract: what a candidate must be.
-        limits: how large it may be.
-        probe_limits: time and memory of one probe.
-        numerics: name of the sandbox's numerics; part of the key, because a probe computes.
-        rules: under which verdicts and probes are kept. With other rules than the current ones, both stores must
-            replay, because this code judges by the current rules only.
-    """
-
-    def __init__(
-        self,
-        *,
-        run: Run,
-        store: Store,
-        answers: Store,
-        contract: Contract,
-        limits: GateLimits,
-        probe_limits: Limits,
-        numerics: str,
-        rules: Rules,
-    ) -> None:
-        self._run = run
-        self._store = store
-        self._answers = answers
-        self._contract = contract
-        self._limits = limits
-        self._probe_limits = probe_limits
-        self._numerics = numerics
-        self._rules = rules
+    #: Time and memory of one probe.
+    probe_limits: Limits
+    #: Of the sandbox; part of the key, because a probe computes.
+    numerics: Numerics
+    #: Under which verdicts and probes are kept. With other rules than the current ones, both stores must replay,
+    #: because this code judges by the current rules only.
+    rules: Rules
 
     def admit(self, completion: Completion) -> Admitted | Rejection:
         """Judge a model's answer.
@@ -76,19 +61,18 @@ class Gate:
             SandboxError: the sandbox is broken; nothing was stored.
             CacheMissError: a store only replays and does not know this answer or its source.
         """
-        limit = self._limits.source_bytes
-        rejection = first_look(completion, limit=limit)
+        rejection = first_look(completion, limit=self.source_bytes)
         if rejection is not None:  # not stored: such an answer may be huge, or text that no file can hold
             return rejection
         request: dict[str, Json] = {
-            "version": self._rules.static,
+            "version": self.rules.static,
             "text": completion.text,
             "stop_reason": completion.stop_reason,
-            "contract": to_json(self._contract),
-            "limit": limit,
+            "contract": to_json(self.contract),
+            "limit": self.source_bytes,
         }
         # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
-        source = recall_verdict(self._answers, request, str, "source", lambda: self._extract(completion))
+        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion))
         return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
@@ -98,48 +82,38 @@ class Gate:
         written for another version of Python. Under other rules than the current ones it is not checked, because the
         recorded probe was made only after the policy of that time had admitted the text.
         """
-        rejection = check(source, self._contract) if self._rules.static == CURRENT.static else None
+        rejection = check(source, self.contract) if self.rules.static == CURRENT.static else None
         return rejection or self.measure(source)
 
     def measure(self, source: str) -> Admitted | Rejection:
         """Probe a source that the policy has admitted, or recall its probe; raises as `admit` does."""
-        request = self._request(source)
-        found = recall_verdict(self._store, request, Profile, "profile", lambda: self._probe(source))
+        request: Json = {
+            "version": self.rules.probe,
+            **self._asked(source),
+            "probe_limits": to_json(self.probe_limits),
+            "numerics": self.numerics.value,
+        }
+        found = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
 
     def _extract(self, completion: Completion) -> str | Rejection:
-        source = extract(completion, self._contract)
-        return source if isinstance(source, Rejection) else check(source, self._contract) or source
+        source = extract(completion, self.contract)
+        return source if isinstance(source, Rejection) else check(source, self.contract) or source
 
-    def _request(self, source: str) -> Json:
-        """Return everything that a probe's answer depends on."""
-        return {
-            "version": self._rules.probe,
-            "source": source,
-            "contract": to_json(self._contract),
-            "limits": self._sizes(),
-            "probe_limits": to_json(self._probe_limits),
-            "numerics": self._numerics,
-        }
-
-    def _sizes(self) -> Json:
-        return {
-            "parameters": self._limits.parameters,
-            "flops": self._limits.flops,
-            "modules": self._limits.modules,
-        }
+    def _asked(self, source: str) -> dict[str, Json]:
+        """Return the header of a probe's job."""
+        return {"source": source, "contract": to_json(self.contract), "limits": to_json(self.limits)}
 
     def _probe(self, source: str) -> Profile | Rejection:
         """Run the probe in the sandbox and check its answer, of which nothing is trusted."""
-        header = {"source": source, "contract": to_json(self._contract), "limits": self._sizes()}
-        outcome = self._run("probe", header, b"", self._probe_limits)
+        outcome = self.run("probe", self._asked(source), b"", self.probe_limits)
         if isinstance(outcome, Died):
             return _rejected(outcome.reason, outcome.detail)
         with contextlib.suppress(AnswerError):
             match [
                 read_verdict(Profile, "profile", frame.header, place="", error=AnswerError) for frame in outcome.frames
             ]:
-                case [Profile() as profile] if _is_within(profile, self._limits) and _is_consistent(profile):
+                case [Profile() as profile] if _is_within(profile, self.limits) and _is_consistent(profile):
                     return profile
                 case [Rejection(stage=Stage.probe, reason=reason, detail=detail)]:
                     return _rejected(reason, one_line(detail))

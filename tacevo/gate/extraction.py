@@ -40,27 +40,18 @@ class _Code:
 
 
 def extract(completion: Completion, contract: Contract) -> str | Rejection:
-    """Find the source text in an answer.
-
-    Args:
-        completion: an answer that `first_look` lets pass.
-        contract: names the class to look for.
+    """Find the source text in an answer that `first_look` lets pass.
 
     Returns:
-        Source that parses and defines the class once: newlines normalised, dedented, ending with one newline;
-        or a rejection at stage `extract`.
+        Source that parses and defines the contract's class once: newlines normalised, dedented, ending with one
+        newline; or a rejection at stage `extract`.
     """
     found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
 def first_look(completion: Completion, *, limit: int) -> Rejection | None:
-    """Reject what needs no parsing.
-
-    Args:
-        completion: the answer as the model wrote it.
-        limit: most UTF-8 bytes that it may have; checked first, so that nothing else is done with a huge answer.
-    """
+    """Reject what needs no parsing; first what has more UTF-8 bytes than the limit, so that no more is done with it."""
     text, reason = completion.text, completion.stop_reason
     try:
         size = len(text) if len(text) > limit else len(text.encode())
@@ -142,18 +133,13 @@ def _defines_whole(tree: ast.Module, name: str) -> bool:
 
 def _helpers(chosen: _Code, codes: Sequence[_Code], name: str) -> list[_Code]:
     """Find the other blocks that define what the chosen one uses but lacks, and what these lack, in text order."""
+    left = [code for code in codes if code is not chosen and not _class_definitions(code.tree, name)]
     taken: list[_Code] = []
     missing = _loaded(chosen.tree) - _bound(chosen.tree)
-    grew = True
-    while grew:
-        grew = False
-        for code in codes:
-            if code is chosen or code in taken or _class_definitions(code.tree, name):
-                continue
-            if missing & _defined(code.tree):
-                taken.append(code)
-                missing |= _loaded(code.tree) - _bound(code.tree)
-                grew = True
+    while new := [code for code in left if code not in taken and missing & _defined(code.tree)]:
+        taken += new
+        for code in new:
+            missing |= _loaded(code.tree) - _bound(code.tree)
     return [code for code in codes if code in taken]
 
 
@@ -211,11 +197,9 @@ def _explain(text: str, mentioning: Sequence[Block], codes: Sequence[_Code], nam
     """Return why no block has the whole class."""
     if mentioning:
         tree = parse(mentioning[-1].text)
-        return (
-            tree
-            if isinstance(tree, Problem)
-            else Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
-        )
+        if isinstance(tree, Problem):
+            return tree
+        return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
     classes = sorted({node.name for code in codes for node in code.tree.body if isinstance(node, ast.ClassDef)})
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")

@@ -35,11 +35,7 @@ class Settings:
 
 
 class StepRecorder:
-    """Appends steps, and follows data between them.
-
-    Args:
-        images: the input of the pass. Tensors are distinguished by id, so the caller keeps them alive.
-    """
+    """Appends steps, and follows data between them; it knows tensors by id, so the caller keeps them alive."""
 
     def __init__(self, images: Tensor) -> None:
         self.steps: list[Step] = []
@@ -82,26 +78,29 @@ class StepRecorder:
 
 def of_layer(op: str, layer: nn.Module) -> Settings:
     """Read the settings of a layer of torch.nn."""
-    rank = CONVOLUTIONS.get(op)
-    if rank is not None:
-        weight = getattr(layer, "weight", None)
-        return _convolution(rank, [weight], getattr(layer, "stride", 1), getattr(layer, "groups", 1))
-    return Settings(rate=_rate(getattr(layer, "p", 0.0))) if _is_dropout(op) else Settings()
+    # Of other layers the weight is left alone: reading a parametrized one computes it, which the probe would count.
+    tensors = [getattr(layer, "weight", None)] if op in CONVOLUTIONS else []
+    return _settings(op, tensors, getattr(layer, "stride", 1), getattr(layer, "groups", 1), getattr(layer, "p", 0.0))
 
 
 def of_call(op: str, args: tuple[Any, ...], kwargs: Mapping[str, Any], inputs: list[Tensor]) -> Settings:
     """Read the settings of a function."""
+
+    def named(name: str, place: int, default: float) -> Any:
+        return kwargs.get(name, args[place] if len(args) > place else default)
+
+    return _settings(op, inputs, named("stride", _STRIDE, 1), named("groups", _GROUPS, 1), named("p", 1, _DROPOUT))
+
+
+def _settings(op: str, tensors: Iterable[Any], stride: Any, groups: Any, rate: Any) -> Settings:
+    """Write a call's settings in one form; a convolution's weight is the last tensor of its rank plus two dimensions.
+
+    A probability that torch accepted is in [0, 1], as a number or, rarely, as a tensor.
+    """
     rank = CONVOLUTIONS.get(op)
-    if rank is not None:
-        stride = kwargs.get("stride", args[_STRIDE] if len(args) > _STRIDE else 1)
-        return _convolution(rank, inputs, stride, kwargs.get("groups", args[_GROUPS] if len(args) > _GROUPS else 1))
-    return (
-        Settings(rate=_rate(kwargs.get("p", args[1] if len(args) > 1 else _DROPOUT))) if _is_dropout(op) else Settings()
-    )
-
-
-def _convolution(rank: int, tensors: Iterable[Any], stride: Any, groups: Any) -> Settings:
-    """Write a convolution's settings in one form; the weight is the last tensor with its rank plus two dimensions."""
+    if rank is None:
+        is_known = "dropout" in op and isinstance(rate, int | float) and 0 <= rate <= 1
+        return Settings(rate=float(rate) if is_known else 0.0)
     weights = [tensor for tensor in tensors if isinstance(tensor, Tensor) and tensor.dim() == rank + 2]
     return Settings(
         kernel=tuple(weights[-1].shape[2:]) if weights else (),
@@ -115,12 +114,3 @@ def _sides(value: Any, rank: int) -> tuple[int, ...]:
     sides = tuple(value) if isinstance(value, tuple | list) else (value,)
     sides = sides * rank if len(sides) == 1 else sides
     return sides if all(type(side) is int and side > 0 for side in sides) else ()
-
-
-def _is_dropout(op: str) -> bool:
-    return "dropout" in op
-
-
-def _rate(value: Any) -> float:
-    """Return a probability; a call that torch accepted has it in [0, 1], as a number or, rarely, as a tensor."""
-    return float(value) if isinstance(value, int | float) and 0 <= value <= 1 else 0.0

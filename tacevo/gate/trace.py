@@ -48,11 +48,9 @@ class Trace:
 
 
 def trace(model: nn.Module, images: Tensor) -> Trace:
-    """Run one forward pass in eval mode without gradients and record what it did.
+    """Run one forward pass in eval mode without gradients and record what it did; the network is left in eval mode.
 
-    Args:
-        model: the network; it is left in eval mode.
-        images: its input, shape (N, channels, height, width).
+    Images are of shape (N, channels, height, width).
 
     Raises:
         Exception: what the network raises.
@@ -153,12 +151,8 @@ class _Recorder(TorchFunctionMode):
     def _follow(self, op: str, inputs: list[Tensor], output: Any, *, key: int | None, settings: Settings) -> None:
         """Follow data from inputs to outputs, through a new node where the call is an operation.
 
-        Args:
-            op: its spelling.
-            inputs: every tensor that the call was given, its weight included.
-            output: what it returned.
-            key: which weights it used; None where it used none of two or more dimensions.
-            settings: of a convolution or a dropout.
+        The inputs are every tensor that the call was given, its weight included. The key says which weights it used;
+        None where it used none of two or more dimensions.
         """
         results = list(_tensors(output))
         sources = [self._producers[id(tensor)] for tensor in inputs if id(tensor) in self._producers]

@@ -8,7 +8,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.rules import Rules
 from tacevo.search.algorithm import Observer, Plan, SearchState, run_search
-from tacevo.search.archive import Places, coverage, qd_score, quality
+from tacevo.search.archive import Places, coverage, qd_score
 from tacevo.search.development import Tools
 from tacevo.search.files import EliteEntry, NetworkFile, PromptFile, TrialEntry
 from tacevo.search.lines import RulesLine, RunLine
@@ -38,12 +38,8 @@ def run_eras(
 ) -> SearchState:
     """Run a search whose generations follow several rules, one after the other; each change has a ledger line.
 
-    Args:
-        plan: of the whole search.
-        eras: from generation 0 on; one, unless the run was continued under other rules.
-        tools: returns the effects under the rules of an era.
-        ledger: for every line.
-        observer: who watches.
+    The eras begin with generation 0; there is one, unless the run was continued under other rules. `tools` returns the
+    effects under the rules of an era.
 
     Raises:
         TacevoError: as `run_search`.
@@ -87,7 +83,7 @@ def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFi
         NetworkFile(
             niches=plan.networks.niches,
             coverage=coverage(networks.archive, plan.networks.niches),
-            qd_score=round(qd_score(networks.archive, quality), 12),
+            qd_score=round(qd_score(networks.archive), 12),
             bounds=networks.bounds,
             elites=elites,
         ),

@@ -1,6 +1,5 @@
 """What a user sees while a command works: lines, and on a terminal bars with rate and time left."""
 
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console
@@ -25,11 +24,7 @@ from tacevo.text import printable
 
 
 class Progress:
-    """Lines and bars on standard error; logs and pipes get the lines only.
-
-    Args:
-        console: where to write instead.
-    """
+    """Lines and bars on standard error, or on another console; logs and pipes get the lines only."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
@@ -50,9 +45,7 @@ class Progress:
         self._bars.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bars.stop()
 
     def say(self, text: str) -> None:

@@ -50,11 +50,8 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
 def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     """Reject a comparison of temperatures for a model that refuses them, as far as the recorded answers say.
 
-    An answer counts if it was given to the same model, token limit and settings.
-
-    Args:
-        overrides: what tells a search apart from those that it is compared with, among them its arm.
-        config: of the search.
+    The overrides are what tells a search apart from those that it is compared with, among them its arm. An answer
+    counts if it was given to the same model, token limit and settings.
 
     Raises:
         ConfigError: they set a temperature, and the model refuses it.

@@ -92,17 +92,9 @@ def record(
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
-    Args:
-        config: the configuration.
-        task: the task.
-        data: the data set.
-        view: shows the progress.
-        begun: the ledger of another run that this one continues; the search is compared with its lines as with those
-            of a stopped run.
-        eras: the rules to search under, from which generation on.
-        run: what runs candidates in place of a sandbox.
-        zygote: for the sandbox, where one was started before.
-        llm: what `require_means` returned, where it was asked.
+    `begun` is the ledger of another run that this one continues; the search is compared with its lines as with those
+    of a stopped run. `eras` are the rules to search under, from which generation on. `run`, `zygote` and `llm` are as
+    of `Workbench`.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
@@ -243,9 +235,6 @@ class Walls:
     """Keeps in run.json what confined the candidates of a run, each way once, in the order in which they came.
 
     A run may be continued where less is in force; a candidate that is recalled from the stores adds nothing.
-
-    Args:
-        directory: of the run, with its run.json.
     """
 
     def __init__(self, directory: RunDirectory) -> None:

@@ -26,16 +26,8 @@ def summarise(
 ) -> str:
     """Write the summary of a run as Markdown.
 
-    Args:
-        run: what run.json holds.
-        config: the configuration in it.
-        lines: the ledger.
-        elites: ids of the network archive's elites.
-        spent: what each candidate's answers cost, by id, as far as that is known.
-
-    Returns:
-        A page with the search's size, its best networks, a table of the gate's stages, one of generations, and the
-        cost of the answers.
+    The page has the search's size, its best networks, a table of the gate's stages, one of generations, and the cost of
+    the answers, as far as it is known. Elites, those of the network archive, and costs are by the candidates' ids.
     """
     candidates = {line.id: line for line in lines if isinstance(line, CandidateLine)}
     generations = [line for line in lines if isinstance(line, GenerationLine)]

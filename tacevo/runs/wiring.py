@@ -1,14 +1,13 @@
 """From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
-from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, Device, ExecutorKind
-from tacevo.config.schema import ArchiveConfig, ExecutorConfig, RunConfig
+from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, Device
+from tacevo.config.schema import ArchiveConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
@@ -108,70 +107,53 @@ def start_zygote(config: RunConfig) -> Zygote:
     return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
 
 
+@dataclass(eq=False)
 class Workbench:
     """The gate, the trainings and the model of a run, over one sandbox and the threads that wait for it.
 
     The sandbox is made when something first needs it. A replay needs none, so it works on a machine without one.
-
-    Args:
-        config: the run's configuration.
-        task: the task.
-        facts: of the data set.
-        mode: of the stores; the completions follow `llm.mode`, unless this is `replay`.
-        data: the data set; None where nothing is trained, as in a replay.
-        seen: called with every store entry that is read.
-        notice: called with the measures that confine a candidate, before its answer is kept.
-        run: what runs jobs in place of a sandbox.
-        zygote: of `start_zygote`, for the sandbox; one starts with the first job where there is none.
-        llm: of `build_llm`, in the mode of the workbench; built where it is needed if there is none.
     """
 
-    def __init__(
-        self,
-        config: RunConfig,
-        task: Task,
-        facts: DataFacts,
-        mode: Mode,
-        *,
-        data: Dataset | None = None,
-        seen: Seen | None = None,
-        notice: Notice | None = None,
-        run: Run | None = None,
-        zygote: Zygote | None = None,
-        llm: LLM | None = None,
-    ) -> None:
-        self._config = config
-        self._task = task
-        self._facts = facts
-        self._mode = mode
-        self._data = data
-        self._seen = seen
-        self._notice = notice
-        self._run = run
-        self._zygote = zygote
-        self._llm = llm
-        self._stack = contextlib.ExitStack()
+    config: RunConfig
+    task: Task
+    facts: DataFacts
+    #: Of the stores; the completions follow `llm.mode`, unless this is `replay`.
+    mode: Mode
+    _: KW_ONLY
+    #: None where nothing is trained, as in a replay.
+    data: Dataset | None = None
+    #: Called with every store entry that is read.
+    seen: Seen | None = None
+    #: Called with the measures that confine a candidate, before its answer is kept.
+    notice: Notice | None = None
+    #: What runs jobs: a sandbox that is made with the first job, unless something else is given.
+    run: Run | None = None
+    #: Of `start_zygote`, for the sandbox; one starts with the first job where there is none.
+    zygote: Zygote | None = None
+    #: Of `build_llm`, in this mode; built where it is needed if there is none.
+    llm: LLM | None = None
+    _stack: contextlib.ExitStack = field(init=False, default_factory=contextlib.ExitStack)
+
+    def __post_init__(self) -> None:
         #: The threads that wait for the sandbox.
-        self.executor = _executor(config.executor)
+        self.executor = ThreadPoolExecutor(self.config.executor.workers, "worker")
 
     def __enter__(self) -> Self:
         self._stack.enter_context(self.executor)
         self._stack.callback(self.executor.shutdown, wait=False, cancel_futures=True)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the candidates first, and then the threads that wait for them."""
         self._stack.close()
 
     def tools(self, rules: Rules) -> Tools:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed, mode = derived_seed(self._config.seed, "training"), self._mode_under(rules)
-        llm = self._llm if mode is self._mode else None
+        seed, mode = derived_seed(self.config.seed, "training"), self._mode_under(rules)
+        llm = self.llm if mode is self.mode else None
         return Tools(
-            llm=llm or build_llm(self._config, mode, seen=self._seen),
+            llm=llm or build_llm(self.config, mode, seen=self.seen),
             admit=gate.admit,
             inspect=gate.inspect,
             evaluate=lambda source: evaluator.evaluate(source, seed),
@@ -181,75 +163,75 @@ class Workbench:
 
     def gate(self, rules: Rules) -> Gate:
         """Return the gate of the task."""
-        gate, mode = self._config.gate, self._mode_under(rules)
+        gate, mode = self.config.gate, self._mode_under(rules)
         return Gate(
             run=self._sandbox(mode),
             answers=self._store("answers", mode),
             store=self._store("probes", mode),
-            contract=self._task.contract,
+            contract=self.task.contract,
             limits=GateLimits(
                 parameters=gate.max_parameters,
                 flops=gate.max_flops,
                 modules=gate.max_modules,
-                source_bytes=gate.max_source_bytes,
             ),
+            source_bytes=gate.max_source_bytes,
             probe_limits=Limits(seconds=gate.seconds, memory_mib=gate.memory_mib),
-            numerics=self._config.numerics.kind,
+            numerics=self.config.numerics.kind,
             rules=rules,
         )
 
     def evaluator(self, rules: Rules) -> Evaluator:
         """Return what trains candidates as a search under these rules does; under older ones it stores nothing."""
         return Evaluator(
-            run=self._sandbox(self._mode),
+            run=self._sandbox(self.mode),
             store=self._store("evaluations", self._mode_under(rules)),
             setting=replace(self._setting(), contiguous=rules.training in CONTIGUOUS),
-            examples=None if self._data is None else _examples(self._data),
+            examples=None if self.data is None else _examples(self.data),
             rules=rules.training,
         )
 
     def studies(self, rules: int) -> FullEvaluator:
         """Return what trains networks fully and tests them, under the rules of that number."""
-        mode = self._mode if rules == STUDY else Mode.replay
+        mode = self.mode if rules == STUDY else Mode.replay
         return FullEvaluator(
             run=self._sandbox(mode),
             store=self._store("studies", mode),
             setting=self._setting(),
-            examples=None if self._data is None else (_examples(self._data), _held_out(self._data)),
+            examples=None if self.data is None else (_examples(self.data), _held_out(self.data)),
             rules=rules,
         )
 
     def _mode_under(self, rules: Rules) -> Mode:
         """Keep what this code computes from being stored under the numbers of other rules."""
-        return self._mode if rules == CURRENT else Mode.replay
+        return self.mode if rules == CURRENT else Mode.replay
 
     def _sandbox(self, mode: Mode) -> Run:
         """Return what runs jobs; in a replay, stores answer all of them."""
         if mode is Mode.replay:
             return _refuse_to_run
-        if self._run is None:
-            device = self._config.training.device
+        if self.run is None:
+            device = self.config.training.device
             sandbox = Sandbox(
                 entries=ENTRIES,
-                environment=environment(self._config.numerics.kind, device),
-                arrays={} if self._data is None else {"images": self._data.images},
+                environment=environment(self.config.numerics.kind, device),
+                arrays={} if self.data is None else {"images": self.data.images},
                 strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
-                notice=self._notice,
-                zygote=self._zygote,
+                notice=self.notice,
+                zygote=self.zygote,
             )
-            self._run = self._stack.enter_context(sandbox).run
-        return self._run
+            self.run = self._stack.enter_context(sandbox).run
+        return self.run
 
     def _store(self, kind: str, mode: Mode) -> Store:
-        return Store(Path(self._config.store.root), kind, mode, seen=self._seen)
+        return Store(Path(self.config.store.root), kind, mode, seen=self.seen)
 
     def _setting(self) -> Setting:
         return Setting(
-            contract=self._task.contract,
-            fingerprint=self._facts.fingerprint,
-            recipe=recipe_of(self._config),
-            numerics=self._config.numerics.kind,
-            device=self._config.training.device,
+            contract=self.task.contract,
+            fingerprint=self.facts.fingerprint,
+            recipe=recipe_of(self.config),
+            numerics=self.config.numerics.kind,
+            device=self.config.training.device,
         )
 
 
@@ -257,12 +239,6 @@ def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> 
     raise SandboxError(
         f"a job for a sandbox ({entry})", expected="a replay that runs no candidate", remedy="record the run again"
     )
-
-
-def _executor(executor: ExecutorConfig) -> Executor:
-    match executor.kind:
-        case ExecutorKind.local:
-            return ThreadPoolExecutor(executor.workers, "worker")
 
 
 def recipe_of(config: RunConfig) -> Recipe:

@@ -27,11 +27,7 @@ NAME = "candidate"
 
 
 def call_plainly(*functions: Any) -> None:
-    """Have torch call functions of its own directly, where it would first import its compiler to keep the compiler off.
-
-    Args:
-        functions: what `torch._disable_dynamo` made.
-    """
+    """Have torch call what `torch._disable_dynamo` made directly, where it would first import its compiler."""
     for function in functions:
         plain = function.__wrapped__
         plain.__dynamo_disable = plain  # torch looks this up, and imports the compiler to make it where it is missing
@@ -79,11 +75,6 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     The text sees `torch`, `nn`, `F` and `math` without importing them, since answers often leave the imports
     out. Torch's generator is seeded first, so the initial weights follow from the arguments alone.
 
-    Args:
-        source: text of a module that defines the contract's class.
-        contract: the class's name and the arguments it may take.
-        seed: for `torch.manual_seed`.
-
     Raises:
         TypeError: the source does not define such a class, or it or what it makes is not an `nn.Module`.
         Exception: what the source raises.
@@ -106,15 +97,9 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
 
 
 def standardise(images: np.ndarray[Any, Any], mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:
-    """Turn stored images into network input.
+    """Turn stored images, uint8, into network input, float32: (images - mean) / deviation, shape (n, C, S, S).
 
-    Args:
-        images: uint8, shape (n, C, S, S).
-        mean: float32, shape (C, 1, 1), in units of the stored values.
-        deviation: the same, positive.
-
-    Returns:
-        Float32, shape (n, C, S, S): (images - mean) / deviation.
+    Mean and deviation, which is positive, are float32 of shape (C, 1, 1), in units of the stored values.
     """
     return torch.from_numpy(images).to(torch.float32).sub_(mean).div_(deviation)
 
@@ -149,11 +134,7 @@ def blaming(reason: Reason) -> Iterator[None]:
 
 
 def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:
-    """Check that an output learns by listed parameters only.
-
-    Args:
-        output: what the network returned.
-        listed: the network's parameters.
+    """Check that what a network returned learns by the listed parameters, which are its own, only.
 
     Raises:
         ValueError: the output does not require a gradient.

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Self, TypeVar
 
 from tacevo.choices import Confinement
@@ -147,9 +146,7 @@ class Sandbox:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
@@ -163,12 +160,7 @@ class Sandbox:
         """
         if entry not in self._entries:
             raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
-        order: dict[str, Json] = {
-            "entry": entry,
-            "header": header,
-            "limits": to_json(limits),
-            "strongest": self._strongest,
-        }
+        order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
         try:
             answer = self._run(order, payload, limits, prepared=False)
         except _UnpreparedError:
@@ -236,10 +228,7 @@ class Sandbox:
 class Zygote:
     """A process that imports the entries, and with them torch, while its maker does other things, and then takes jobs.
 
-    Args:
-        entries: as of `Sandbox`.
-        environment: as of `Sandbox`.
-        imports: modules beside those that the entries need.
+    `imports` are modules beside those that the entries need; the rest is as of `Sandbox`.
     """
 
     def __init__(
@@ -265,9 +254,7 @@ class Zygote:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _await_start(self, arrays: Mapping[str, Path]) -> None:

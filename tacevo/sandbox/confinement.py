@@ -42,11 +42,7 @@ _MISSING = {
 
 
 def require(level: Confinement, offered: Confinement | None = None) -> None:
-    """Check that candidates can be confined as strongly as a run demands.
-
-    Args:
-        level: what the run demands.
-        offered: the strongest level of the machine; None for this one's.
+    """Check that a machine confines candidates as strongly as a run demands: one that offers a level, or this one.
 
     Raises:
         SandboxError: the level is stronger than the one offered.
@@ -88,40 +84,23 @@ def report() -> dict[str, str]:
 
 
 def in_force(measures: Collection[str]) -> dict[str, str]:
-    """Describe what confined a candidate, for `tacevo doctor` and run.json.
+    """Describe what confined a candidate, for `tacevo doctor` and run.json, from what `confine` returned there.
 
-    Args:
-        measures: the names that `confine` returned in the candidate's process.
-
-    Returns:
-        The lines of `report`, with the level that the candidate was confined at; measures that this machine has and
-        the run left out are named as such.
+    Return the lines of `report`, with the level that the candidate was confined at; measures that this machine has and
+    the run left out are named as such.
     """
     lines = report()
-    absent = [
-        name
-        for name in ("landlock", "seccomp", "rlimits")
-        if name not in measures and not lines[name].startswith("missing")
-    ]
+    absent = [name for name in (*_WALLS, "rlimits") if name not in measures and not lines[name].startswith("missing")]
     left_out = dict.fromkeys(absent, "not in force: left out, as training.device=cuda needs")
-    return lines | left_out | {"level": _level(measures).value}
-
-
-def _level(measures: Collection[str]) -> Confinement:
-    if "rlimits" not in measures:
-        return Confinement.none
-    return Confinement.kernel if _WALLS.issubset(measures) else Confinement.process
+    level = Confinement.kernel if _WALLS.issubset(measures) else Confinement.process
+    return lines | left_out | {"level": level.value if "rlimits" in measures else Confinement.none.value}
 
 
 def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
     """Drop, for good, what a candidate does not need; called in the child before its source runs.
 
-    Args:
-        limits: what the candidate may use.
-        strongest: the level whose measures are taken, as far as this machine has them.
-
-    Returns:
-        The names of the measures in force, as in `report`.
+    The measures of the level `strongest` are taken, as far as this machine has them. Return the names of those in
+    force, as in `report`.
 
     Raises:
         OSError: the kernel refused a measure that it has.

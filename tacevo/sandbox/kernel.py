@@ -20,11 +20,7 @@ _CAPABILITY_VERSION_3 = 0x20080522
 
 
 def system_call(number: int, *arguments: int | object) -> int:
-    """Make a system call by its number.
-
-    Args:
-        number: of the call, on this architecture.
-        arguments: integers, and what `ctypes` passes as a pointer.
+    """Make a system call by its number on this architecture, with integers and what `ctypes` passes as a pointer.
 
     Raises:
         OSError: the kernel refused, or does not know the call.
@@ -42,11 +38,7 @@ def protect_memory() -> None:
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel kill this process as soon as its parent is gone, for any reason.
-
-    Args:
-        parent: the process that forked this one; it may be gone already.
-    """
+    """Have the kernel kill this process as soon as its parent, which may be gone already, is gone for any reason."""
     _control(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
@@ -65,10 +57,8 @@ def renounce_privileges() -> None:
 def fix_addresses() -> bool:
     """Switch the randomisation of addresses off for the program that this thread starts next.
 
-    Sets of classes iterate in the order of their addresses, which would otherwise differ from run to run.
-
-    Returns:
-        False where the kernel refuses, or the filter of a container.
+    Sets of classes iterate in the order of their addresses, which would otherwise differ from run to run. Return False
+    where the kernel refuses, or the filter of a container.
     """
     kernel = ctypes.CDLL(None)
     current: int = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))

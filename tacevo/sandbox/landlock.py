@@ -42,13 +42,9 @@ def version() -> int:
 
 
 def refused(known: int) -> tuple[int, int, int]:
-    """Return everything that a version of the interface can refuse, as bits.
+    """Return everything that a version of the interface, at least 1, can refuse, as bits.
 
-    Args:
-        known: the version, at least 1.
-
-    Returns:
-        Kinds of access to files, of access to the network, and of reaching processes outside.
+    They are kinds of access to files, of access to the network, and of reaching processes outside.
     """
     files = (1 << _FILE_ACCESSES.get(known, max(_FILE_ACCESSES.values()))) - 1
     network = _BIND_AND_CONNECT if known >= NETWORK_SINCE else 0

@@ -112,11 +112,7 @@ class Message:
 
 
 class Splitter:
-    """Cuts a stream of bytes into messages.
-
-    Args:
-        bounds: how much may come in all; None for a trusted sender.
-    """
+    """Cuts a stream of bytes into messages; bounds say how much may come in all, None for a trusted sender."""
 
     def __init__(self, bounds: Bounds | None) -> None:
         self._bounds = bounds
@@ -183,11 +179,9 @@ class Channel:
         self.stream.sendall(message.to_bytes())
 
     def receive(self, deadline: float | None = None) -> Message:
-        """Wait for the next message.
+        """Wait for the next message, until a time by `time.monotonic` even if bytes keep coming.
 
-        Args:
-            deadline: when to give up, by `time.monotonic`, even if bytes keep coming; None for the socket's own limit,
-                which is one of silence.
+        Without a deadline, the socket's own limit holds, which is one of silence.
 
         Raises:
             EOFError: the other side is gone.

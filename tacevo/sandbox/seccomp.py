@@ -107,13 +107,9 @@ def is_available() -> bool:
 
 
 def program(machine: Machine, pid: int) -> bytes:
-    """Write the filter of one process.
+    """Write the filter of one process, the only one that its signals may reach.
 
     The first test refuses calls of other architectures. Those of x32 have numbers that are not listed.
-
-    Args:
-        machine: the system calls of the architecture.
-        pid: the process that signals may reach.
     """
     text = [
         _INSTRUCTION.pack(_LOAD_WORD, 0, 0, _ARCHITECTURE),

@@ -67,14 +67,9 @@ def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.A
 
 
 class _Watch:
-    """What a supervisor knows of its candidate.
+    """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
-    Args:
-        pid: the child.
-        pipe: the non-blocking end of its result pipe.
-        search: descriptor of the socket to the search; when it closes, the search no longer waits.
-        limits: what the candidate may use, from now on.
-        prepared: whether the zygote has imported every module that a job may need.
+    When the socket to the search closes, the search no longer waits. `prepared` is as in `child.run`.
     """
 
     def __init__(self, pid: int, pipe: int, search: int, limits: Limits, *, prepared: bool) -> None:

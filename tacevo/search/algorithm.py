@@ -29,7 +29,6 @@ from tacevo.search.archive import (
     Tessellation,
     coverage,
     qd_score,
-    quality,
 )
 from tacevo.search.descriptors import Descriptor, describe, scaled
 from tacevo.search.development import Outcome, Tools, begun, develop
@@ -203,7 +202,7 @@ def close(
         generation_best=min(fitnesses, default=None),
         generation_median=round(statistics.median(fitnesses), 12) if fitnesses else None,
         coverage=coverage(state.networks.archive, plan.networks.niches),
-        qd_score=round(qd_score(state.networks.archive, quality), 12),
+        qd_score=round(qd_score(state.networks.archive), 12),
         prompt_coverage=coverage(state.prompts.archive, plan.prompts.niches),
         bounds=state.networks.bounds,
         archive=content_hash(to_json(elites)),

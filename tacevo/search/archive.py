@@ -6,7 +6,7 @@ ablation puts in its place: the best networks, wherever they lie.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import STRICT
+from tacevo.records import Record
 from tacevo.search.growing import Growing
 
 #: Coordinates of a point, shape (d,).
@@ -46,11 +46,7 @@ class Archive:
 
 
 class Tessellation:
-    """The niches: which centroid a point of [0, 1]^d is nearest to.
-
-    Args:
-        centroids: shape (niches, d).
-    """
+    """The niches, by their centroids of shape (niches, d): which of them a point of [0, 1]^d is nearest to."""
 
     def __init__(self, centroids: Sequence[Sequence[float]] | NDArray[np.float64]) -> None:
         from scipy.spatial import cKDTree  # a third of a second to import, for the commands that have an archive
@@ -142,26 +138,18 @@ def coverage(archive: Archive, niches: int) -> float:
     return len(archive.elites) / niches
 
 
-def qd_score(archive: Archive, quality: Callable[[float], float]) -> float:
+def qd_score(archive: Archive) -> float:
     """Sum the quality of all elites (Pugh, Soros and Stanley 2016, doi:10.3389/frobt.2016.00040).
 
-    Args:
-        archive: the archive.
-        quality: maps an objective to a quality >= 0, so that a further elite never lowers the score.
+    An objective is the negative of a loss f >= 0. Its quality is 1 / (1 + f), in (0, 1]; so a further elite never
+    lowers the score.
     """
-    return math.fsum(quality(elite.objective) for elite in archive.elites.values())
-
-
-def quality(objective: float) -> float:
-    """Turn an objective, the negative of a loss f >= 0, into a quality in (0, 1]: 1 / (1 + f)."""
-    return 1.0 / (1.0 - objective)
+    return math.fsum(1.0 / (1.0 - elite.objective) for elite in archive.elites.values())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class Bounds(Record):
     """The range of each descriptor that min-max normalisation maps to [0, 1]."""
-
-    __pydantic_config__ = STRICT
 
     low: Point
     high: Point
@@ -240,16 +228,9 @@ def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: Collection[Pla
 
 
 def best_of_their_own(elites: Iterable[tuple[float, str, str | None]], baseline: str | None) -> list[str]:
-    """Rank elites, and pass over those whose source is the baseline's or a better elite's.
+    """Rank elites, and pass over those whose source is the baseline's or a better elite's; return ids, best first.
 
-    The earlier candidate wins a tie.
-
-    Args:
-        elites: fitness (lower is better), id and source of each, in any order.
-        baseline: source of the baseline.
-
-    Returns:
-        Their ids, best first.
+    Each elite comes as fitness (lower is better), id and source, in any order. The earlier candidate wins a tie.
     """
     seen, chosen = {baseline}, []
     for _, name, source in sorted(elites, key=lambda elite: elite[:2]):

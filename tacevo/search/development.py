@@ -72,11 +72,6 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) ->
     a long training and the others idle; equal sources are trained once. What the gate rejected is sent back together
     when the gate is done, up to `repairs` times.
 
-    Args:
-        proposals: the slots of a generation.
-        tools: the effects.
-        repairs: how often an answer may be corrected.
-
     Raises:
         LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
@@ -235,12 +230,7 @@ def _outcome(proposal: Proposal, judged: _Judged) -> Outcome:
 
 
 def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
-    """Begin a candidate's line with what was asked and what the model said.
-
-    Args:
-        outcome: of the candidate.
-        names_dropped: whether the line names the sampling settings that were not sent.
-    """
+    """Begin a candidate's line with what was asked and what the model said (`names_dropped`: see `Plan`)."""
     proposal, completion = outcome.proposal, outcome.completion
     return CandidateLine(
         generation=proposal.generation,

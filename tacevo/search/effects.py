@@ -10,10 +10,7 @@ class LLM(Protocol):
     """Anything that answers requests."""
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request, as many at once as the provider allows.
-
-        Args:
-            requests: what to answer; equal requests are answered one by one, none is merged.
+        """Answer every request, as many at once as the provider allows; equal requests are not merged.
 
         Yields:
             Pairs (position in `requests`, completion) in the order of arrival, each position exactly once.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Json, Operator, written
+from tacevo.records import Json, Operator, Record, written
 from tacevo.search.archive import Bounds
 from tacevo.search.lines import CandidateLine, GenerationLine, Line, line_kind
 from tacevo.storage.canonical import content_hash
@@ -26,10 +26,8 @@ _REMEDY = "the command that began the run writes it again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EliteEntry:
+class EliteEntry(Record):
     """An occupied niche, or place, of the network archive."""
-
-    __pydantic_config__ = STRICT
 
     niche: int
     #: None in an archive without niches.
@@ -41,10 +39,8 @@ class EliteEntry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NetworkFile:
+class NetworkFile(Record):
     """What archive.json holds."""
-
-    __pydantic_config__ = STRICT
 
     niches: int
     coverage: float
@@ -54,10 +50,8 @@ class NetworkFile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrialEntry:
+class TrialEntry(Record):
     """An occupied niche of the prompt archive."""
-
-    __pydantic_config__ = STRICT
 
     niche: int
     centroid: tuple[float, ...]
@@ -71,10 +65,8 @@ class TrialEntry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PromptFile:
+class PromptFile(Record):
     """What prompts.json holds."""
-
-    __pydantic_config__ = STRICT
 
     niches: int
     coverage: float

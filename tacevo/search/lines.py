@@ -10,17 +10,15 @@ from itertools import pairwise
 from typing import Literal
 
 from tacevo.errors import RunError
-from tacevo.records import STRICT, DataFacts, Json, Operator, Reason, Stage, Training
+from tacevo.records import DataFacts, Json, Operator, Reason, Record, Stage, Training
 from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import AddStatus, Bounds
 from tacevo.typed import FreeJson
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunLine:
+class RunLine(Record):
     """The first line: all that the results of a run follow from."""
-
-    __pydantic_config__ = STRICT
 
     #: Layout of the ledger.
     schema: int
@@ -36,10 +34,8 @@ class RunLine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RulesLine:
+class RulesLine(Record):
     """An era begins: the generations from here on were made under these rules."""
-
-    __pydantic_config__ = STRICT
 
     generation: int
     rules: Rules
@@ -47,10 +43,8 @@ class RulesLine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RepairedAnswer:
+class RepairedAnswer(Record):
     """An answer that the gate rejected and that was sent back."""
-
-    __pydantic_config__ = STRICT
 
     #: SHA-256 of what the model said.
     answer: str
@@ -61,10 +55,8 @@ class RepairedAnswer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CandidateLine:
+class CandidateLine(Record):
     """What became of one slot of a generation."""
-
-    __pydantic_config__ = STRICT
 
     generation: int
     slot: int
@@ -117,10 +109,8 @@ class CandidateLine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GenerationLine:
+class GenerationLine(Record):
     """How a generation ended."""
-
-    __pydantic_config__ = STRICT
 
     generation: int
     #: T_g, and T_{g+1}.

@@ -12,11 +12,9 @@ from tacevo.search.growing import Growing
 
 
 def curiosity(fitness: float | None, *, inserted: bool) -> float:
-    """Score how much a mutation taught: 1 + 1 / (1 + f) where its child was inserted, else 0.5.
+    """Score how much a mutation taught: 1 + 1 / (1 + f) where its child entered the network archive, else 0.5.
 
-    Args:
-        fitness: f, the child's validation loss, >= 0; needed where it was inserted.
-        inserted: whether the child entered the network archive.
+    The child's fitness f is its validation loss, >= 0.
 
     Raises:
         ValueError: an inserted child without a fitness.
@@ -54,14 +52,8 @@ class PromptArchive:
     ) -> tuple["PromptArchive", int, AddStatus]:
         """Let a trial compete for its niche by r: an unproductive one only ever takes an empty niche.
 
-        Args:
-            tessellation: the niches of (prompt index / (prompts - 1), temperature).
-            trial: what was tried.
-            prompts: how many instructions the task has.
-            name: the candidate that came of it.
-
-        Returns:
-            The archive that results, the trial's niche, and what the insertion did.
+        Return the archive that results, the trial's niche, and what the insertion did. `prompts` is how many
+        instructions the task has (`prompt_point`), `name` the candidate that came of the trial.
         """
         niche = tessellation.niche_of(prompt_point(trial.prompt, trial.temperature, prompts=prompts))
         archive, status = insert(self.archive, niche, Elite(name=name, objective=float(trial.inserted)))
@@ -78,13 +70,7 @@ def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:
 def draw_pool(prompts: int, size: int | None, rng: np.random.Generator) -> tuple[int, ...]:
     """Draw the prompt pool P_g of one generation (paper, Algorithm 1, line 4): different instructions, uniformly.
 
-    Args:
-        prompts: how many instructions the task has.
-        size: how many of them are drawn, from 1 to `prompts`; None for all, which takes no random number.
-        rng: the generator of this draw alone.
-
-    Returns:
-        Indices in [0, prompts), ascending.
+    Return `size` indices in [0, prompts), ascending; all of them for None, which takes no random number.
     """
     left = list(range(prompts))
     if size is None:
@@ -98,16 +84,7 @@ def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[
     `uniform` and `none`: from all of the pool alike (the paper's method section). `curiosity`: from the archive's
     trials of instructions in the pool, in proportion to their curiosity (its abstract); an instruction without a trial
     there weighs as much as an unproductive one, so that each stays within reach. While there is no such trial the
-    draw is the uniform one, so that arms of an ablation begin alike.
-
-    Args:
-        policy: the rule.
-        archive: the prompt archive.
-        pool: indices of the instructions to draw from, ascending, at least one.
-        rng: the generator of this draw alone.
-
-    Returns:
-        One of `pool`.
+    draw is the uniform one, so that arms of an ablation begin alike. The pool holds at least one index, ascending.
     """
     trials = [archive.trials[niche] for niche in sorted(archive.trials) if archive.trials[niche].prompt in pool]
     if policy is not PromptPolicy.curiosity or not trials:

@@ -115,16 +115,8 @@ def plan_generation(
     can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
     to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it.
 
-    Args:
-        task: the task.
-        settings: the plan's settings.
-        generation: g >= 1.
-        elites: the network archive's elites in the order of their niches, at least one.
-        prompts: the prompt archive.
-        temperature: T_g.
-
-    Returns:
-        One proposal a slot, in slot order.
+    The generation is g >= 1, the temperature T_g. The elites, at least one, are in the order of their niches, and the
+    proposals in that of their slots.
     """
     parents = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
@@ -200,14 +192,7 @@ def repair_request(request: Request, answer: str, rejection: Rejection) -> Reque
     """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
 
     Temperature and draw number are those of the first request; the longer conversation makes it another request.
-
-    Args:
-        request: what was asked last.
-        answer: what the model said.
-        rejection: the gate's reason.
-
-    Returns:
-        The request, or None where there is nothing to correct: no answer, a refusal, or one too long to send back.
+    Return None where there is nothing to correct: no answer, a refusal, or one too long to send back.
     """
     if rejection.reason in _NOT_REPAIRED or not answer.strip():
         return None

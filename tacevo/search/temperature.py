@@ -12,15 +12,8 @@ def next_temperature(
     best never gets worse, so it only ever rises. `stall` raises it only when the generation brought no better
     best, and lowers it when it did. `fixed` leaves it alone.
 
-    Args:
-        rule: which of the three.
-        temperature: T_g, in [0, 1].
-        best: f*_g, the best fitness in the archive after the generation (lower is better).
-        best_before: f*_{g-1}.
-        step: eta, in [0, 1].
-
-    Returns:
-        A temperature in [0, 1].
+    The temperature is T_g, `best` and `best_before` are f*_g and f*_{g-1}, the archive's best fitness (lower is better)
+    after this generation and the one before, and `step` is eta. Temperatures and eta are in [0, 1].
     """
     match rule:
         case TemperatureRule.fixed:

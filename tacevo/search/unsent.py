@@ -10,12 +10,8 @@ TEMPERATURE = "temperature"
 def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
     """Say which sampling settings were not sent, as in `temperature was not sent: the model refuses it`.
 
-    Args:
-        dropped: the settings that each request of a run was sent without.
-
-    Returns:
-        The words by setting, in the order of names, with the number of requests where it is not all of them; empty
-        where every request had every setting.
+    What was dropped are the settings that each request of a run was sent without. Return the words by setting, in the
+    order of names, with the number of requests where it is not all of them.
     """
     missed = Counter(setting for settings in dropped for setting in settings)
     parts = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import StringConstraints
 
 from tacevo.choices import Device
-from tacevo.records import STRICT, Contract, Loss, Reason, Rejection, Stage, Training
+from tacevo.records import Contract, Loss, Reason, Record, Rejection, Stage, Training
 from tacevo.sandbox.client import AnswerError, Died, Finished, Frame
 from tacevo.sandbox.protocol import one_line
 from tacevo.training.losses import validation_loss
@@ -21,30 +21,24 @@ _Operation = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_:.]{1,100}$"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Epoch:
+class _Epoch(Record):
     """What a trainer sends after an epoch, besides its predictions."""
-
-    __pydantic_config__ = STRICT
 
     epoch: int
     train_loss: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Failure:
+class _Failure(Record):
     """Why a training ended early."""
-
-    __pydantic_config__ = STRICT
 
     reason: Reason
     detail: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _End:
+class _End(Record):
     """What a trainer sends last: the digest of the trained weights, or why there is none."""
-
-    __pydantic_config__ = STRICT
 
     weights_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] = ""
     not_deterministic: Annotated[tuple[_Operation, ...], MaxLen(100)] = ()
@@ -68,14 +62,9 @@ class Answer:
 def read_answer(
     outcome: Finished | Died, contract: Contract, *, epochs: int, rows: int, device: Device = Device.cpu
 ) -> Answer | Rejection:
-    """Read a child's answer, of which nothing is trusted.
+    """Read a child's answer, of which nothing is trusted: predictions for a number of rows after each epoch.
 
-    Args:
-        outcome: what the sandbox returned.
-        contract: for the number of outputs.
-        epochs: how many were asked for.
-        rows: how many images were to be predicted.
-        device: what was trained on; on a CPU no operation may lack a deterministic form.
+    On a CPU no operation may lack a deterministic form.
     """
     if isinstance(outcome, Died):
         return _rejection(outcome.reason, outcome.detail)
@@ -96,10 +85,7 @@ def read_answer(
 def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:
     """Compute the validation losses of an answer whose first predictions are those of the validation images.
 
-    Args:
-        answer: its predictions may go on with other images.
-        loss: the task's.
-        targets: of the validation images, as in `training.evaluation.Examples`.
+    The targets are those of `training.evaluation.Examples`.
     """
     count = len(targets)
     return Training(

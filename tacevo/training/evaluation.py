@@ -79,15 +79,10 @@ class Setting:
     def train(
         self, run: Run, source: str, seed: int, *, examples: Examples, predicted: Sequence[NDArray[np.int64]]
     ) -> Finished | Died:
-        """Train a candidate in a sandbox.
+        """Train a candidate in a sandbox; the seed is that of the initial weights, the order of batches and dropout.
 
-        Args:
-            run: `Sandbox.run`.
-            source: text that defines the contract's class.
-            seed: of the initial weights, the order of batches and dropout.
-            examples: to train on.
-            predicted: rows of the images to predict after each epoch, without their labels, in groups of which no
-                two share a batch.
+        After each epoch the images of the rows `predicted` are predicted, without their labels, in groups of which no
+        two share a batch.
 
         Raises:
             ValueError: the examples are not those of the setting's fingerprint.
@@ -121,12 +116,8 @@ class Setting:
 class TrainingStore(ABC, Generic[Data, Result]):
     """Trains candidates, each with each seed once, and keeps the results.
 
-    Args:
-        run: `Sandbox.run` of a sandbox that has `ENTRIES` and the array `images`.
-        store: of the kind that the class writes.
-        setting: what all trainings share.
-        examples: None where every answer is recorded, as in a replay.
-        rules: number of the code that trains and judges, part of every key.
+    The sandbox has `ENTRIES` and the array `images`. Examples are None where every answer is recorded, as in a replay.
+    `rules` is the number of the code that trains and judges, part of every key.
     """
 
     _result: type[Result]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.records import STRICT, Contract, Kind, Rejection, Training
+from tacevo.records import Contract, Kind, Record, Rejection, Training
 from tacevo.sandbox.client import Died, Finished
 from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
@@ -33,10 +33,8 @@ class HeldOut:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FullTraining:
+class FullTraining(Record):
     """A full training, and the test metrics of its best epoch."""
-
-    __pydantic_config__ = STRICT
 
     #: Its `predictions_sha256` covers validation and test images; its `weights_sha256` is of the last epoch.
     training: Training
@@ -70,11 +68,7 @@ def assess(
 ) -> FullTraining | Rejection:
     """Choose the epoch of the lowest validation loss, the first on a tie, and compute its test metrics.
 
-    Args:
-        outcome: what the sandbox returned; its predictions are those of the validation images, then of the test images.
-        setting: of the training.
-        validation_targets: as in `Examples`.
-        held_out: the test images.
+    The predictions are those of the validation images, then of the test images.
     """
     contract, count = setting.contract, len(validation_targets)
     rows, epochs = count + len(held_out.rows), setting.recipe.epochs

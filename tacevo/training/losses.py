@@ -15,12 +15,9 @@ from tacevo.rounding import rounded
 
 
 def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArray[Any]) -> float:
-    """Compute the task loss, rounded to 9 significant digits.
+    """Compute the task loss of finite predictions of shape (n, K), rounded to 9 significant digits.
 
-    Args:
-        loss: which one.
-        predictions: shape (n, K), finite.
-        targets: float32 of shape (n, K) for `mse`; int64 of shape (n,), each in [0, K), for `cross_entropy`.
+    Targets are float32 of shape (n, K) for `mse`; int64 of shape (n,), each in [0, K), for `cross_entropy`.
     """
     exact = mean_squared_error if loss is Loss.mse else cross_entropy
     return rounded(exact(predictions, targets))
@@ -35,9 +32,7 @@ def mean_squared_error(predictions: NDArray[np.float32], targets: NDArray[np.flo
 def cross_entropy(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> float:
     """Average, in nats, minus the log-probability that softmax gives to the true class.
 
-    Args:
-        logits: shape (n, K), finite.
-        classes: shape (n,), each in [0, K).
+    Logits are finite, of shape (n, K); classes are of shape (n,), each in [0, K).
     """
     rows = zip(logits.tolist(), classes.tolist(), strict=True)
     return math.fsum(_log_sum_exp(row) - row[true] for row, true in rows) / len(classes)

@@ -49,10 +49,6 @@ def r_squared(errors: NDArray[np.float64], targets: NDArray[np.float64]) -> floa
     """Compute the coefficient of determination of one output.
 
     Targets without variance have none; as in scikit-learn, it is then 1 for perfect predictions and 0 for others.
-
-    Args:
-        errors: shape (n,).
-        targets: shape (n,).
     """
     values = targets.tolist()
     centre = math.fsum(values) / len(values)
@@ -64,12 +60,7 @@ def r_squared(errors: NDArray[np.float64], targets: NDArray[np.float64]) -> floa
 
 
 def classification_metrics(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> dict[str, float]:
-    """Compute `accuracy`, `macro_f1` and `cross_entropy` (in nats).
-
-    Args:
-        logits: shape (n, K), finite; the first of equal ones wins.
-        classes: shape (n,), each in [0, K).
-    """
+    """Compute `accuracy`, `macro_f1` and `cross_entropy` (in nats); arguments are those of `confusion`."""
     counts = confusion(logits, classes)
     right = sum(row[number] for number, row in enumerate(counts))
     found = {"accuracy": right / len(classes), "macro_f1": macro_f1(counts)}
@@ -89,11 +80,7 @@ def confusion(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> Confus
 
 
 def macro_f1(counts: Confusion) -> float:
-    """Average the F1 of the classes, without classes that are neither true nor predicted anywhere.
-
-    Args:
-        counts: shape (K, K), at least one image.
-    """
+    """Average the F1 of the classes, without classes that are neither true nor predicted anywhere."""
     scores = []
     for number, row in enumerate(counts):
         true, predicted = sum(row), sum(other[number] for other in counts)

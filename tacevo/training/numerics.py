@@ -53,12 +53,7 @@ def check_machine(numerics: Numerics, device: Device = Device.cpu) -> None:
 
 
 def check_cpu(numerics: Numerics, machine: str, cpuinfo: str) -> None:
-    """Check that a machine can compute with these numerics.
-
-    Args:
-        numerics: what a run asks for.
-        machine: as `platform.machine` names the architecture.
-        cpuinfo: text of /proc/cpuinfo.
+    """Check that a machine, by what `platform.machine` and /proc/cpuinfo say of it, can compute with these numerics.
 
     Raises:
         ConfigError: portable numerics on a machine that is not an x86-64 CPU with AVX2.

@@ -12,7 +12,7 @@ from analysis.runs.run import Run, descriptors_of
 from analysis.sweeps.common_archive import CommonArchive, common_archive, extents, filled
 from tacevo.choices import Scale
 from tacevo.randomness import stream
-from tacevo.search.archive import find_centroids, quality
+from tacevo.search.archive import find_centroids
 
 #: A left and a right niche.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
@@ -41,7 +41,7 @@ def test_two_hundred_candidates_agree_with_pyribs() -> None:
     common = common_archive([one], one, centroids)
     points = np.array([descriptors_of(found, Scale.linear) for found in candidates])
     places = (points - points.min(axis=0)) / np.ptp(points, axis=0)
-    qualities = [quality(-found.fitness) for found in candidates if found.fitness is not None]
+    qualities = [1 / (1 + found.fitness) for found in candidates if found.fitness is not None]
     peer = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
     theirs = []
     for first in range(0, 200, 20):

@@ -13,6 +13,7 @@ from motif_cases import LIBRARY
 
 from analysis.motifs.motifs import motifs_of
 from analysis.motifs.structure import Anatomy, read_anatomy
+from tacevo.choices import Numerics
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Limits, Mode
@@ -77,7 +78,7 @@ def probed(sandbox: Sandbox, folder: Path, task: str, answer: Completion) -> Ana
         contract=contract(task, 64),
         limits=GateLimits(parameters=20_000_000, flops=10**11, modules=1_000),
         probe_limits=Limits(seconds=60.0, memory_mib=2_000),
-        numerics="portable",
+        numerics=Numerics.portable,
         rules=CURRENT,
     )
     found = gate.admit(answer)

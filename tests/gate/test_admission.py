@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
 
+from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, SandboxError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted, Graph, Node, Profile, Step
@@ -74,7 +75,8 @@ def gate(
     mode: Mode = Mode.record,
     limits: GateLimits = LIMITS,
     probe_limits: Limits = PROBE_LIMITS,
-    numerics: str = "portable",
+    numerics: Numerics = Numerics.portable,
+    source_bytes: int = 100_000,
 ) -> Gate:
     """Make a gate, by default that of the force task."""
     return Gate(
@@ -85,6 +87,7 @@ def gate(
         limits=limits,
         probe_limits=probe_limits,
         numerics=numerics,
+        source_bytes=source_bytes,
         rules=CURRENT,
     )
 
@@ -135,7 +138,7 @@ def test_equal_sources_are_probed_once(tmp_path: Path) -> None:
         {"limits": replace(LIMITS, flops=7)},
         {"limits": replace(LIMITS, modules=7)},
         {"probe_limits": replace(PROBE_LIMITS, seconds=90.0)},
-        {"numerics": "fast"},
+        {"numerics": Numerics.fast},
     ],
 )
 def test_everything_that_can_change_a_verdict_enters_its_key(tmp_path: Path, change: dict[str, Any]) -> None:
@@ -150,7 +153,7 @@ def test_size_of_the_answer_does_not_enter_the_key(tmp_path: Path) -> None:
     """The limit on raw text says nothing about the probe of a source that passed it."""
     fake = FakeSandbox(sent(ANSWER))
     gate(fake.run, tmp_path).inspect(VALID)
-    gate(fake.run, tmp_path, limits=replace(LIMITS, source_bytes=5_000)).inspect(VALID)
+    gate(fake.run, tmp_path, source_bytes=5_000).inspect(VALID)
     assert len(fake.headers) == 1
 
 
@@ -212,7 +215,7 @@ def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
         "text": text,
         "stop_reason": "end_turn",
         "contract": to_json(contract()),
-        "limit": LIMITS.source_bytes,
+        "limit": 100_000,
     }
     fake = FakeSandbox(sent(ANSWER))
     assert isinstance(gate(fake.run, tmp_path).inspect(VALID), Admitted)
@@ -228,7 +231,7 @@ def test_everything_that_can_change_the_reading_enters_its_key(tmp_path: Path) -
     gate(fake.run, tmp_path).admit(completion(VALID + "\n"))
     gate(fake.run, tmp_path).admit(completion(VALID, "max_tokens"))
     gate(fake.run, tmp_path, task=contract(image_size=64)).admit(completion(VALID))
-    gate(fake.run, tmp_path, limits=replace(LIMITS, source_bytes=5_000)).admit(completion(VALID))
+    gate(fake.run, tmp_path, source_bytes=5_000).admit(completion(VALID))
     assert len(list(Store(tmp_path, "answers").entries())) == 5
 
 

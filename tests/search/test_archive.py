@@ -51,13 +51,13 @@ def test_hundred_thousand_insertions_agree_with_pyribs() -> None:
     assert niches == peer.index_of(points).tolist()
     for index, niche in enumerate(niches):
         ours, status = insert(ours, niche, elite(str(index), float(objectives[index])))
-        result = peer.add_single([index], objectives[index], points[index])
+        result = peer.add_single([index], 1 / (1 - objectives[index]), points[index])
         assert status is list((AddStatus.rejected, AddStatus.improved, AddStatus.new))[int(result["status"])]
     theirs = zip(peer.data("index"), peer.data("solution"), strict=True)
     occupants = {int(niche): str(int(solution[0])) for niche, solution in theirs}
     assert {niche: occupant.name for niche, occupant in ours.elites.items()} == occupants
     assert coverage(ours, 100) == peer.stats.coverage
-    assert qd_score(ours, lambda objective: objective) == pytest.approx(peer.stats.qd_score, rel=1e-12)
+    assert qd_score(ours) == pytest.approx(peer.stats.qd_score, rel=1e-12)
 
 
 def test_tie_keeps_the_incumbent() -> None:
@@ -169,11 +169,13 @@ def test_grown_archive_equals_one_rebuilt_from_scratch(offers: list[tuple[float,
 
 
 def test_qd_score_sums_quality_exactly() -> None:
-    """The sum does not hang on the order of the niches."""
-    archive = Archive()
-    for niche, value in enumerate([1e16, 1.0, -1e16]):
-        archive, _ = insert(archive, niche, elite(str(niche), value))
-    assert qd_score(archive, lambda objective: objective) == 1.0
+    """The sum of 1 / (1 + loss) does not depend on the order of the niches."""
+    losses = stream(0, "losses").random(1_000).tolist()
+    one, other = Archive(), Archive()
+    for niche, (loss, opposite) in enumerate(zip(losses, reversed(losses), strict=True)):
+        one, _ = insert(one, niche, elite("", -loss))
+        other, _ = insert(other, niche, elite("", -opposite))
+    assert qd_score(one) == qd_score(other) == math.fsum(1 / (1 + loss) for loss in losses)
 
 
 @given(st.lists(st.tuples(UNIT, UNIT), max_size=30))

@@ -43,16 +43,9 @@ The layout is that of TacVerse. To search on it, with the same split as on the s
 
 
 def export(source: Simulated, out: Path, *, workers: int, progress: Progress | None = None) -> int:
-    """Write a simulated data set as PNG images and labels.
+    """Write a simulated data set as PNG images and labels into a new or empty directory; return how many images.
 
-    Args:
-        source: what to simulate.
-        out: the directory to make; it may exist if it is empty.
-        workers: processes that draw; 1, or a small data set, draws in this one.
-        progress: called after every chunk of images.
-
-    Returns:
-        The number of images.
+    With one worker, or a small data set, this process draws. `progress` is called after every chunk of images.
 
     Raises:
         DataError: `out` exists and is not empty, or is the current directory.

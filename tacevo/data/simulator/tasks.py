@@ -30,6 +30,7 @@ from tacevo.data.simulator.optics import DOME_RADIUS
 from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_number, sine
 from tacevo.data.simulator.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
+from tacevo.data.sources.tacverse import OUTPUTS, UNITS
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 
@@ -106,24 +107,15 @@ class Simulated:
 
     def catalogue(self) -> Catalogue:
         """Sample every press and its label; draw no picture."""
-        indices = range(self.images)
-        labels = [_press(self, index)[1] for index in indices]
-        pictures = tuple(partial(draw, self, index) for index in indices)
-        if self.task is SensorTask.grating:
-            return Catalogue(
-                kind=Kind.classification,
-                names=tuple(f"{spacing:g} mm" for spacing in self.spacings_mm),
-                labels=np.array(labels, dtype=np.int64).reshape(-1),
-                image_size=self.image_size,
-                pictures=pictures,
-            )
+        labels = [_press(self, index)[1] for index in range(self.images)]
+        is_grating = self.task is SensorTask.grating
         return Catalogue(
-            kind=Kind.regression,
-            names=("Fx", "Fy", "Fz") if self.task is SensorTask.force else ("shore",),
-            units=("N", "N", "N") if self.task is SensorTask.force else ("Shore A",),
-            labels=np.array(labels, dtype=np.float64),
+            kind=Kind.classification if is_grating else Kind.regression,
+            names=tuple(f"{spacing:g} mm" for spacing in self.spacings_mm) if is_grating else OUTPUTS[self.task],
+            units=UNITS.get(self.task),
+            labels=np.array(labels, dtype=np.int64).reshape(-1) if is_grating else np.array(labels, dtype=np.float64),
             image_size=self.image_size,
-            pictures=pictures,
+            pictures=tuple(partial(draw, self, index) for index in range(self.images)),
         )
 
 

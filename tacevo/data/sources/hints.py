@@ -11,12 +11,7 @@ from tacevo.errors import DataError
 
 
 def check_directory(path: Path, place: str, expected: str) -> None:
-    """Refuse a path that is not a directory.
-
-    Args:
-        path: where the directory should be.
-        place: the setting that names it, e.g. `data.root`.
-        expected: what it should be, e.g. `the directory of the table`.
+    """Refuse a path that is not a directory; the place is the setting that names it, e.g. `data.root`.
 
     Raises:
         DataError: the path is absent, or a file; the remedy says what is there.

@@ -57,13 +57,9 @@ def _hidden(path: Path) -> bool:
 
 
 def file_catalogue(files: Sequence[Path], places: Sequence[str], image_size: int, **fields: Any) -> Catalogue:
-    """List image files, which are decoded when their picture is made.
+    """List image files, at least one, which are decoded when their picture is made.
 
-    Args:
-        files: at least one.
-        places: what a message calls each of them.
-        image_size: height and width that they are resized to, in pixels.
-        fields: the other fields of the catalogue.
+    Places are what messages call them, and `fields` the other fields of the catalogue.
 
     Raises:
         DataError: as `common_size`.
@@ -83,10 +79,6 @@ def decode(path: Path, image_size: int) -> Picture:
 
     The camera's orientation note (EXIF) is obeyed; then 8 bits are kept of every channel (`_to_rgb`), and the image
     is resized by `square`.
-
-    Args:
-        path: a file that Pillow can read.
-        image_size: height and width of the result, in pixels.
 
     Returns:
         uint8, shape (3, image_size, image_size).
@@ -171,13 +163,8 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
     """Find the one size that all images have once they are upright; only their headers are read.
 
     A data set of mixed sizes is refused, because resizing would stretch each size by another factor. An orientation
-    note behind the pixels of a PNG file is not looked for.
-
-    Args:
-        files: at least one; what the user knows it by, e.g. `line 3 'a.png'`, and where it is.
-
-    Returns:
-        Width and height in pixels.
+    note behind the pixels of a PNG file is not looked for. Each file, of at least one, comes with what the user knows
+    it by, e.g. `line 3 'a.png'`; the size is width and height in pixels.
 
     Raises:
         DataError: files cannot be read, hold several or floating-point values, or differ in size.

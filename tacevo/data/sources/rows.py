@@ -81,16 +81,10 @@ def read_rows(
 ) -> tuple[list[Row], int]:
     """Read and check a whole table.
 
-    Outer spaces of column names do not matter, nor does their case where no column has exactly the asked name.
-
-    Args:
-        table: the file; a CSV table in UTF-8 with a header.
-        image_column: holds each image's path, relative to one of the directories.
-        target_columns: hold the labels.
-        asked_by: for messages: the settings of image column and target columns.
-        remedy: what the user can do where a column is absent.
-        directories: where images are looked for, in this order.
-        skip_missing: leave out rows whose image is missing, instead of refusing the table.
+    It is a CSV table in UTF-8 with a header. Outer spaces of column names do not matter, nor does their case where no
+    column has exactly the asked name. The image column holds each image's path, relative to one of the directories,
+    which are looked through in order. `asked_by` names the settings of image and target columns, for messages, and
+    `remedy` what the user can do where one is absent. With `skip_missing`, rows without their image are left out.
 
     Returns:
         The rows in the order of the table, of which every image exists and every label is finite; and how many were

@@ -167,13 +167,13 @@ class TacVerse:
         if not paths:
             expected = f"a directory with {listed(sorted(SUFFIXES))} files"
             raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
-        frames = [(path, _frame(path)) for path in paths]
+        found = sorted(frame for path in paths if (frame := _frame(path)) is not None)
+        named = {frame.path for frame in found}
         refuse(
             f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
-            [path.name for path, frame in frames if frame is None],
+            [path.name for path in paths if path not in named],
             "rename or remove them",
         )
-        found = sorted(frame for _, frame in frames if frame is not None)
         twice = repeats((frame.path.name, frame[:3]) for frame in found)
         refuse(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
         return found

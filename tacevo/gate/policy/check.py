@@ -41,14 +41,9 @@ _REFUSED: Mapping[type[ast.AST], str] = {
 
 
 def check(source: str, contract: Contract) -> Rejection | None:
-    """Check source text against the policy.
+    """Check source text, as `extract` returned it, against the policy.
 
-    Args:
-        source: text as `extract` returned it.
-        contract: names the class that the text must define.
-
-    Returns:
-        None where the text may go on to the probe, else a rejection at stage `policy` that names the line.
+    Return None where the text may go on to the probe, else a rejection at stage `policy` that names the line.
     """
     tree = parse(source)
     problem = tree if isinstance(tree, Problem) else _first_problem(source, tree, contract)

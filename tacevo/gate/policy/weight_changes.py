@@ -32,9 +32,7 @@ _Function = ast.FunctionDef | ast.Lambda
 def weight_changes(nodes: list[ast.AST], imported: Collection[str]) -> Iterator[Problem]:
     """Find uses of `.data`, `.grad`, modes and in-place operations on parameters after construction.
 
-    Args:
-        nodes: every node of a text.
-        imported: the names that are not the text's own, such as `torch` and `nn`.
+    The nodes are all of a text; what is imported are the names that are not its own, such as `torch` and `nn`.
     """
     attributes = frozenset(name for node in nodes for name in _made_parameters(node))
     for function in _running(nodes):
