@@ -13,13 +13,6 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 
 
-@pytest.fixture
-def run(published: Path, place: Path) -> Path:
-    """Give a copy of the run, to be spoilt, and work beside it."""
-    shutil.copytree(published / "run", place / "run")
-    return Path("run")
-
-
 def study_of(run: Path) -> Path:
     """Return the folder of the only study of a run."""
     (path,) = run.glob("studies/*")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tacevo.records import Limits, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.client import Finished
 from tacevo.training.evaluation import Examples
 
 CONTRACT = replace(fakes.CONTRACT, image_size=4, outputs=2)
@@ -79,6 +80,19 @@ def header_of(source: str, data: Data) -> Any:
 def payload_of(data: Data) -> bytes:
     """Write the payload that a trainer gets."""
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
+
+
+class Recorder:
+    """A sandbox that notes what it is sent, and always answers alike."""
+
+    def __init__(self, answer: Finished) -> None:
+        self.sent: list[tuple[Any, bytes]] = []
+        self._answer = answer
+
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
+        """Answer as a trainer would."""
+        self.sent.append((header, payload))
+        return self._answer
 
 
 def look_at_torch(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
