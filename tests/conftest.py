@@ -144,6 +144,19 @@ def folder(published: Path, place: Path) -> Path:
     return place
 
 
+@pytest.fixture
+def run(published: Path, place: Path) -> Path:
+    """Work beside a copy of that run with its study (`run`), to be spoilt; its stores are the session's."""
+    shutil.copytree(published / "run", place / "run")
+    return Path("run")
+
+
+@pytest.fixture
+def sweep(swept: Path, place: Path) -> Path:
+    """Work beside a copy of `swept`'s sweep (`sweep`), to be spoilt; its stores are the session's."""
+    return Path(shutil.copytree(swept / "sweep", place / "sweep"))
+
+
 @pytest.fixture(scope="session")
 def swept(once: Once) -> Path:
     """Return a directory with a tiny sweep (`sweep`, `cache`), published as `sweep.zip`; no test may change it."""

@@ -1,5 +1,6 @@
 """Attention is found wherever features are weighted by features, however it is written; and nowhere else."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -17,8 +18,9 @@ C = 8
 class Weighted(nn.Module):
     """A stem of 8 channels, whatever a test puts behind it, and a head; with a few layers that a test may use."""
 
-    def __init__(self) -> None:
+    def __init__(self, attend: "Attend" = lambda net, x: x) -> None:
         super().__init__()
+        self.attend = attend
         self.stem = nn.Conv2d(3, C, 3, stride=2, padding=1)
         self.one = nn.Conv2d(C, 1, 7, padding=3)
         self.full = nn.Conv2d(C, C, 1)
@@ -28,238 +30,125 @@ class Weighted(nn.Module):
         self.layer = nn.MultiheadAttention(C, 2, batch_first=True)
         self.head = nn.Linear(C, 3)
 
-    def attend(self, x: Tensor) -> Tensor:
-        """Leave the map as it is."""
-        return x
-
     def forward(self, x: Tensor) -> Tensor:
         """Run stem, attention and head."""
-        x = self.attend(F.relu(self.stem(x)))
+        x = self.attend(self, F.relu(self.stem(x)))
         return self.head(x.mean((2, 3)) if x.dim() == 4 else x)  # type: ignore[no-any-return]
 
+    def excitation(self, x: Tensor) -> Tensor:
+        """Return a weight for each channel, shape (images, C)."""
+        return torch.sigmoid(self.squeeze(x.mean((2, 3))))
 
-class SpatialGate(Weighted):
-    """The gate of a spatial attention module, from a convolution."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """One weight a position."""
-        return x * torch.sigmoid(self.one(x))
-
-
-class GateWithoutWeights(Weighted):
-    """A spatial gate that no layer computes."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """It summarises the channels, which is what a gate is for."""
-        return x.mean(1, keepdim=True).sigmoid().mul(x)
+    def tokens(self, x: Tensor) -> Tensor:
+        """Return the positions of a smaller map, shape (images, positions, C)."""
+        return F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)
 
 
-class ExpandedGate(Weighted):
-    """A gate of one weight a position, written out for every channel before it is used."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """By its number of weights it is spatial."""
-        return self.one(x).sigmoid().expand_as(x) * x  # type: ignore[no-any-return]
+Attend = Callable[[Weighted, Tensor], Tensor]
 
 
-class PositionSoftmax(Weighted):
-    """Weights that sum to one over the positions."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Flat, and put back into a map."""
-        weights = F.softmax(self.one(x).flatten(1), dim=1).view(len(x), 1, *x.shape[2:])
-        return (x * weights).sum((2, 3))
+def spatial_gate(net: Weighted, x: Tensor) -> Tensor:
+    """One weight a position, from a convolution."""
+    return x * torch.sigmoid(net.one(x))
 
 
-class PooledByAttention(Weighted):
-    """A weighted mean over positions as a matrix product."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """The weights come from one map, compared with nothing."""
-        weights = F.softmax(self.one(x).flatten(2), dim=-1)
-        return torch.bmm(x.flatten(2), weights.transpose(1, 2)).squeeze(2)
+def shifted_excitation(net: Weighted, x: Tensor) -> Tensor:
+    """Constants and parameters change no kind; neither does an addition of what was there."""
+    return x + x * (1 + net.scale * torch.tanh(net.full(F.adaptive_avg_pool2d(x, 1))))
 
 
-class Excitation(Weighted):
-    """Squeeze and excitation."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """One weight a channel."""
-        return x * torch.sigmoid(self.squeeze(x.mean((2, 3))))[:, :, None, None]
+def rescaled(net: Weighted, x: Tensor) -> Tensor:
+    """A spatial gate that is computed on a smaller map, and brought to size before it is used."""
+    return x * F.interpolate(net.one(F.avg_pool2d(x, 4)).sigmoid(), size=x.shape[2:])
 
 
-class SummedExcitation(Weighted):
-    """Squeeze and excitation, applied by an Einstein sum."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """The weights stay a vector."""
-        return torch.einsum("nchw,nc->nchw", x, self.squeeze(x.mean((2, 3))).sigmoid())
+def fused_positions(net: Weighted, x: Tensor) -> Tensor:
+    """The function that torch's layer is made of; query, key and value come from one layer."""
+    return F.scaled_dot_product_attention(*net.qkv(net.tokens(x)).chunk(3, dim=-1)).mean(1)
 
 
-class ShiftedExcitation(Weighted):
-    """A channel gate that is moved and scaled before it is used."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Constants and parameters change no kind; neither does an addition of what was there."""
-        gate = 1 + self.scale * torch.tanh(self.full(F.adaptive_avg_pool2d(x, 1)))
-        return x + x * gate
+def positions_by_hand(net: Weighted, x: Tensor) -> Tensor:
+    """The same from matrix products, scaled, with dropout on the weights, as textbooks have it."""
+    query, key, value = net.qkv(net.tokens(x)).chunk(3, dim=-1)
+    weights = F.dropout(F.softmax(query @ key.transpose(1, 2) / C**0.5, dim=-1), 0.1, net.training)
+    return (weights @ value).mean(1)  # type: ignore[no-any-return]
 
 
-class Rescaled(Weighted):
-    """A spatial gate that is computed on a smaller map."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """It is brought to size before it is used."""
-        gate = self.one(F.avg_pool2d(x, 4)).sigmoid()
-        return x * F.interpolate(gate, size=x.shape[2:])
+def summed_positions(net: Weighted, x: Tensor) -> Tensor:
+    """The same by Einstein sums, in heads; what comes out has the shape of the values."""
+    query, key, value = net.qkv(net.tokens(x)).unflatten(2, (3, 2, -1)).unbind(2)
+    weights = torch.einsum("bqhd,bkhd->bhqk", query, key).softmax(-1)
+    return torch.einsum("bhqk,bkhd->bqhd", weights, value).flatten(2).mean(1)
 
 
-class ElementGate(Weighted):
-    """A weight for every value."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Computed by a layer of its own."""
-        return x * torch.sigmoid(self.full(x))
+def soft_argmax(net: Weighted, x: Tensor) -> Tensor:
+    """Where the map is brightest, as a number: positions are weighted, features are not."""
+    weights = F.softmax(x.flatten(2), dim=-1)
+    return weights @ torch.linspace(0, 1, weights.shape[-1])
 
 
-class Positions(Weighted):
-    """Torch's layer, over the positions of a map."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Every position looks at every other."""
-        tokens = F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)
-        return self.layer(tokens, tokens, tokens)[0].mean(1)  # type: ignore[no-any-return]
-
-
-class FusedPositions(Weighted):
-    """The function that the layer is made of."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Query, key and value come from one layer."""
-        query, key, value = self.qkv(F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)).chunk(3, dim=-1)
-        return F.scaled_dot_product_attention(query, key, value).mean(1)
-
-
-class PositionsByHand(Weighted):
-    """The same from matrix products."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Scaled, with dropout on the weights, as textbooks have it."""
-        query, key, value = self.qkv(F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)).chunk(3, dim=-1)
-        weights = F.dropout(F.softmax(query @ key.transpose(1, 2) / C**0.5, dim=-1), 0.1, self.training)
-        return (weights @ value).mean(1)  # type: ignore[no-any-return]
-
-
-class SummedPositions(Weighted):
-    """The same by Einstein sums, in heads."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """What comes out has the shape of the values."""
-        query, key, value = self.qkv(F.avg_pool2d(x, 8).flatten(2).transpose(1, 2)).unflatten(2, (3, 2, -1)).unbind(2)
-        weights = torch.einsum("bqhd,bkhd->bhqk", query, key).softmax(-1)
-        return torch.einsum("bhqk,bkhd->bqhd", weights, value).flatten(2).mean(1)
+ATTENDING: dict[str, tuple[AttentionKind, Attend]] = {
+    "gate": (AttentionKind.spatial, spatial_gate),
+    "gate that no layer computes": (AttentionKind.spatial, lambda net, x: x.mean(1, keepdim=True).sigmoid().mul(x)),
+    "gate written out for every channel": (AttentionKind.spatial, lambda net, x: net.one(x).sigmoid().expand_as(x) * x),
+    "softmax over positions": (
+        AttentionKind.spatial,
+        lambda net, x: (x * F.softmax(net.one(x).flatten(1), 1).view(len(x), 1, *x.shape[2:])).sum((2, 3)),
+    ),
+    "weighted mean as a matrix product": (
+        AttentionKind.spatial,
+        lambda net, x: torch.bmm(x.flatten(2), F.softmax(net.one(x).flatten(2), dim=-1).mT).squeeze(2),
+    ),
+    "gate on a smaller map": (AttentionKind.spatial, rescaled),
+    "squeeze and excitation": (AttentionKind.channel, lambda net, x: x * net.excitation(x)[:, :, None, None]),
+    "excitation by an Einstein sum": (
+        AttentionKind.channel,
+        lambda net, x: torch.einsum("nchw,nc->nchw", x, net.excitation(x)),
+    ),
+    "moved and scaled gate": (AttentionKind.channel, shifted_excitation),
+    "weight for every value": (AttentionKind.element, lambda net, x: x * torch.sigmoid(net.full(x))),
+    "layer over positions": (AttentionKind.self, lambda net, x: net.layer(*[net.tokens(x)] * 3)[0].mean(1)),
+    "function over positions": (AttentionKind.self, fused_positions),
+    "positions by hand": (AttentionKind.self, positions_by_hand),
+    "positions by Einstein sums": (AttentionKind.self, summed_positions),
+}
 
 
 class SpatialAttention(Weighted):
     """A decoy: nothing but its name attends."""
 
 
-class Dropped(Weighted):
-    """A decoy: the weighted map is computed, and not used."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Return what came."""
-        _ = x * torch.sigmoid(self.one(x))
-        return x
-
-
-class LearnedScale(Weighted):
-    """A decoy: the weights are parameters, whatever the image."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """The same for every image."""
-        return x * torch.sigmoid(self.scale)
+DECOYS: dict[str, nn.Module] = {
+    "name alone": SpatialAttention(),
+    "weighted map that is not used": Weighted(lambda net, x: (spatial_gate(net, x), x)[1]),
+    "parameters": Weighted(lambda net, x: x * torch.sigmoid(net.scale)),
+    "parameters in the shape of the map": Weighted(lambda net, x: x * torch.sigmoid(net.scale.expand_as(x))),
+    "activation by hand": Weighted(lambda net, x: x * torch.sigmoid(x)),
+    "product of maps that nothing holds in a range": Weighted(lambda net, x: x * net.one(x)),
+    "single key, whose weight is 1": Weighted(
+        lambda net, x: net.layer(*[x.mean((2, 3)).unsqueeze(1)] * 3)[0].squeeze(1)
+    ),
+    "where the map is brightest": Weighted(soft_argmax),
+}
 
 
-class ExpandedScale(Weighted):
-    """A decoy: parameters again, brought to the shape of the map."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Its shape comes from the image, its values do not."""
-        return x * torch.sigmoid(self.scale.expand_as(x))
-
-
-class SiluByHand(Weighted):
-    """A decoy: an activation."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """No layer computes the weight."""
-        return x * torch.sigmoid(x)
-
-
-class Product(Weighted):
-    """A decoy: two maps multiplied, neither of which is a weight."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Nothing holds them in a range."""
-        return x * self.one(x)  # type: ignore[no-any-return]
-
-
-class OneKey(Weighted):
-    """A decoy: over a single key every weight is 1."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """A layer of attention that looks at one vector."""
-        token = x.mean((2, 3)).unsqueeze(1)
-        return self.layer(token, token, token)[0].squeeze(1)  # type: ignore[no-any-return]
-
-
-class SoftArgmax(Weighted):
-    """A decoy: where the map is brightest, as a number."""
-
-    def attend(self, x: Tensor) -> Tensor:
-        """Positions are weighted, features are not."""
-        weights = F.softmax(x.flatten(2), dim=-1)
-        return weights @ torch.linspace(0, 1, weights.shape[-1])
-
-
-@pytest.mark.parametrize(
-    ("model", "kind"),
-    [
-        (SpatialGate, AttentionKind.spatial),
-        (GateWithoutWeights, AttentionKind.spatial),
-        (ExpandedGate, AttentionKind.spatial),
-        (PositionSoftmax, AttentionKind.spatial),
-        (PooledByAttention, AttentionKind.spatial),
-        (Rescaled, AttentionKind.spatial),
-        (Excitation, AttentionKind.channel),
-        (SummedExcitation, AttentionKind.channel),
-        (ShiftedExcitation, AttentionKind.channel),
-        (ElementGate, AttentionKind.element),
-        (Positions, AttentionKind.self),
-        (FusedPositions, AttentionKind.self),
-        (PositionsByHand, AttentionKind.self),
-        (SummedPositions, AttentionKind.self),
-    ],
-)
-def test_attention_is_found_however_it_is_written(model: type[Weighted], kind: AttentionKind) -> None:
+@pytest.mark.parametrize(("kind", "attend"), ATTENDING.values(), ids=ATTENDING)
+def test_attention_is_found_however_it_is_written(kind: AttentionKind, attend: Attend) -> None:
     """One place, of one kind."""
-    found = find_attention(Flow.of(profile_of(model())))
+    found = find_attention(Flow.of(profile_of(Weighted(attend))))
     assert [attending.kind for attending in found] == [kind]
 
 
-@pytest.mark.parametrize(
-    "decoy", [SpatialAttention, Dropped, LearnedScale, ExpandedScale, SiluByHand, Product, OneKey, SoftArgmax]
-)
-def test_decoy_attends_to_nothing(decoy: type[Weighted]) -> None:
+@pytest.mark.parametrize("decoy", DECOYS.values(), ids=DECOYS)
+def test_decoy_attends_to_nothing(decoy: nn.Module) -> None:
     """What is called attention, looks like it, or has no effect is none."""
-    assert find_attention(Flow.of(profile_of(decoy()))) == ()
+    assert find_attention(Flow.of(profile_of(decoy))) == ()
 
 
-@pytest.mark.parametrize("model", [SpatialGate, ShiftedExcitation, Rescaled])
-def test_gate_is_no_part_of_the_trunk(model: type[Weighted]) -> None:
+@pytest.mark.parametrize("attend", [spatial_gate, shifted_excitation, rescaled])
+def test_gate_is_no_part_of_the_trunk(attend: Attend) -> None:
     """Its convolution is no block, its sigmoid no activation, its pooling no pooling; x + x * gate is no shortcut."""
-    assert replace(anatomy_of(model()), attention=frozenset()) == anatomy_of(Weighted())
+    assert replace(anatomy_of(Weighted(attend)), attention=frozenset()) == anatomy_of(Weighted())
 
 
 def test_images_have_more_positions_than_channels() -> None:

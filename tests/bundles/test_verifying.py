@@ -80,14 +80,8 @@ def test_replay_needs_nothing_but_the_bundle(published: Path, place: Path, capsy
     said = capsys.readouterr().out
     digest = json.loads((published / "run" / "run.json").read_text())["digest"]
     assert said.endswith(f"digest: {digest}\n")
-    for words in (
-        "ledger lines",
-        "study elites1-seeds4",
-        "files of tables follow from the records",
-        "figures",
-        "bundle digest: ",
-    ):
-        assert words in said
+    told = ("ledger lines", "study elites1-seeds4", "files of tables follow from the records", "figures")
+    assert all(words in said for words in (*told, "bundle digest: "))
     assert {path.name for path in place.iterdir()} == {"temporary"}
 
 

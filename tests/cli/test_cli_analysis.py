@@ -15,13 +15,6 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 
 
-@pytest.fixture
-def run(published: Path, place: Path) -> Path:
-    """Give a copy of the run, to be spoilt, and work beside it."""
-    shutil.copytree(published / "run", place / "run")
-    return Path("run")
-
-
 def study_of(run: Path) -> Path:
     """Return the folder of the only study of a run."""
     (path,) = run.glob("studies/*")
@@ -59,13 +52,14 @@ def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureF
     assert (tmp_path / "out" / "published_force.tex").is_file()
 
 
-def test_tables_of_the_paper_stand_beside_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With a run, its own results are set beside the published ones; its studies, which are not, are not read."""
+def test_tables_of_the_paper_stand_beside_a_run(run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With a run or a bundle, its results are set beside the published ones; its studies are not, and are not read."""
     (study_of(run) / "scores.jsonl").write_text("damaged")
-    assert main(["tables", str(run), "--paper"]) == 0
-    told = capsys.readouterr()
-    assert "Searches of this project beside the published ones" in told.out
-    assert told.err == ""
+    for recorded in (run, bundle):
+        assert main(["tables", str(recorded), "--paper"]) == 0
+        told = capsys.readouterr()
+        assert "Searches of this project beside the published ones" in told.out
+        assert told.err == ""
 
 
 @pytest.mark.parametrize("arguments", [["RUN"], ["--paper"]])
@@ -349,12 +343,6 @@ def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:
     assert {path.name for path in Path("pages").iterdir()} >= {"run1", "run2", "paper.tex"}
     assert main(["paper", str(bundle), str(bundle), "-o", "twice"]) == 2
     assert not Path("twice").exists()
-
-
-def test_tables_of_the_paper_stand_beside_a_published_run(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`--paper` reads a bundle as well."""
-    assert main(["tables", str(bundle), "--paper"]) == 0
-    assert "Searches of this project beside the published ones" in capsys.readouterr().out
 
 
 def test_no_code_of_a_published_candidate_runs(

@@ -10,13 +10,6 @@ from tacevo.cli.pages import table_files
 from tacevo.errors import IncomparableError, RunError
 
 
-@pytest.fixture
-def sweep(swept: Path, tmp_path: Path) -> Path:
-    """Give the folder of a sweep of one's own."""
-    shutil.copytree(swept / "sweep", tmp_path / "sweep")
-    return tmp_path / "sweep"
-
-
 def test_why_there_is_no_comparison_is_told(sweep: Path, swept: Path) -> None:
     """The tables of the runs stay; the message names no private folder."""
     whole = table_files(sweep, swept / "cache", pytest.fail)

@@ -1,20 +1,12 @@
 """Promise: the directory of a run is compared with its records as a bundle is; what is not finished is passed over."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
 
 from tacevo.cli.app import main
 from tacevo.sandbox.client import Sandbox
-
-
-@pytest.fixture
-def run(published: Path, tmp_path: Path) -> Path:
-    """Give the folder of a run of one's own, with a study."""
-    shutil.copytree(published / "run", tmp_path / "run")
-    return tmp_path / "run"
 
 
 @pytest.fixture

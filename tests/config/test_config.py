@@ -6,25 +6,10 @@ from typing import Any
 import pytest
 from refusals import refused
 
-from tacevo.choices import (
-    ArchiveKind,
-    Axis,
-    BoundsRule,
-    Confinement,
-    Numerics,
-    OperatorScope,
-    ParentPolicy,
-    PromptPolicy,
-    Provider,
-    Scale,
-    TemperatureRule,
-    Tracking,
-)
 from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.identity import identity, llm_identity
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
-from tacevo.records import Delivery, Mode
 from tacevo.storage.canonical import canonical
 
 CONFIG = compose([])
@@ -199,7 +184,7 @@ DECIDES: dict[str, Any] = {
     "seed": 1,
     "search.candidates": 9,
     "search.initial": 5,
-    "llm.provider": Provider.anthropic,
+    "llm.provider": "anthropic",
     "llm.model": "grammar-2",
     "llm.max_tokens": 100,
     "llm.slip_rate": 0.1,
@@ -207,23 +192,23 @@ DECIDES: dict[str, Any] = {
     "archive.prompt_niches": 50,
     "archive.samples": 10_000,
     "archive.seed": 1,
-    "archive.kind": ArchiveKind.best,
-    "archive.axes": [Axis.eff_ratio],
-    "archive.bounds": BoundsRule.fixed,
+    "archive.kind": "best",
+    "archive.axes": ["eff_ratio"],
+    "archive.bounds": "fixed",
     "archive.arch_div_bounds": [0.0, 2.0],
     "archive.eff_ratio_bounds": [0.0, 5.0],
-    "archive.eff_ratio_scale": Scale.linear,
-    "temperature.rule": TemperatureRule.stall,
+    "archive.eff_ratio_scale": "linear",
+    "temperature.rule": "stall",
     "temperature.start": 0.5,
     "temperature.step": 0.1,
     "temperature.jitter": 0.2,
-    "prompts.policy": PromptPolicy.curiosity,
+    "prompts.policy": "curiosity",
     "prompts.pool": 5,
     "proposals.mutation_probability": 0.5,
-    "proposals.parents": ParentPolicy.best,
+    "proposals.parents": "best",
     "proposals.best": 5,
     "proposals.repair_attempts": 1,
-    "proposals.operator_for": OperatorScope.candidate,
+    "proposals.operator_for": "candidate",
     "training.epochs": 4,
     "training.batch_size": 16,
     "training.learning_rate": 0.01,
@@ -235,7 +220,7 @@ DECIDES: dict[str, Any] = {
     "gate.max_source_bytes": 1000,
     "gate.seconds": 30.0,
     "gate.memory_mib": 1024,
-    "numerics.kind": Numerics.fast,
+    "numerics.kind": "fast",
 }
 
 #: Likewise the settings that only hosted models have.
@@ -249,14 +234,14 @@ DECIDES_WHEN_HOSTED: dict[str, Any] = {
 #: Another possible value of each setting that only says where a run is computed, watched and written, and how long.
 DECIDES_NOTHING: dict[str, Any] = {
     "search.generations": 40,
-    "llm.mode": Mode.replay,
+    "llm.mode": "replay",
     "llm.base_url": "http://localhost:1",
     "llm.concurrency": 16,
     "llm.budget_usd": 5.0,
     "llm.prices": "other.yaml",
-    "sandbox.require": Confinement.kernel,
+    "sandbox.require": "kernel",
     "executor.workers": 16,
-    "tracking.kind": Tracking.none,
+    "tracking.kind": "none",
     "tracking.uri": "sqlite:///other.db",
     "tracking.experiment": "other",
     "store.root": "elsewhere",
@@ -284,7 +269,7 @@ def test_places_decide_where_there_are_no_niches() -> None:
     """How many of the best are kept is part of a run that keeps the best, and of no other."""
     more = changed("archive.kept", 11)
     assert identity(more) == identity(CONFIG)
-    best = changed("archive.kind", ArchiveKind.best)
+    best = changed("archive.kind", "best")
     assert identity(changed("archive.kept", 11, best)) != identity(best)
 
 
@@ -306,7 +291,7 @@ def test_identity_without_later_settings_is_golden() -> None:
 
 def test_delivery_stays_out_of_the_identity() -> None:
     """A batch asks the same questions, so a run may change its delivery at any time."""
-    assert identity(changed("llm.delivery", Delivery.batch, HOSTED)) == identity(HOSTED)
+    assert identity(changed("llm.delivery", "batch", HOSTED)) == identity(HOSTED)
 
 
 @pytest.mark.parametrize("key", DECIDES_NOTHING)

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from greys import Greys, entries, load_greys
+from greys import Greys, entries
+from small_recordings import loaded
 
 from tacevo.data.staging import LOCK
 
@@ -84,7 +85,7 @@ def test_processes_that_start_at_once_share_one_entry(tmp_path: Path) -> None:
 def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
     """One line, before the wait, so that it does not look like a hang; without a wait, no line."""
     said: list[str] = []
-    folder = load_greys(Greys(), tmp_path, say=said.append).images.parent
+    folder = loaded(Greys(), tmp_path, say=said.append).images.parent
     assert said == []
     shutil.rmtree(folder)
     with (tmp_path / f".{folder.name}{LOCK}").open("w") as lock:
@@ -94,7 +95,7 @@ def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
             said.append(text)
             fcntl.flock(lock, fcntl.LOCK_UN)  # else the test would wait for ever
 
-        load_greys(Greys(), tmp_path, say=say)
+        loaded(Greys(), tmp_path, say=say)
     assert said == ["data: another process makes this data set; waiting for it"]
 
 

@@ -4,17 +4,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
-from greys import Greys, entries, load_greys
+from greys import Greys, entries
 from refusals import refused
-from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
+from small_recordings import loaded, save_arrays, save_folder, save_forces, save_gratings, save_table
 
 from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import fingerprint
-from tacevo.data.loading import load, split_rows
+from tacevo.data.loading import split_rows
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.workers import FEW_PICTURES
@@ -33,7 +33,7 @@ class Undecodable(Greys):
 
 def test_loaded_data_set_keeps_its_promises(tmp_path: Path) -> None:
     """Pixels, targets, counts and names are those of the source."""
-    dataset = load_greys(Greys(), tmp_path)
+    dataset = loaded(Greys(), tmp_path)
     images = np.load(dataset.images, mmap_mode="r")
     assert images.shape == (20, 3, 4, 4)
     assert images.dtype == np.uint8
@@ -49,38 +49,34 @@ def test_loaded_data_set_keeps_its_promises(tmp_path: Path) -> None:
 
 def test_minmax_targets_of_the_training_split_fill_0_to_1(tmp_path: Path) -> None:
     """The smallest training label becomes 0 and the largest 1."""
-    dataset = load_greys(Greys(), tmp_path)
+    dataset = loaded(Greys(), tmp_path)
     training = dataset.targets[dataset.train]
     assert (training.min(), training.max()) == (0.0, 1.0)
 
 
 def test_second_load_decodes_nothing(tmp_path: Path) -> None:
     """The cache answers for an equal description."""
-    first = load_greys(Greys(), tmp_path)
-    second = load_greys(Undecodable(), tmp_path)
+    first = loaded(Greys(), tmp_path)
+    second = loaded(Undecodable(), tmp_path)
     assert second.facts == first.facts
     assert np.array_equal(second.targets, first.targets)
 
 
-@pytest.mark.parametrize("other", ["source", "split", "split_seed", "normalisation", "target_scaling"])
-def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path, other: str) -> None:
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"source": Greys(count=21, released=True)},
+        {"split": SplitRule.release},
+        {"split_seed": 1},
+        {"normalisation": Normalisation.unit},
+        {"target_scaling": TargetScaling.zscore},
+    ],
+    ids=str,
+)
+def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path, change: dict[str, Any]) -> None:
     """Two settings that give different data never share a cache entry, and differ in their fingerprint."""
-    chosen = {
-        "source": Greys(released=True),
-        "split": SplitRule.random,
-        "split_seed": 0,
-        "normalisation": Normalisation.standardise,
-        "target_scaling": TargetScaling.minmax,
-    }
-    changed = {
-        "source": Greys(count=21, released=True),
-        "split": SplitRule.release,
-        "split_seed": 1,
-        "normalisation": Normalisation.unit,
-        "target_scaling": TargetScaling.zscore,
-    }
-    first = load(**chosen, cache=tmp_path, workers=1)  # type: ignore[arg-type]
-    second = load(**{**chosen, other: changed[other]}, cache=tmp_path, workers=1)  # type: ignore[arg-type]
+    chosen: dict[str, Any] = {"source": Greys(released=True), "cache": tmp_path}
+    first, second = loaded(**chosen), loaded(**{**chosen, **change})
     assert first.images != second.images
     assert first.facts.fingerprint != second.facts.fingerprint
 
@@ -101,8 +97,8 @@ def simulated(task: SensorTask, images: int) -> Simulated:
 def test_workers_change_no_byte(tmp_path: Path) -> None:
     """One process and two processes give the same fingerprint."""
     source = simulated(SensorTask.force, FEW_PICTURES + 50)  # fewer are made in one process
-    alone = load_greys(source, tmp_path / "one", workers=1)
-    together = load_greys(source, tmp_path / "two", workers=2)
+    alone = loaded(source, tmp_path / "one", workers=1)
+    together = loaded(source, tmp_path / "two", workers=2)
     assert alone.facts == together.facts
 
 
@@ -169,9 +165,9 @@ def test_what_is_not_for_training_influences_nothing_but_the_fingerprint(
 ) -> None:
     """Other validation and test images and labels leave every statistic and every training target as they were."""
     source, rule = SOURCES[form](tmp_path / "recording")
-    before = load_greys(source, tmp_path / "cache", split=rule, target_scaling=scaling)
+    before = loaded(source, tmp_path / "cache", split=rule, target_scaling=scaling)
     others = (*before.validation.tolist(), *before.test.tolist())
-    after = load_greys(Spoilt(source, others), tmp_path / "cache", split=rule, target_scaling=scaling)
+    after = loaded(Spoilt(source, others), tmp_path / "cache", split=rule, target_scaling=scaling)
     assert (after.mean, after.deviation) == (before.mean, before.deviation)
     assert (after.offset, after.scale) == (before.offset, before.scale)
     assert np.array_equal(after.train, before.train)
@@ -183,8 +179,8 @@ def test_what_is_not_for_training_influences_nothing_but_the_fingerprint(
 def test_training_pictures_decide_the_statistics(tmp_path: Path, form: str) -> None:
     """The statistics are those of the training pictures, which a change of one of them shows."""
     source, rule = SOURCES[form](tmp_path / "recording")
-    before = load_greys(source, tmp_path / "cache", split=rule)
-    after = load_greys(Spoilt(source, (int(before.train[0]),)), tmp_path / "cache", split=rule)
+    before = loaded(source, tmp_path / "cache", split=rule)
+    after = loaded(Spoilt(source, (int(before.train[0]),)), tmp_path / "cache", split=rule)
     assert after.mean != before.mean
     pixels = np.load(before.images)[before.train]
     assert before.mean == pytest.approx(pixels.mean(axis=(0, 2, 3)))
@@ -192,7 +188,7 @@ def test_training_pictures_decide_the_statistics(tmp_path: Path, form: str) -> N
 
 def test_release_names_its_own_parts(tmp_path: Path) -> None:
     """`release` takes the parts from the source, for every seed."""
-    dataset = load_greys(Greys(released=True), tmp_path, split=SplitRule.release)
+    dataset = loaded(Greys(released=True), tmp_path, split=SplitRule.release)
     assert dataset.facts.counts == (12, 4, 4)
     assert dataset.test.tolist() == [16, 17, 18, 19]
 
@@ -200,7 +196,7 @@ def test_release_names_its_own_parts(tmp_path: Path) -> None:
 def test_release_is_refused_where_there_is_none(tmp_path: Path) -> None:
     """A source that names no parts has none to take."""
     with refused(DataError, place="data.split", got="release", remedy="set data.split=random"):
-        load_greys(Greys(), tmp_path, split=SplitRule.release)
+        loaded(Greys(), tmp_path, split=SplitRule.release)
 
 
 def test_groups_of_a_source_reach_the_split() -> None:
@@ -213,7 +209,7 @@ def test_groups_of_a_source_reach_the_split() -> None:
 def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:
     """Progress is told per chunk and ends with everything done."""
     seen: list[tuple[int, int]] = []
-    load_greys(Greys(count=70), tmp_path, progress=lambda done, total: seen.append((done, total)))
+    loaded(Greys(count=70), tmp_path, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(32, 70), (64, 70), (70, 70)]
 
 
@@ -221,7 +217,7 @@ def test_unreadable_images_are_counted_and_leave_no_entry(tmp_path: Path) -> Non
     """All faults are collected, the first few are named, nothing is cached, and progress does not reach the end."""
     seen: list[tuple[int, int]] = []
     with pytest.raises(DataError, match=r"7 found\): row 0 \(0.png\), row 1 \(1.png\), .*, \.\.\."):
-        load_greys(Greys(broken=7), tmp_path, progress=lambda done, total: seen.append((done, total)))
+        loaded(Greys(broken=7), tmp_path, progress=lambda done, total: seen.append((done, total)))
     assert entries(tmp_path) == []
     assert seen == []
 
@@ -248,7 +244,7 @@ def test_what_needs_no_decoding_is_told_first(
 ) -> None:
     """Every image is broken too, but the fault that needs no decoding is the one that is told."""
     with pytest.raises((ConfigError, DataError), match=message):
-        load_greys(source, tmp_path, accept=accept)
+        loaded(source, tmp_path, accept=accept)
 
 
 @pytest.mark.parametrize("part", ["train", "validation", "test"])
@@ -258,7 +254,7 @@ def test_labels_beyond_all_measure_are_named_by_row(tmp_path: Path, part: str, s
     source = Greys()
     row = int(getattr(split_rows(source.catalogue(), SplitRule.random, 0), part)[0])
     with refused(DataError, got=f"beyond 1e+30 in size (1 found): row {row} [1e+33]", remedy="choose a larger unit"):
-        load_greys(Mislabelled(source, row, 1e33), tmp_path, target_scaling=scaling)
+        loaded(Mislabelled(source, row, 1e33), tmp_path, target_scaling=scaling)
 
 
 def test_labels_far_from_those_of_training_are_named_by_row(tmp_path: Path) -> None:
@@ -266,7 +262,7 @@ def test_labels_far_from_those_of_training_are_named_by_row(tmp_path: Path) -> N
     source = Greys(step=1e-12)
     row = int(split_rows(source.catalogue(), SplitRule.random, 0).test[0])
     with refused(DataError, got=f"(1 found): row {row} [1e+30]", remedy="correct them"):
-        load_greys(Mislabelled(source, row, 1e30), tmp_path)
+        loaded(Mislabelled(source, row, 1e30), tmp_path)
 
 
 @dataclass(frozen=True)
@@ -291,13 +287,5 @@ class Mislabelled:
 
 def test_catalogue_that_is_given_is_not_listed_again(tmp_path: Path) -> None:
     """Who has looked at a source's catalogue hands it over; listing it twice would read a recording twice."""
-    dataset = load(
-        Undecodable(),
-        split_seed=0,
-        normalisation=Normalisation.unit,
-        target_scaling=TargetScaling.none,
-        cache=tmp_path,
-        workers=1,
-        catalogue=Greys().catalogue(),
-    )
+    dataset = loaded(Undecodable(), tmp_path, catalogue=Greys().catalogue())
     assert dataset.facts.counts == (16, 2, 2)

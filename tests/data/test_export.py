@@ -165,12 +165,7 @@ def test_current_folder_is_refused_before_anything_is_drawn(
     monkeypatch.chdir(tmp_path)
     seen: list[tuple[int, int]] = []
     with refused(DataError, place="out", expected="a new directory", got="the current directory"):
-        export(
-            simulated(SensorTask.force),
-            Path(out),
-            workers=1,
-            progress=lambda done, total: seen.append((done, total)),
-        )
+        export(simulated(SensorTask.force), Path(out), workers=1, progress=lambda *told: seen.append(told))
     assert (seen, list(tmp_path.iterdir())) == ([], [])
 
 

@@ -68,20 +68,6 @@ def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
         ("0.png,1\n", "line 2 fz = ''"),
         (",1,2,\n", "line 2 ''"),
     ],
-    ids=[
-        "missing image",
-        "no number",
-        "infinite",
-        "duplicate by another path",
-        "duplicate",
-        "duplicate but for case",
-        "decimal comma",
-        "blank line",
-        "impossible name",
-        "long name",
-        "short row",
-        "no name",
-    ],
 )
 def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, message: str) -> None:
     """The message gives the lines as an editor counts them, and how many there are."""

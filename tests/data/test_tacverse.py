@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refused
-from small_recordings import save_forces, save_gratings, save_image
+from small_recordings import loaded, save_forces, save_gratings, save_image
 
 from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
-from tacevo.data.loading import load, split_rows
+from tacevo.data.loading import split_rows
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.tacverse import TacVerse
 from tacevo.data.splitting import Split
@@ -139,15 +139,7 @@ def test_too_few_presses_are_refused(tmp_path: Path) -> None:
     """Two presses of a size leave none for the test; nothing is decoded to find that."""
     source = save_presses(tmp_path, sizes=2, groups=2, frames=5)
     with refused(DataError, place="the test split", got="no images of 2 of 2 classes (0.5 mm, 1 mm)"):
-        load(
-            source,
-            split=SplitRule.release,
-            split_seed=0,
-            normalisation=Normalisation.standardise,
-            target_scaling=TargetScaling.minmax,
-            cache=tmp_path / "cache",
-            workers=1,
-        )
+        loaded(source, tmp_path / "cache", split=SplitRule.release)
 
 
 def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
@@ -282,14 +274,7 @@ def test_missing_table_is_named(tmp_path: Path) -> None:
 def test_pixels_reach_the_data_set_in_order(tmp_path: Path) -> None:
     """What `load` keeps is what the files hold."""
     source = save_forces(tmp_path, "".join(f"image_{n}.png,{n},{n},{n}\n" for n in range(12)), images=12)
-    dataset = load(
-        source,
-        split=SplitRule.release,
-        split_seed=0,
-        normalisation=Normalisation.unit,
-        target_scaling=TargetScaling.none,
-        cache=tmp_path / "cache",
-        workers=1,
-    )
+    changes = {"normalisation": Normalisation.unit, "target_scaling": TargetScaling.none}
+    dataset = loaded(source, tmp_path / "cache", split=SplitRule.release, **changes)
     assert np.load(dataset.images)[:, 0, 0, 0].tolist() == list(range(12))
     assert dataset.facts.counts == (7, 3, 2)

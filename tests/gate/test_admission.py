@@ -353,6 +353,8 @@ def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example:
     assert isinstance(found, Admitted) == example["trains_at"][str(image_size)]
     if isinstance(found, Admitted):
         assert found.profile.parameters == example["parameters"]
+    else:
+        assert found.stage is not Stage.policy
 
 
 @needs_shared

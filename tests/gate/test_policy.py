@@ -5,7 +5,7 @@ from types import ModuleType
 
 import pytest
 import torch  # noqa: F401 - loads the modules that the allow-list names
-from gate_cases import VALID, candidate, completion, contract, examples, extracted, needs_shared
+from gate_cases import VALID, candidate, contract
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -78,36 +78,23 @@ def test_import_off_the_list_is_refused(line: str) -> None:
     assert "may not be imported; allowed is what networks need from abc, collections" in rejection.detail
 
 
+#: What is not on the list, by each way to reach it.
+NAMES = """
+    torch.load torch.save torch.hub.load torch.ops.load_library torch.compile torch.jit.script
+    torch.multiprocessing torch._C._set_num_threads torch.classes.load_library torch.utils.data
+    torch.futures.Future torch.distributed.init_process_group torch.autograd.graph
+    torch.use_deterministic_algorithms torch.set_num_threads torch.manual_seed torch.backends.cudnn.benchmark
+    torch.storage.io torch.os.system torch.from_file nn.parallel.distributed
+    nn.modules.module.register_module_forward_hook nn.LazyLinear F.importlib math.__loader__
+    nn.Module.__init__.__globals__ torch.linalg.sys torch.fft.torch torch.set_grad_enabled
+"""
+
+
 @pytest.mark.parametrize(
     "expression",
     [
-        "torch.load('x')",
-        "torch.save(self, 'x')",
-        "torch.hub.load('a', 'b')",
-        "torch.ops.load_library('x')",
-        "torch.compile(self)",
-        "torch.jit.script(self)",
-        "torch.multiprocessing",
-        "torch._C._set_num_threads(3)",
-        "torch.classes.load_library('x')",
-        "torch.utils.data",
-        "torch.futures.Future().wait()",
-        "torch.distributed.init_process_group()",
-        "torch.autograd.graph",
-        "torch.use_deterministic_algorithms(False)",
-        "torch.set_num_threads(3)",
-        "torch.manual_seed(0)",
-        "torch.backends.cudnn.benchmark",
-        "torch.storage.io",
-        "torch.os.system('x')",
-        "torch.from_file('x')",
-        "nn.parallel.distributed",
-        "nn.modules.module.register_module_forward_hook",
-        "nn.LazyLinear(3)",
+        *NAMES.split(),
         "F.torch.load('x')",
-        "F.importlib",
-        "math.__loader__",
-        "nn.Module.__init__.__globals__",
         "().__class__.__bases__",
         "self.__dict__",
         "x.numpy()",
@@ -133,9 +120,6 @@ def test_import_off_the_list_is_refused(line: str) -> None:
         "dict(m=torch.nn)",
         "f'{torch.seed()}'",
         "'{0.__init__.__globals__}'.format(x)",
-        "torch.linalg.sys",
-        "torch.fft.torch",
-        "torch.set_grad_enabled(False)",
     ],
 )
 def test_name_off_the_list_is_refused(expression: str) -> None:
@@ -324,25 +308,3 @@ def test_wrapping_does_not_hide_a_name(name: str, depth: int) -> None:
 def test_any_lines_get_an_answer(lines: list[str]) -> None:
     """No shuffling of code makes the policy raise."""
     check("\n".join(lines), CONTRACT)
-
-
-@needs_shared
-@pytest.mark.parametrize("example", examples("llm_answers"), ids=lambda example: example["file"])
-def test_real_answer_passes(example: dict[str, str]) -> None:
-    """No honest answer breaks the policy."""
-    task = contract(example["task"])
-    source = extracted(completion(example["response"], example["stop_reason"]), task)
-    assert isinstance(source, Rejection) or check(source, task) is None
-
-
-@needs_shared
-@pytest.mark.parametrize("example", examples("hostile"), ids=lambda example: example["id"])
-def test_attack_is_refused_where_it_can_be_seen(example: dict[str, str]) -> None:
-    """What can be seen in the text is refused; what is harmless passes the static stages."""
-    source = extracted(completion(example["source"]), CONTRACT)
-    verdict = source if isinstance(source, Rejection) else check(source, CONTRACT)
-    match example["expected"]:
-        case "reject_static":
-            assert verdict is not None
-        case "allowed_harmless":
-            assert verdict is None

@@ -248,11 +248,8 @@ def test_same_refusals_are_about_the_requests_where_an_answer_follows(provider: 
     with serving() as server:
         asked = [request(text) for text in ("a [fault invalid]", "b [fault invalid]", "c")]
         answers = dict(hosted(server.url, provider, concurrency=1).complete(asked))
-        assert [answers[number].stop_reason for number in range(3)] == [
-            "invalid_request",
-            "invalid_request",
-            "end_turn",
-        ]
+        reasons = [answers[number].stop_reason for number in range(3)]
+        assert reasons == ["invalid_request", "invalid_request", "end_turn"]
 
 
 @both

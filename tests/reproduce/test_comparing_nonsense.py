@@ -13,13 +13,6 @@ from tacevo.records import Json
 DEEP = b"[" * 100_000
 
 
-@pytest.fixture
-def run(published: Path, tmp_path: Path) -> Path:
-    """Give the folder of a finished run with a study, to be spoilt."""
-    shutil.copytree(published / "run", tmp_path / "run")
-    return tmp_path / "run"
-
-
 def refused(run: Path, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """See that the comparison ends in one line that names the user's folder."""
     assert main(["replay", str(run), "--diff", str(published / "run")]) == 2

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from tacevo.errors import LLMError, SandboxError, TransportError
 from tacevo.profile import Admitted, Graph, Profile
 from tacevo.records import Completion, Message, Operator, Reason, Rejection, Request, Stage, Training
 from tacevo.search.development import Outcome, Tools, develop
+from tacevo.search.effects import LLM
 from tacevo.search.proposals import Proposal
 
 PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))
@@ -37,15 +39,8 @@ class FakeLLM:
 
 def proposals(*texts: str) -> list[Proposal]:
     """Make the baseline, and one mutation a text."""
-    baseline = Proposal(
-        generation=0,
-        slot=0,
-        operator=Operator.baseline,
-        parents=(),
-        prompt=None,
-        request=None,
-        source="baseline",
-    )
+    changes: dict[str, Any] = {"parents": (), "prompt": None, "request": None, "source": "baseline"}
+    baseline = replace(mutation(0, ""), operator=Operator.baseline, **changes)
     return [baseline, *(mutation(slot, text) for slot, text in enumerate(texts, 1))]
 
 
@@ -61,14 +56,21 @@ def trained(source: str) -> Training:
     return Training(train_losses=(1.0,), validation_losses=(0.5,), predictions_sha256="", weights_sha256=source)
 
 
+def judged(source: str) -> Admitted | Rejection:
+    """Admit all but what begins with `bad`."""
+    return REFUSAL if source.startswith("bad") else Admitted(source=source, profile=PROFILE)
+
+
 def run(
-    planned: list[Proposal], evaluate: Evaluate = trained, *, llm: FakeLLM | None = None, workers: int = 4
+    planned: list[Proposal],
+    evaluate: Evaluate = trained,
+    *,
+    llm: LLM | None = None,
+    inspect: Callable[[str], Admitted | Rejection] = judged,
+    workers: int = 4,
+    repairs: int = 0,
 ) -> list[Outcome]:
-    """Develop proposals with a gate that admits all but what begins with `bad`."""
-
-    def inspect(source: str) -> Admitted | Rejection:
-        return REFUSAL if source.startswith("bad") else Admitted(source=source, profile=PROFILE)
-
+    """Develop proposals."""
     with ThreadPoolExecutor(workers) as executor:
         tools = Tools(
             llm=llm or FakeLLM(),
@@ -78,7 +80,7 @@ def run(
             evaluation_key=lambda source: source,
             executor=executor,
         )
-        return list(develop(planned, tools))
+        return list(develop(planned, tools, repairs=repairs))
 
 
 def weights(outcomes: list[Outcome]) -> list[str]:
@@ -179,16 +181,7 @@ def test_longest_that_waits_is_trained_first() -> None:
         order.append(source)
         return trained(source)
 
-    with ThreadPoolExecutor(1) as executor:
-        tools = Tools(
-            llm=Answering(),
-            admit=lambda completion: inspect(completion.text),
-            inspect=inspect,
-            evaluate=evaluate,
-            evaluation_key=lambda source: source,
-            executor=executor,
-        )
-        outcomes = list(develop(proposals("short", "long", "twin"), tools))
+    outcomes = run(proposals("short", "long", "twin"), evaluate, llm=Answering(), inspect=inspect, workers=1)
     assert order == ["long", "baseline", "twin", "short"]
     assert weights(outcomes) == ["baseline", "short", "long", "twin"]
 
@@ -238,44 +231,28 @@ def test_empty_generation_has_no_outcomes() -> None:
     assert run([]) == []
 
 
-def run_with_repairs(
-    planned: list[Proposal], repairs: int, *, answers: dict[str, str], workers: int = 4
-) -> tuple[list[Outcome], list[int]]:
-    """Develop with an LLM that answers a text's last turn as told; give the outcomes and the sizes of the rounds."""
-    rounds = []
+class Correctable:
+    """Answers the first turn by its text, or what was sent back by the text of the last answer; counts each round."""
 
-    class Correctable:
-        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-            """Answer the first turn, or what was sent back, by the text of the last answer."""
-            rounds.append(len(requests))
-            for position in reversed(range(len(requests))):
-                turns = [turn.content for turn in requests[position].messages]
-                text = turns[0] if len(turns) == 1 else answers[turns[-2]]
-                completion = Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
-                yield position, completion
+    def __init__(self, answers: dict[str, str]) -> None:
+        self._answers = answers
+        self.rounds: list[int] = []
 
-    def inspect(source: str) -> Admitted | Rejection:
-        return REFUSAL if source.startswith("bad") else Admitted(source=source, profile=PROFILE)
-
-    with ThreadPoolExecutor(workers) as executor:
-        tools = Tools(
-            llm=Correctable(),
-            admit=lambda completion: inspect(completion.text),
-            inspect=inspect,
-            evaluate=trained,
-            evaluation_key=lambda source: source,
-            executor=executor,
-        )
-        return list(develop(planned, tools, repairs=repairs)), rounds
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer in reverse."""
+        self.rounds.append(len(requests))
+        for position in reversed(range(len(requests))):
+            turns = [turn.content for turn in requests[position].messages]
+            text = turns[0] if len(turns) == 1 else self._answers[turns[-2]]
+            yield position, Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
 
 
 @pytest.mark.parametrize("workers", [1, 8])
 def test_rejected_answers_are_sent_back_together(workers: int) -> None:
     """One round corrects what it can, the next what is left; what is still bad at the end stays rejected."""
-    answers = {"bad a": "good a", "bad b": "bad c", "bad c": "good c", "bad d": "bad d"}
-    planned = proposals("fine", "bad a", "bad b", "bad d")
-    outcomes, rounds = run_with_repairs(planned, 2, answers=answers, workers=workers)
-    assert rounds == [4, 3, 2]
+    llm = Correctable({"bad a": "good a", "bad b": "bad c", "bad c": "good c", "bad d": "bad d"})
+    outcomes = run(proposals("fine", "bad a", "bad b", "bad d"), llm=llm, repairs=2, workers=workers)
+    assert llm.rounds == [4, 3, 2]
     assert weights(outcomes) == ["baseline", "fine", "good a", "good c"]
     said = [[completion.text for completion in outcome.completions] for outcome in outcomes]
     assert said == [[], ["fine"], ["bad a", "good a"], ["bad b", "bad c", "good c"], ["bad d", "bad d", "bad d"]]
@@ -284,30 +261,15 @@ def test_rejected_answers_are_sent_back_together(workers: int) -> None:
 
 def test_without_repairs_nothing_is_sent_back() -> None:
     """The paper discards: one round, and no attempt."""
-    outcomes, rounds = run_with_repairs(proposals("bad a", "b"), 0, answers={})
-    assert rounds == [2]
+    llm = Correctable({})
+    outcomes = run(proposals("bad a", "b"), llm=llm)
+    assert llm.rounds == [2]
     assert [outcome.attempts for outcome in outcomes] == [(), (), ()]
 
 
 def test_failed_training_is_not_sent_back() -> None:
     """A repair mends what the gate found, not how a network trains."""
-    asked = []
-
-    class Counting(FakeLLM):
-        def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-            """Note the round."""
-            asked.append(len(requests))
-            return super().complete(requests)
-
-    with ThreadPoolExecutor(2) as executor:
-        tools = Tools(
-            llm=Counting(),
-            admit=lambda completion: Admitted(source=completion.text, profile=PROFILE),
-            inspect=lambda source: Admitted(source=source, profile=PROFILE),
-            evaluate=lambda source: CRASH,
-            evaluation_key=lambda source: source,
-            executor=executor,
-        )
-        outcomes = list(develop(proposals("a"), tools, repairs=3))
+    llm = Correctable({})
+    outcomes = run(proposals("a"), lambda source: CRASH, llm=llm, repairs=3)
     assert [outcome.result for outcome in outcomes] == [CRASH, CRASH]
-    assert sum(asked) == 1
+    assert sum(llm.rounds) == 1

@@ -77,10 +77,17 @@ EDITS: list[tuple[str, Callable[[Any], object]]] = [
     ("archive.json", lambda file: file["elites"][0].update(fitness=0.0)),
     ("archive.json", lambda file: file["elites"][0].update(fitness="low")),
     ("archive.json", lambda file: file["elites"][0].update(fitness=float("nan"))),
+    ("archive.json", lambda file: file["elites"][0].update(id="g09s09")),
+    ("archive.json", lambda file: file["elites"][0].update(niche=99)),
+    ("archive.json", lambda file: file["elites"].insert(0, {**file["elites"][0], "fitness": 1e-9})),
     ("archive.json", lambda file: file.update(bounds=None)),
+    ("archive.json", lambda file: file["bounds"].update(low=[-9.0, -9.0])),
     ("archive.json", lambda file: file.pop("niches")),
     ("prompts.json", lambda file: file["trials"].pop()),
+    ("prompts.json", lambda file: file["trials"].clear()),
     ("prompts.json", lambda file: file["trials"][0].update(curiosity=9.0)),
+    ("prompts.json", lambda file: file["trials"][0].update(inserted=None)),
+    ("prompts.json", lambda file: file["trials"][0].update(prompt=999)),
 ]
 
 
@@ -92,6 +99,17 @@ def test_edited_archive_is_refused(name: str, edit: Callable[[Any], object], dir
     edit(file)
     path.write_text(json.dumps(file))
     with refused(RunError, place=name, remedy="the command that began the run writes it again"):
+        read_archives(directory, last(directory))
+
+
+@pytest.mark.parametrize("text", [None, "", "{"])
+@pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
+def test_archive_that_is_not_json_is_refused(name: str, text: str | None, directory: RunDirectory) -> None:
+    """Also where it is missing."""
+    (directory.path / name).unlink()
+    if text is not None:
+        (directory.path / name).write_text(text)
+    with refused(RunError, place=name):
         read_archives(directory, last(directory))
 
 

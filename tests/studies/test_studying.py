@@ -33,13 +33,7 @@ from tacevo.studies.lines import SCHEMA, ScoreLine
 pytestmark = pytest.mark.timeout(300)
 
 #: A real search, as small as one can be that finds a network beside the baseline.
-TINY = [
-    *SMALLEST,
-    UNTRACKED,
-    "search.generations=0",
-    "search.initial=2",
-    "run.dir=run",
-]
+TINY = [*SMALLEST, UNTRACKED, "search.generations=0", "search.initial=2", "run.dir=run"]
 STUDY = ["run=run", "elites=1", "seeds=2", "epochs=2"]
 
 

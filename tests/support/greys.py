@@ -1,18 +1,13 @@
-"""A source of grey pictures, loaded with the default protocol, and what a cache then shows."""
+"""A source of grey pictures, and what a cache then shows."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tacevo.choices import Normalisation, SplitRule, TargetScaling
-from tacevo.data.dataset import Dataset
-from tacevo.data.loading import load
-from tacevo.data.source import Catalogue, Picture, Source
+from tacevo.data.source import Catalogue, Picture
 from tacevo.data.splitting import ordered_split
-from tacevo.data.workers import Progress
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -57,32 +52,6 @@ class Greys:
             image_size=4,
             pictures=[*[partial(broken, f"{number}.png") for number in range(self.broken)], *good],
         )
-
-
-def load_greys(
-    source: Source,
-    cache: Path,
-    *,
-    split: SplitRule = SplitRule.random,
-    target_scaling: TargetScaling = TargetScaling.minmax,
-    workers: int = 1,
-    accept: Callable[[Catalogue], None] | None = None,
-    progress: Progress | None = None,
-    say: Callable[[str], None] | None = None,
-) -> Dataset:
-    """Load with the default protocol."""
-    return load(
-        source,
-        split=split,
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=target_scaling,
-        cache=cache,
-        workers=workers,
-        accept=accept,
-        progress=progress,
-        say=say,
-    )
 
 
 def entries(cache: Path) -> list[Path]:

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ledger_lines import candidate, ended
+
 from analysis.runs.run import Run
 from tacevo.config.compose import compose, to_plain
 from tacevo.config.schema import RunConfig
@@ -58,16 +60,12 @@ def trained(
     name = f"g{generation:02}s{slot:02}"
     baseline = (generation, slot) == (0, 0)
     bred = Operator.mutation if prompt is not None else Operator.crossover
-    return CandidateLine(
-        id=name,
-        generation=generation,
-        slot=slot,
+    return candidate(
+        name,
         operator=Operator.baseline if baseline else bred,
         parents=() if baseline else tuple(parents),
         prompt=None if baseline else prompt,
-        request=None,
         temperature=None if baseline else temperature,
-        answer=None,
         dropped=dropped,
         repairs=tuple(RepairedAnswer(answer="", stage=stage, reason=reason) for stage, reason in repairs),
         source=source or name,
@@ -87,19 +85,8 @@ def rejected(
     generation: int, slot: int, stage: Stage = Stage.probe, reason: Reason = Reason.forward_failed, *, prompt: int = 0
 ) -> CandidateLine:
     """Make a mutation that the gate rejected."""
-    return CandidateLine(
-        id=f"g{generation:02}s{slot:02}",
-        generation=generation,
-        slot=slot,
-        operator=Operator.mutation,
-        parents=("g00s00",),
-        prompt=prompt,
-        request=None,
-        temperature=0.6,
-        answer=None,
-        stage=stage,
-        reason=reason,
-    )
+    asked: dict[str, Any] = {"operator": Operator.mutation, "parents": ("g00s00",), "temperature": 0.6}
+    return candidate(f"g{generation:02}s{slot:02}", prompt=prompt, stage=stage, reason=reason, **asked)
 
 
 def elite(name: str, *, niche: int, fitness: float) -> EliteEntry:
@@ -117,8 +104,8 @@ def closed(
     temperature: float = 0.6,
 ) -> GenerationLine:
     """Make the line that ends a generation."""
-    return GenerationLine(
-        generation=generation,
+    return ended(
+        generation,
         temperature=temperature,
         next_temperature=temperature,
         candidates=candidates,
@@ -129,9 +116,6 @@ def closed(
         coverage=coverage,
         qd_score=1.0,
         prompt_coverage=0.0,
-        bounds=None,
-        archive="",
-        prompt_archive="",
     )
 
 

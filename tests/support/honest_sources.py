@@ -1,28 +1,27 @@
 """Candidates that look like those of lying_sources.py and are honest."""
 
 from gate_cases import VALID, candidate
-from lying_sources import GOOD, RETURN, before, method
+from lying_sources import GOOD, RETURN, before, builds, method
 
 HONEST = {
-    "data in the constructor": candidate(RETURN, "self.conv.weight.data.normal_()"),
-    "no_grad in the constructor": candidate(RETURN, "with torch.no_grad():\n    self.conv.bias.zero_()"),
-    "loop in the constructor": candidate(
-        RETURN, "for m in self.modules():\n    if isinstance(m, nn.Conv2d):\n        nn.init.kaiming_normal_(m.weight)"
+    "data in the constructor": builds("self.conv.weight.data.normal_()"),
+    "no_grad in the constructor": builds("with torch.no_grad():\n    self.conv.bias.zero_()"),
+    "loop in the constructor": builds(
+        "for m in self.modules():\n    if isinstance(m, nn.Conv2d):\n        nn.init.kaiming_normal_(m.weight)"
     ),
     "method that the constructor calls": method(
-        "def _start(self):\n    for p in self.parameters():\n        p.data.neg_()", candidate(RETURN, "self._start()")
+        "def _start(self):\n    for p in self.parameters():\n        p.data.neg_()", builds("self._start()")
     ),
     "apply with a method": method(
         "def _start(self, m):\n    if hasattr(m, 'bias'):\n        m.bias.data.zero_()",
-        candidate(RETURN, "self.apply(self._start)"),
+        builds("self.apply(self._start)"),
     ),
     "apply with a function": before(
-        "def start(m):\n    if hasattr(m, 'weight'):\n        nn.init.zeros_(m.weight)",
-        candidate(RETURN, "self.apply(start)"),
+        "def start(m):\n    if hasattr(m, 'weight'):\n        nn.init.zeros_(m.weight)", builds("self.apply(start)")
     ),
-    "apply with a lambda": candidate(RETURN, "self.apply(lambda m: hasattr(m, 'bias') and m.bias.data.zero_())"),
-    "apply with a lambda that has a name": candidate(
-        RETURN, "start = lambda m: hasattr(m, 'bias') and nn.init.zeros_(m.bias)\nself.apply(start)"
+    "apply with a lambda": builds("self.apply(lambda m: hasattr(m, 'bias') and m.bias.data.zero_())"),
+    "apply with a lambda that has a name": builds(
+        "start = lambda m: hasattr(m, 'bias') and nn.init.zeros_(m.bias)\nself.apply(start)"
     ),
     "function that makes a layer": before(
         "def made(i, o):\n    layer = nn.Linear(i, o)\n    nn.init.zeros_(layer.weight)\n    return layer",
@@ -58,14 +57,10 @@ HONEST = {
     "weights that are computed once for a batch": candidate(
         f"return self.last({GOOD})", "self.last = nn.utils.parametrizations.orthogonal(nn.Linear(3, 3))"
     ),
-    "spectral norm": candidate(
-        RETURN, "self.conv = nn.utils.parametrizations.spectral_norm(nn.Conv2d(in_channels, 4, 3))"
-    ),
-    "weight norm": candidate(RETURN, "self.conv = nn.utils.parametrizations.weight_norm(nn.Conv2d(in_channels, 4, 3))"),
-    "spectral norm of the old kind": candidate(
-        RETURN, "self.conv = nn.utils.spectral_norm(nn.Conv2d(in_channels, 4, 3))"
-    ),
-    "frozen layer": candidate(RETURN, "self.conv.requires_grad_(False)"),
+    "spectral norm": builds("self.conv = nn.utils.parametrizations.spectral_norm(nn.Conv2d(in_channels, 4, 3))"),
+    "weight norm": builds("self.conv = nn.utils.parametrizations.weight_norm(nn.Conv2d(in_channels, 4, 3))"),
+    "spectral norm of the old kind": builds("self.conv = nn.utils.spectral_norm(nn.Conv2d(in_channels, 4, 3))"),
+    "frozen layer": builds("self.conv.requires_grad_(False)"),
     "layers by computed names": candidate(
         f"return getattr(self, f'last{{0}}')({GOOD})",
         "for i in (0, 1):\n    setattr(self, f'last{i}', nn.Linear(3, 3))",

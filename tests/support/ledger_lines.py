@@ -3,14 +3,15 @@
 from typing import Any
 
 from fakes import TASK
-from studies import RECIPE, TERMS
 
-from tacevo.choices import Device, Numerics
-from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
+from tacevo.choices import Device, MarginKind, Numerics
+from tacevo.config.study import Margin
+from tacevo.records import DataFacts, Kind, Limits, Operator, Reason, Recipe, Stage
 from tacevo.search.archive import AddStatus
 from tacevo.search.lines import CandidateLine, GenerationLine, RunLine
 from tacevo.storage.run_directory import RunRecord
 from tacevo.studies.lines import Network, ScoreLine, StudyHeader
+from tacevo.studies.terms import Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,
@@ -21,6 +22,16 @@ FACTS = DataFacts(
     outputs=3,
     names=("Fx", "Fy", "Fz"),
 )
+
+RECIPE = Recipe(
+    epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)
+)
+
+#: Of conf/study.yaml.
+TERMS = {
+    Kind.regression: Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative)),
+    Kind.classification: Terms(alpha=0.05, margin=Margin(value=0.01, kind=MarginKind.absolute)),
+}
 
 
 def header(**changes: Any) -> RunLine:

@@ -1,11 +1,12 @@
 """Small recordings in every form that a loader reads, written for a test."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from tacevo.choices import Normalisation, SensorTask, TargetScaling
+from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
 from tacevo.data.source import Source
@@ -14,17 +15,19 @@ from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import Table
 from tacevo.data.sources.tacverse import TacVerse
 
+#: How data are loaded where a test says nothing else.
+PROTOCOL: dict[str, Any] = {
+    "split": SplitRule.random,
+    "split_seed": 0,
+    "normalisation": Normalisation.standardise,
+    "target_scaling": TargetScaling.minmax,
+    "workers": 1,
+}
 
-def loaded(source: Source, cache: Path) -> Dataset:
-    """Load with the default protocol."""
-    return load(
-        source,
-        split_seed=0,
-        normalisation=Normalisation.standardise,
-        target_scaling=TargetScaling.minmax,
-        cache=cache,
-        workers=1,
-    )
+
+def loaded(source: Source, cache: Path, **changes: Any) -> Dataset:
+    """Load with the default protocol, but for what is named."""
+    return load(source, cache=cache, **{**PROTOCOL, **changes})
 
 
 def save_image(path: Path, value: int, size: tuple[int, int] = (8, 8)) -> None:

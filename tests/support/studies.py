@@ -5,25 +5,14 @@ from dataclasses import replace
 from statistics import fmean
 
 from hand_runs import FACTS
+from ledger_lines import RECIPE, TERMS
+from ledger_lines import score as line_of
 
 from analysis.studies.scores import Study
 from analysis.table import Table
-from tacevo.choices import Device, MarginKind, Numerics
-from tacevo.config.study import Margin
-from tacevo.records import Kind, Limits, Recipe
+from tacevo.choices import Device, Numerics
+from tacevo.records import Kind
 from tacevo.studies.lines import Network, ScoreLine
-from tacevo.studies.terms import Terms
-
-RECIPE = Recipe(
-    epochs=50, batch_size=32, learning_rate=0.001, optimiser="adam", limits=Limits(seconds=600.0, memory_mib=2048)
-)
-
-
-#: Of conf/study.yaml.
-TERMS = {
-    Kind.regression: Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative)),
-    Kind.classification: Terms(alpha=0.05, margin=Margin(value=0.01, kind=MarginKind.absolute)),
-}
 
 
 def around(median: float, *, step: float, seeds: int = 20) -> list[float]:
@@ -86,17 +75,8 @@ def network(name: str) -> Network:
 def score(name: str, seed: int, metrics: Mapping[str, float]) -> ScoreLine:
     """Make a network's score under a seed; of a classification with a matrix of three classes."""
     confusion = ((2, 1, 0), (0, 3, 0), (1, 0, 2)) if "accuracy" in metrics else None
-    return ScoreLine(
-        network=name,
-        id=name,
-        seed=seed,
-        evaluation="",
-        epoch=40,
-        validation_loss=0.0,
-        metrics=dict(metrics),
-        confusion=confusion,
-        predictions="",
-        weights="",
+    return replace(
+        line_of(name, seed, 0.0), id=name, epoch=40, validation_loss=0.0, metrics=dict(metrics), confusion=confusion
     )
 
 

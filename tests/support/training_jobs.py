@@ -1,18 +1,20 @@
 """A tiny learnable task for the tests of training: 3 x 4 x 4 images whose first two pixels are the targets."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import fakes
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tacevo.records import Limits, Recipe, to_json
+from tacevo.records import Contract, Kind, Limits, Loss, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.client import Finished
 from tacevo.training.evaluation import Examples
 
-CONTRACT = replace(fakes.CONTRACT, image_size=4, outputs=2)
+#: Not that of fakes.py, whose import starts a thread, which a zygote must not have.
+_IMAGES: Any = {"in_channels": 3, "image_size": 4, "outputs": 2, "output_argument": "num_outputs"}
+CONTRACT = Contract(class_name="Net", kind=Kind.regression, loss=Loss.mse, **_IMAGES)
 RECIPE = Recipe(
     epochs=4, batch_size=16, learning_rate=1e-2, optimiser="adam", limits=Limits(seconds=20, memory_mib=400)
 )
@@ -79,6 +81,19 @@ def header_of(source: str, data: Data) -> Any:
 def payload_of(data: Data) -> bytes:
     """Write the payload that a trainer gets."""
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
+
+
+class Recorder:
+    """A sandbox that notes what it is sent, and always answers alike."""
+
+    def __init__(self, answer: Finished) -> None:
+        self.sent: list[tuple[Any, bytes]] = []
+        self._answer = answer
+
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
+        """Answer as a trainer would."""
+        self.sent.append((header, payload))
+        return self._answer
 
 
 def look_at_torch(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:

@@ -16,13 +16,6 @@ from tacevo.sweeps.check import check_jobs
 Edit = Callable[[Any], object]
 
 
-@pytest.fixture
-def sweep(swept: Path, tmp_path: Path) -> Path:
-    """Return a copy of a sweep."""
-    shutil.copytree(swept / "sweep", tmp_path / "sweep")
-    return tmp_path / "sweep"
-
-
 def edit(sweep: Path, change: Edit) -> None:
     """Change sweep.json."""
     value = json.loads((sweep / "sweep.json").read_text())

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from refusals import refused
-from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
+from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
@@ -59,22 +59,13 @@ def never(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished |
     raise SandboxError("nothing may be trained here")
 
 
-class Recorder:
-    """A sandbox that notes what it is sent and answers with perfect predictions."""
-
-    def __init__(self) -> None:
-        self.sent: list[tuple[Any, bytes]] = []
-
-    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
-        """Answer as a trainer would."""
-        self.sent.append((header, payload))
-        return good_answer(EXAMPLES.validation_targets)
-
-
 def good_answer(predictions: np.ndarray[Any, Any]) -> Finished:
     """Write what a trainer sends that predicts the same after every epoch."""
     frames = [Frame({"epoch": epoch, "train_loss": 0.5}, predictions.tobytes()) for epoch in range(RECIPE.epochs)]
     return Finished((*frames, Frame({"weights_sha256": WEIGHTS}, b"")))
+
+
+PERFECT = good_answer(EXAMPLES.validation_targets)
 
 
 def test_trivial_target_is_learnt(sandbox: Sandbox, tmp_path: Path) -> None:
@@ -134,12 +125,6 @@ def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
         assert look(fast)["capability"] == plain
 
 
-def test_candidate_whose_finaliser_never_ends_is_evaluated(sandbox: Sandbox, tmp_path: Path) -> None:
-    """A model is not dropped before its answer is out."""
-    endless = SOURCE + "\n    def __del__(self):\n        while True:\n            pass\n"
-    assert isinstance(evaluator(sandbox.run, tmp_path).evaluate(endless, 0), Training)
-
-
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
@@ -164,7 +149,7 @@ def test_failed_training_is_a_rejection(sandbox: Sandbox, tmp_path: Path, line: 
 
 def test_second_evaluation_is_recalled(tmp_path: Path) -> None:
     """Equal questions are asked once; in replay neither data nor sandbox is needed."""
-    first = evaluator(Recorder().run, tmp_path).evaluate(SOURCE, 0)
+    first = evaluator(Recorder(PERFECT).run, tmp_path).evaluate(SOURCE, 0)
     assert evaluator(never, tmp_path).evaluate(SOURCE, 0) == first
     assert evaluator(never, tmp_path, examples=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
 
@@ -188,7 +173,7 @@ def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
 
 def test_question_of_a_search_stays_what_it_was(tmp_path: Path) -> None:
     """Key and message are pinned byte by byte: another one would train every recorded candidate again."""
-    recorder = Recorder()
+    recorder = Recorder(PERFECT)
     search = evaluator(recorder.run, tmp_path)
     search.evaluate(SOURCE, 0)
     ((header, payload),) = recorder.sent
@@ -201,7 +186,7 @@ def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
     """What a trainer on a CPU is sent stays what it was."""
     sent = []
     for device in Device:
-        recorder = Recorder()
+        recorder = Recorder(PERFECT)
         evaluator(recorder.run, tmp_path / device, device=device).evaluate(SOURCE, 0)
         sent.append(recorder.sent[0][0].get("device"))
     assert sent == [None, "cuda"]
@@ -235,18 +220,8 @@ def test_operation_without_a_deterministic_form_is_forged_on_a_cpu(tmp_path: Pat
 @pytest.mark.parametrize(
     "names",
     [
-        "pool",
-        [3],
-        None,
-        [""],
-        ["a" * 101],
-        ["# Winner"],
-        ["[me](http://x)"],
-        ["pool\n"],
-        ["p\u00f6\u00f6l"],
-        ["pool", "pool"],
-        ["pool", "conv"],
-        [f"op{number:03}" for number in range(101)],
+        *("pool", [3], None, [""], ["a" * 101], ["# Winner"], ["[me](http://x)"], ["pool\n"], ["p\u00f6\u00f6l"]),
+        *(["pool", "pool"], ["pool", "conv"], [f"op{number:03}" for number in range(101)]),
     ],
     ids=range(12),
 )
@@ -259,7 +234,7 @@ def test_list_of_operations_is_no_place_for_text(names: Any) -> None:
 
 def test_retraining_asks_no_store(tmp_path: Path) -> None:
     """A recorded answer is neither read nor replaced."""
-    recorder = Recorder()
+    recorder = Recorder(PERFECT)
     again = evaluator(recorder.run, tmp_path)
     first = again.evaluate(SOURCE, 0)
     entries = {path: path.read_bytes() for path in tmp_path.rglob("*.json")}
@@ -273,7 +248,7 @@ def test_retraining_asks_no_store(tmp_path: Path) -> None:
 
 def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
     """What is sent does not change with the validation labels, and does not contain them."""
-    first, second = Recorder(), Recorder()
+    first, second = Recorder(PERFECT), Recorder(PERFECT)
     evaluator(first.run, tmp_path / "a").evaluate(SOURCE, 0)
     other = replace(EXAMPLES, validation_targets=1 - EXAMPLES.validation_targets)
     evaluator(second.run, tmp_path / "b", examples=other).evaluate(SOURCE, 0)
@@ -285,7 +260,7 @@ def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
 
 def test_layout_of_an_older_run_is_sent_and_in_no_key(tmp_path: Path) -> None:
     """The number of the rules, which the key has, says the same."""
-    new, old = Recorder(), Recorder()
+    new, old = Recorder(PERFECT), Recorder(PERFECT)
     first, second = evaluator(new.run, tmp_path), evaluator(old.run, tmp_path, contiguous=True)
     first.retrain(SOURCE, 0)
     second.retrain(SOURCE, 0)
@@ -321,7 +296,7 @@ def test_fingerprint_of_other_data_is_refused(tmp_path: Path) -> None:
 
 def test_perfect_predictions_have_no_loss() -> None:
     """The loss comes from the parent's labels."""
-    verdict = judge(good_answer(EXAMPLES.validation_targets), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    verdict = judge(PERFECT, CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
     assert isinstance(verdict, Training)
     assert verdict.validation_losses == (0.0,) * RECIPE.epochs
 
@@ -334,7 +309,7 @@ def test_classification_is_judged_by_cross_entropy() -> None:
     assert verdict.fitness == 0.693147181
 
 
-GOOD = good_answer(EXAMPLES.validation_targets).frames
+GOOD = PERFECT.frames
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from training_jobs import CONTRACT, RECIPE, SOURCE, examples, labelled
+from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
 from tacevo.choices import Numerics
-from tacevo.records import Kind, Limits, Loss, Mode, Reason, Rejection, to_json
+from tacevo.records import Kind, Loss, Mode, Reason, Rejection, to_json
 from tacevo.sandbox.client import Finished, Frame, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
@@ -37,16 +36,7 @@ def answer(offsets: list[float], *, test_offset: float = 0.0) -> Finished:
     return Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
 
 
-class Recorder:
-    """A sandbox that notes what it is sent."""
-
-    def __init__(self) -> None:
-        self.sent: list[tuple[Any, bytes]] = []
-
-    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
-        """Answer as a trainer would."""
-        self.sent.append((header, payload))
-        return answer([0.5, 0.25, 0.25, 1.0])
+ANSWER = answer([0.5, 0.25, 0.25, 1.0])
 
 
 def evaluator(
@@ -70,7 +60,7 @@ def judged(outcome: Finished) -> FullTraining:
 
 def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
     """The second of four epochs is best, and is as good as the third, which comes later."""
-    verdict = judged(answer([0.5, 0.25, 0.25, 1.0]))
+    verdict = judged(ANSWER)
     assert verdict.epoch == 2
     assert verdict.validation_loss == min(verdict.training.validation_losses) == pytest.approx(0.0625)
     assert verdict.metrics["mse"] == pytest.approx(0.0625)
@@ -98,7 +88,7 @@ def test_test_images_do_not_choose_the_epoch() -> None:
 
 def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> None:
     """What is sent does not change with the labels of validation and test images, and does not contain them."""
-    first, second = Recorder(), Recorder()
+    first, second = Recorder(ANSWER), Recorder(ANSWER)
     evaluator(first.run, tmp_path / "a").evaluate(SOURCE, 0)
     others = (
         replace(EXAMPLES, validation_targets=1 - EXAMPLES.validation_targets),
@@ -115,15 +105,9 @@ def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> Non
 
 def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
     """What a search sends for the same data names the rows of training and validation images, and no other."""
-    recorder = Recorder()
-    search = Evaluator(
-        run=recorder.run,
-        store=Store(tmp_path, "evaluations"),
-        setting=SETTING,
-        examples=EXAMPLES,
-        rules=1,
-    )
-    search.evaluate(SOURCE, 0)
+    recorder = Recorder(ANSWER)
+    store = Store(tmp_path, "evaluations")
+    Evaluator(run=recorder.run, store=store, setting=SETTING, examples=EXAMPLES, rules=1).evaluate(SOURCE, 0)
     ((header, payload),) = recorder.sent
     named = np.frombuffer(payload, np.int64, header["train"] + header["validation"])
     assert set(named.tolist()) == {*EXAMPLES.train.tolist(), *EXAMPLES.validation.tolist()}
@@ -133,8 +117,8 @@ def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
 
 def test_recorded_training_is_recalled(tmp_path: Path) -> None:
     """A replay needs neither data nor sandbox, and reads a confusion matrix too."""
-    first = evaluator(Recorder().run, tmp_path).evaluate(SOURCE, 0)
-    assert evaluator(Recorder().run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
+    first = evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
+    assert evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
     classified = replace(judged(answer([0.5, 0.25, 0.3, 1.0])), confusion=((1, 2), (0, 3)))
     assert read_verdict(FullTraining, "full", {"full": to_json(classified)}, place="entry") == classified
 
@@ -152,5 +136,5 @@ def test_predictions_that_are_not_finite_are_refused() -> None:
 
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:
     """A change of the question would train every recorded study again; make one on purpose only."""
-    key = evaluator(Recorder().run, tmp_path, data=None).key("class Net: pass\n", 7)
+    key = evaluator(Recorder(ANSWER).run, tmp_path, data=None).key("class Net: pass\n", 7)
     assert key == "040c3cd39797dff9f802a27573b999ba2ef2acb58e0c601934ac7bf762e295ba"
