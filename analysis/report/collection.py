@@ -70,7 +70,8 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         RunError: the run is not finished, or it was edited.
     """
     run = load_run(path)
-    studies, reestimates, left_out, remarks = [], [], [], []
+    studies, reestimates, left_out = [], [], []
+    remarks: list[str] = []
     for directory in studies_of(path):
         try:
             recorded = directory.read()
