@@ -1,5 +1,7 @@
 """Promise: what is said of a fitness's noise follows from published formulas, and nothing is said where none does."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import f_oneway, kendalltau, spearmanr
@@ -36,6 +38,7 @@ def test_icc_is_that_of_shrout_and_fleiss() -> None:
         ([[1.0, 2.0, 3.0]], "one network"),
         ([[1.0], [2.0]], "one seed"),
         ([[2.0, 2.0], [2.0, 2.0]], "no variance"),
+        ([[1e5, math.nextafter(1e5, 2e5)]] * 2, "no variance of the logarithms"),
         ([[0.0, 1.0], [2.0, 3.0]], "a loss without a logarithm"),
     ],
 )

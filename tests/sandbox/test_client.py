@@ -3,6 +3,7 @@
 All of it holds without the kernel's walls, which these tests leave out; test_walls.py puts them up.
 """
 
+import contextlib
 import os
 import re
 import signal
@@ -536,12 +537,24 @@ def test_missing_entry_is_named(sandbox: Sandbox) -> None:
 def test_zygote_that_cannot_be_prepared_says_why(
     entries: dict[str, str], arrays: dict[str, Path], problem: str
 ) -> None:
-    """A broken sandbox raises; it never judges a candidate."""
-    with (
-        Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as broken,
-        refused(SandboxError, expected="imports its entries", got=problem),
-    ):
-        broken.run("a", None, b"", LIMITS)
+    """A broken sandbox raises, with the same reason for every job; it never judges a candidate."""
+    with Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as broken:
+        for _ in range(2):
+            with refused(SandboxError, expected="imports its entries", got=problem):
+                broken.run("a", None, b"", LIMITS)
+
+
+def test_zygote_that_was_started_early_and_killed_is_replaced() -> None:
+    """The job that meets it is answered by another one."""
+    entries, environment = {"echo": "attacks:echo"}, {"OMP_NUM_THREADS": "1"}
+    before = set(children(os.getpid()))
+    early = Zygote(entries, environment)
+    with Sandbox(entries=entries, environment=environment, arrays={}, zygote=early) as own:
+        (zygote,) = set(children(os.getpid())) - before
+        os.kill(zygote, signal.SIGKILL)
+        with contextlib.suppress(SandboxError):
+            own.run("echo", 0, b"", LIMITS)
+        assert own.run("echo", 1, b"", LIMITS) == Finished((Frame(1, b""),))
 
 
 def test_zygote_that_dies_at_its_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

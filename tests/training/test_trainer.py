@@ -263,11 +263,13 @@ def test_candidate_that_needs_the_default_layout_gets_it(flat: str, capsys: pyte
 def test_other_candidates_train_in_channels_last(capsys: pytest.CaptureFixture[str]) -> None:
     """Unless the job asks for the default layout, as that of an older run does.
 
-    The losses are equal but for rounding, without a dropout, whose mask is drawn in the order of memory.
+    The losses are equal but for rounding, without a dropout, whose mask is drawn in the order of memory. A frozen
+    parameter makes no difference.
     """
     layouts, losses = [], []
+    frozen = CONVOLUTION.replace("self.calls = 0", "self.calls = 0\n        self.head.bias.requires_grad_(False)")
     for older in (False, True):
-        frames = sent_by(CONVOLUTION.replace("nn.Dropout(0.1)", "nn.Identity()"), contiguous=older)
+        frames = sent_by(frozen.replace("nn.Dropout(0.1)", "nn.Identity()"), contiguous=older)
         layouts.append(capsys.readouterr().out.splitlines()[-1])
         losses.append([header["train_loss"] for header, _ in frames[:-1]])
     assert layouts == ["False", "True"]

@@ -27,6 +27,7 @@ from tacevo.records import (
     Stage,
     Training,
     to_json,
+    written,
 )
 from tacevo.typed import convert
 
@@ -134,6 +135,12 @@ def test_to_json_gives_plain_values() -> None:
     }
     listed: Any = to_json([Stage.train])
     assert type(listed[0]) is str
+
+
+def test_only_records_are_written() -> None:
+    """What enters a hash is never silently nothing."""
+    with pytest.raises(TypeError, match="dataclass"):
+        written((1, 2))
 
 
 def test_request_holds_all_that_changes_an_answer() -> None:
