@@ -159,7 +159,7 @@ def agreement(x: ArrayLike, y: ArrayLike) -> float | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranking:
-    """How a fitness taken at an epoch ranks the networks, beside their final test scores under other seeds."""
+    """How a fitness taken at an epoch ranks the networks, beside their test scores under other seeds."""
 
     epoch: int
     #: Tau of one seed's fitnesses, mean over the seeds; None where no seed has a tau.
@@ -169,14 +169,14 @@ class Ranking:
 
 
 def rankings(losses: ArrayLike, scores: ArrayLike) -> tuple[Ranking, ...]:
-    """Compare the ranks by fitness at every epoch with those by final test score.
+    """Compare the ranks by fitness at every epoch with those by test score.
 
     Each side has seeds of its own: the first, third ... seed give the fitness, the others the test score. Otherwise
     one training would stand on both sides, and its luck would pass for agreement.
 
     Args:
         losses: validation losses of n networks, S >= 2 seeds and E epochs, shape (n, S, E).
-        scores: test scores of the last weights, lower is better, shape (n, S).
+        scores: test scores of the weights of the best validation epoch, lower is better, shape (n, S).
 
     Returns:
         One for each epoch; none of one seed, which cannot be divided.

@@ -24,13 +24,6 @@ def load_study(path: Path) -> Study:
     """
     directory = StudyDirectory(path)
     record, scores = directory.read(), directory.read_scores()
-    if record.digest != scores.digest:
-        raise RunError(
-            "another digest, or none",
-            place=f"{path}/study.json",
-            expected="the digest that scores.jsonl ends with",
-            remedy="continue the study by `tacevo study`",
-        )
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
     found, facts = scores.header, scores.header.data
     if found.terms is None:

@@ -39,12 +39,13 @@ def noise_table(found: Reestimates, task: str) -> Table:
 
 
 def ranking_table(found: Reestimates, task: str) -> Table:
-    """Show how the validation loss after some epochs ranks the networks, beside their final test scores."""
+    """Show how the validation loss after some epochs ranks the networks, beside their test scores."""
     last = len(found.rankings)
     doubled = {2**power for power in range(last.bit_length())}
     return Table(
         name=f"ranking_{task}",
-        caption=f"How a fitness after so many epochs ranks the networks of {task}, beside their final test scores.",
+        caption=f"How a fitness after so many epochs ranks the networks of {task}, beside their test scores "
+        "(weights of the best validation epoch).",
         columns=("epochs", "tau, one seed", "tau, median of the seeds"),
         rows=tuple(
             (ranking.epoch, ranking.one_seed, ranking.median)
@@ -77,7 +78,8 @@ def _icc_note(found: Reestimates) -> str:
     return (
         f"ICC(1), the part of one fitness's variance that is the network's: {part} "
         f"({100 * LEVEL:g} % interval; Shrout and Fleiss 1979; of logarithms, over these networks). Expected by "
-        "regression: what another seed gives on average, by that ICC, to a network with this recorded fitness."
+        "regression: what another seed typically gives (a geometric mean), by that ICC, to a network with this "
+        "recorded fitness."
     )
 
 

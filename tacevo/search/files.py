@@ -4,6 +4,7 @@ archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,9 @@ from tacevo.typed import parse
 T = TypeVar("T")
 
 NETWORKS, PROMPTS = "archive.json", "prompts.json"
+
+#: A candidate: generation and slot.
+_ID = re.compile("g[0-9]+s[0-9]+")
 
 _REMEDY = "the command that began the run writes it again"
 
@@ -110,7 +114,8 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
 def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> None:
     """Check that the candidates begin with the baseline, and name earlier ones and instructions of the task.
 
-    A replay finds every edit; this is for what reads a run without replaying it.
+    A replay finds every edit; this is for what reads a run without replaying it. Files are found by a candidate's id,
+    which therefore is no path.
 
     Raises:
         RunError: one of them does not.
@@ -120,9 +125,14 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
         if not isinstance(line, CandidateLine):
             continue
         is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
-        if not (is_known and ids.issuperset(line.parents) and (ids or line.operator is Operator.baseline)):
+        if not (
+            _ID.fullmatch(line.id)
+            and is_known
+            and ids.issuperset(line.parents)
+            and (ids or line.operator is Operator.baseline)
+        ):
             raise RunError(
-                f"{line.id} with an unknown parent or instruction, or without a baseline before it",
+                f"{line.id} with an unknown parent or instruction, with another id, or without a baseline before it",
                 place=str(place),
                 expected="candidates that name earlier ones and instructions of the task",
                 remedy="restore the ledger",

@@ -157,7 +157,7 @@ class RunDirectory:
         """Read a candidate's file, of either kind; None where there is none."""
         for ending in _ENDINGS:
             path = self.path / "candidates" / f"{name}{ending}"
-            if path.exists():
+            if path.is_file() and not path.is_symlink():  # a stranger's run must not show a file of this user
                 return path.read_text(encoding="utf-8", errors="replace")
         return None
 

@@ -24,6 +24,9 @@ from tacevo.typed import parse
 NAME = r"(?:elites|noise)\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
 
 
+_CONTINUES = "the command that began it, `tacevo study` or `tacevo noise`, continues it; or delete it"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
     """The scores of a finished study."""
@@ -99,7 +102,7 @@ class StudyDirectory:
         return parse(StudyRecord, text, place=str(path), error=RunError, remedy=self._remedy)
 
     def read_scores(self) -> Scores:
-        """Read the header and the scores of a finished study, checked line by line.
+        """Read the header and the scores of a finished study, checked line by line and against study.json's digest.
 
         Raises:
             RunError: the study is not finished, or a line was damaged or edited; the message names network and seed.
@@ -112,7 +115,14 @@ class StudyDirectory:
                 f"one that is not finished ({len(rows)} scores)",
                 place=str(self.scores),
                 expected="a header, then scores",
-                remedy="the command that began it, `tacevo study` or `tacevo noise`, continues it; or delete it",
+                remedy=_CONTINUES,
+            )
+        if self.read().digest != sealed.digest:
+            raise RunError(
+                "another digest, or none",
+                place=f"{self.path}/study.json",
+                expected="the digest that scores.jsonl ends with",
+                remedy=_CONTINUES,
             )
         return Scores(header=headers[0], rows=rows, digest=sealed.digest)
 

@@ -227,3 +227,12 @@ def test_file_is_not_the_directory_of_a_run(tmp_path: Path) -> None:
     (tmp_path / "run.zip").write_bytes(b"PK")
     with refused(RunError, place="run.zip", got="a file", remedy="unpack a published run"):
         RunDirectory(tmp_path / "run.zip").read_run()
+
+
+def test_link_in_a_strangers_run_is_not_followed(tmp_path: Path) -> None:
+    """Else a page of that run would show a file of its reader."""
+    own = tmp_path / "secret.txt"
+    own.write_text("mine")
+    (tmp_path / "run" / "candidates").mkdir(parents=True)
+    (tmp_path / "run" / "candidates" / "g00s01.rejected.txt").symlink_to(own)
+    assert RunDirectory(tmp_path / "run").read_kept("g00s01") is None

@@ -32,11 +32,22 @@ def test_description_is_kept_and_digest_comes_last(tmp_path: Path) -> None:
     directory.begin(HEADER, **SURROUNDINGS)
     directory.begin(HEADER, **{**SURROUNDINGS, "machine": {"cpu": "second"}})
     assert (directory.read().machine, directory.read().digest) == ({"cpu": "first"}, None)
-    with refused(RunError, place="mine/scores.jsonl", remedy="`tacevo study` continues"):
+    with refused(RunError, place="mine/scores.jsonl", remedy="`tacevo study` or `tacevo noise`, continues it"):
         directory.read_scores()
     digest = directory.finish(HEADER, ROWS)
     assert directory.read().digest == digest == directory.read_scores().digest
     assert directory.read_scores().rows == tuple(ROWS)
+
+
+def test_scores_of_another_study_are_refused(tmp_path: Path) -> None:
+    """Each file is sound by itself, but study.json does not have the digest of these scores."""
+    ours, other = StudyDirectory(tmp_path / "ours"), StudyDirectory(tmp_path / "other")
+    for directory, rows in ((ours, ROWS), (other, ROWS[:-1])):
+        directory.begin(HEADER, **SURROUNDINGS)
+        directory.finish(HEADER, rows)
+    ours.scores.write_bytes(other.scores.read_bytes())
+    with refused(RunError, place="ours/study.json", expected="the digest that scores.jsonl ends with"):
+        ours.read_scores()
 
 
 def test_finishing_again_changes_no_byte(directory: StudyDirectory) -> None:
