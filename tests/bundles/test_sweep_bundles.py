@@ -115,7 +115,7 @@ def test_other_commands_ask_for_one_run(swept: Path, capsys: pytest.CaptureFixtu
         assert main(["replay", place, "--diff", place]) == 2
         assert "expected one run; got a sweep of 3; name the directories of two runs" in capsys.readouterr().err
         assert main(["continue", place, "search.generations=9"]) == 2
-        assert "expected one run; got a sweep of 3; give the directory of one of its jobs" in capsys.readouterr().err
+        assert "expected one run; got a sweep of 3; use the directory of one of its jobs" in capsys.readouterr().err
 
 
 def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -129,7 +129,7 @@ def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: 
         run.write_run(replace(run.read_run(), digest=None))
     for command in (["publish", str(directory.path), "-o", str(tmp_path / "x.zip")], ["replay", str(directory.path)]):
         assert main(command) == 2
-        words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; give the"
+        words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; repeat the"
         assert words in capsys.readouterr().err
     assert not (tmp_path / "x.zip").exists()
 

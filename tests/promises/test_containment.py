@@ -136,6 +136,14 @@ def test_patched_code_makes_nobody_better(trainer: Trainer, alone: Training, sou
     assert isinstance(found, Rejection) or found.fitness >= alone.fitness
 
 
+def test_patched_seeds_are_refused_by_the_policy(trainer: Trainer) -> None:
+    """A known limit of the trainer, in which they are another draw; what stands against it is the check of the text."""
+    assert isinstance(trainer.train(sources.SEEDS), Training)
+    refused = check(sources.SEEDS, CONTRACT)
+    assert refused is not None
+    assert refused.stage is Stage.policy
+
+
 def steps_of(found: Training) -> int:
     """Read how many steps were taken, which `sources.MORE_STEPS` sends in place of a digest."""
     return int(found.weights_sha256, 16)

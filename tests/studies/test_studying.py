@@ -133,7 +133,7 @@ def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.Captu
     """Where the archive has no more, it is the study of those there are, and that is said."""
     before = files(folder)
     assert main(["study", "run=run", "elites=9", *STUDY[2:]]) == 0
-    assert "the archive has fewer elites with a source of their own than elites=9" in capsys.readouterr().err
+    assert "the archive has 2 elites with a source of their own, fewer than elites=9" in capsys.readouterr().err
     assert files(folder) == before
 
 

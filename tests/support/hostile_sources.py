@@ -74,7 +74,6 @@ PATCHES = {
     ),
     "digest": _first(_TRAINER + "trainer.digest = lambda model: '0' * 64"),
     "batches": _first(_TRAINER + "trainer.batches = lambda *job: []\ntrainer._epoch = lambda *job: 0.0"),
-    "seeds": _first("torch.manual_seed = lambda seed: None\nimport random; random.seed(1)\ntorch.initial_seed()"),
     "pickle": _first("import pickle\npickle.dumps = pickle.loads = lambda *data: exit()"),
     "hooks": _first(
         "nn.modules.module.register_module_forward_hook(lambda module, inputs, output: output * 0 + output)"
@@ -86,6 +85,9 @@ PATCHES = {
         + "                         if isinstance(value, dict) else value, **how)"
     ),
 }
+
+#: Begins with weights of its own choice: another draw, which may be a lucky one.
+SEEDS = _first("torch.manual_seed = lambda seed: None\nimport random; random.seed(1)\ntorch.initial_seed()")
 
 #: Takes twenty times the steps that it was asked for, before each epoch's predictions: a known limit.
 MORE_STEPS = _first(
