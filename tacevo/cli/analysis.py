@@ -16,13 +16,13 @@ from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, un
 from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
 from analysis.report.page.of_run import RunMaterial, read_recorded
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
 from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.report_page import checked, commands, page_of_sweep, samples_of
+from tacevo.cli.report_page import checked, page_of_sweep, samples_of
 from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, read_gathered, say, show, with_published
 from tacevo.errors import ConfigError, DataError
 from tacevo.runs.data_check import samples_of_run
@@ -115,7 +115,7 @@ def _page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageCont
     missing += unseen
     remarks = [*gathered.remarks, *missing]
     shown = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks, samples=samples)
-    return page_contents([shown], title=name, checked=checked(place, name), commands=commands(name)), missing
+    return page_contents([shown], title=name, checked=checked(place, name), commands=replay_commands(name)), missing
 
 
 def _paper(options: argparse.Namespace) -> int:

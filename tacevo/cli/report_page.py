@@ -1,7 +1,6 @@
 """What the page of `tacevo report` holds beside the contents of its runs."""
 
 import base64
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from analysis.report.collection import Collection
 from analysis.report.page.contents import PageContents
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
 from tacevo.bundles.open import Opened
 from tacevo.errors import ConfigError, DataError, IncomparableError
@@ -36,7 +35,7 @@ def page_of_sweep(runs: Sequence[Collection], place: Opened, name: str) -> tuple
     except IncomparableError as error:
         missing.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
     page = page_contents(
-        shown, sweep=sweep, title=name, state="".join(missing), checked=checked(place, name), commands=commands(name)
+        shown, sweep=sweep, title=name, state="".join(missing), checked=checked(place, name), commands=replay_commands(name)
     )
     return page, missing
 
@@ -50,11 +49,6 @@ def checked(place: Opened, name: str) -> list[str]:
         "every source shown has the hash of its line.",
         "Nothing was computed again; the commands above do that.",
     ]
-
-
-def commands(name: str) -> list[str]:
-    """Return the commands that replay a run or a sweep of a name, and train some of its networks again."""
-    return [f"tacevo replay {shlex.quote(name)}", f"tacevo replay {shlex.quote(name)} --retrain 5"]
 
 
 def samples_of(run: Path, store: str | None) -> tuple[str | None, list[str]]:

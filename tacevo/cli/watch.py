@@ -8,8 +8,10 @@ import argparse
 import contextlib
 import hashlib
 import secrets
+import tempfile
 import threading
 import webbrowser
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -20,7 +22,7 @@ from analysis.report.page.contents import PageContents, SweepContents
 from analysis.report.page.html import as_html, as_json
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
 from analysis.runs.begun import load_begun
 from tacevo.cli.common import DONE, Parser, existing_store
@@ -52,12 +54,29 @@ def _watch(options: argparse.Namespace) -> int:
     if path.is_file():
         remedy = "`tacevo report` makes the page of a bundle, which does not change"
         raise ConfigError(f"the file {path}", expected="the directory of a run or a sweep", remedy=remedy)
-    with Server(LivePage(path, None if store is None else Path(store)), options.port) as server:
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(Server(LivePage(path, None if store is None else Path(store)), options.port))
         print(f"watch: {server.address}", flush=True)
         if options.open:
-            webbrowser.open(server.address)
+            stack.enter_context(opened_privately(server.address, webbrowser.open))
         server.serve_forever()
     return DONE
+
+
+@contextlib.contextmanager
+def opened_privately(address: str, browse: Callable[[str], object]) -> Iterator[None]:
+    """Open an address by a file that only this user can read: every user sees the command line of a browser.
+
+    Args:
+        address: what the file leads to; it holds the token.
+        browse: opens the address of the file.
+    """
+    with tempfile.TemporaryDirectory(prefix="tacevo-watch-") as directory:
+        file = Path(directory) / "watch.html"
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">', encoding="utf-8")
+        # A browser of the terminal returns when it is closed, and it must be served until then.
+        threading.Thread(target=browse, args=[file.as_uri()], daemon=True).start()
+        yield
 
 
 class LivePage:
@@ -108,6 +127,7 @@ class LivePage:
         found = [one for one in map(self._collected, runs) if one is not None]
         is_sweep = SweepDirectory(self._path).is_one
         sweep, reason = self._compared() if is_sweep else (None, "")
+        name = self._path.resolve().name
         return page_contents(
             [
                 RunMaterial(
@@ -119,20 +139,20 @@ class LivePage:
                 for one in found
             ],
             sweep=sweep,
-            title=self._path.resolve().name,
+            title=name,
             live=True,
             state=f"{_standing(runs)}{reason}",
             checked=[
                 "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet."
             ],
-            commands=[f"tacevo replay {self._path.resolve().name}"],
+            commands=replay_commands(name) if all(map(_is_finished, runs)) else [],
         )
 
     def _collected(self, run: RunDirectory) -> Collection | None:
         """Read a run, with its studies once it is finished; None before its first generation has ended."""
         if not (run.path / "run.json").exists():
             return None
-        if finished_digest(run) is not None:
+        if _is_finished(run):
             return collect(run.path, self._store)
         begun = load_begun(run.path, self._store)
         return (
@@ -149,9 +169,13 @@ class LivePage:
             return None, f" The arms are not compared yet: {error}"
 
 
+def _is_finished(run: RunDirectory) -> bool:
+    return (run.path / "run.json").exists() and finished_digest(run) is not None
+
+
 def _standing(runs: list[RunDirectory]) -> str:
     """Say how many searches are finished, and how many run."""
-    finished = sum((run.path / "run.json").exists() and finished_digest(run) is not None for run in runs)
+    finished = sum(map(_is_finished, runs))
     running = sum(run.is_busy for run in runs)
     return f"{finished} of {counted(len(runs), 'run')} finished, {running} at work."
 

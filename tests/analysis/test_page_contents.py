@@ -169,6 +169,13 @@ def test_kept_lines_are_alike_on_both_sides() -> None:
     assert all(parent[a : a + size] == child[b : b + size] for a, b, size in kept)
 
 
+@pytest.mark.parametrize("kinds", [1, 100])
+def test_endless_repetition_is_not_compared(kinds: int) -> None:
+    """A comparison takes the product of the lengths or more, and would stop the report: all of it counts as changed."""
+    text = "\n".join(str(line % kinds) for line in range(33_000))
+    assert kept_lines(text, f"{text}\n0") == ()
+
+
 def test_arms_are_those_of_the_tables(swept: Path) -> None:
     """A band lies between the quartiles, and every seed has an end."""
     found = collect_sweep(swept / "sweep", swept / "cache")

@@ -28,6 +28,7 @@ function show(page) {
     byId("title").textContent = page.title;
     byId("state").textContent = page.state;
     byId("checked").replaceChildren(...page.checked.map((line) => h("li", null, line)));
+    byId("replay").hidden = page.commands.length === 0;
     byId("commands").textContent = page.commands.join("\n");
     byId("panels").hidden = chosen === undefined;
     if (chosen === undefined) return;
