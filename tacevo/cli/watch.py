@@ -35,6 +35,8 @@ from tacevo.text import counted
 #: The files of a run that its page follows from.
 _FOLLOWED = ("run.json", "ledger.jsonl", "studies/*/study.json")
 
+_LAST_PORT = 65_535
+
 
 def add_watch(parser: Parser) -> None:
     """Describe `tacevo watch`."""
@@ -54,6 +56,9 @@ def _watch(options: argparse.Namespace) -> int:
     if path.is_file():
         remedy = "`tacevo report` makes the page of a bundle, which does not change"
         raise ConfigError(f"the file {path}", expected="the directory of a run or a sweep", remedy=remedy)
+    if not 0 <= options.port <= _LAST_PORT:
+        remedy = "leave it out for any that is free"
+        raise ConfigError(str(options.port), place="--port", expected=f"0 to {_LAST_PORT}", remedy=remedy)
     with contextlib.ExitStack() as stack:
         server = stack.enter_context(Server(LivePage(path, None if store is None else Path(store)), options.port))
         print(f"watch: {server.address}", flush=True)
@@ -102,7 +107,7 @@ class LivePage:
                 version = self._version_of(runs)
                 if version != self._version:
                     self._version, self._contents = version, self._made(runs)
-            except TacevoError as error:  # e.g. a file that was removed, because the search begins again
+            except (TacevoError, OSError) as error:  # e.g. a file that was removed, because the search begins again
                 self._version = hashlib.sha256(str(error).encode()).hexdigest()
                 self._contents = replace(self._contents, state=f"This cannot be read now: {error}")
             return self._version, self._contents
@@ -133,8 +138,8 @@ class LivePage:
                 RunMaterial(
                     found=one,
                     recorded=read_recorded(one.run),
-                    tables=() if is_sweep else tables_of(one, None),
-                    remarks=[*one.run.not_sent.values(), *one.left_out],
+                    tables=tables_of(one, None),
+                    remarks=[*one.run.not_sent.values(), *one.left_out, *one.remarks],
                 )
                 for one in found
             ],
@@ -165,7 +170,7 @@ class LivePage:
         """Compare the arms of the finished jobs; or return why not."""
         try:
             return sweep_contents(collect_sweep(self._path, self._store)), ""
-        except TacevoError as error:
+        except (TacevoError, OSError) as error:
             return None, f" The arms are not compared yet: {error}"
 
 

@@ -190,6 +190,25 @@ def test_replay_is_named_once_all_is_finished(begun: Path, published: Path, tmp_
     assert LivePage(run).now()[1].commands[0] == "tacevo replay 'a; b'"
 
 
+@pytest.mark.parametrize("file", ["run.json", "ledger.jsonl"])
+def test_what_the_system_refuses_is_said(file: str, begun: Path) -> None:
+    """A file that is away or locked for a moment ends no answer."""
+    page = LivePage(begun)
+    page.now()
+    (begun / file).unlink()
+    (begun / file).mkdir()
+    _, contents = page.now()
+    assert contents.state.startswith("This cannot be read now: ")
+    assert len(contents.runs) == 1
+
+
+@pytest.mark.parametrize("port", ["-1", "65536"])
+def test_port_that_none_has_is_refused(port: str, begun: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The range is named."""
+    assert main(["watch", str(begun), f"--port={port}"]) == 2
+    assert f"--port: expected 0 to 65535; got {port}" in capsys.readouterr().err
+
+
 def test_bundle_is_refused(published: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It does not change; `tacevo report` makes its page."""
     assert main(["watch", str(published / "run.zip")]) == 2

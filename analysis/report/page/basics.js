@@ -37,6 +37,12 @@ const linkTo = (run, id) => h("a", { href: addressOf(run, id) }, id);
 
 const listOf = (nodes) => nodes.flatMap((node, place) => (place ? [", ", node] : [node]));
 
+// Say a loss, which is one draw, with what further trainings gave.
+function lossWords(one) {
+    const again = one.reestimates.length ? `, trained again ${number(d3.median(one.reestimates))}` : "";
+    return `loss ${number(one.fitness)}${again}`;
+}
+
 function instructionOf(run, candidate) {
     if (candidate.operator === "baseline") return "baseline";
     return candidate.prompt === null ? "crossover" : run.instructions[candidate.prompt][0];

@@ -51,7 +51,7 @@ function lineTo(run, id) {
               }`
             : "baseline";
         items.unshift(
-            h("li", null, h("span", { class: "edge" }, by), linkTo(run, one.id), ` loss ${number(one.fitness)}`),
+            h("li", null, h("span", { class: "edge" }, by), linkTo(run, one.id), ` ${lossWords(one)}`),
         );
         one = parents[0];
     }

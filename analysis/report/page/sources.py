@@ -19,8 +19,8 @@ CLASSES: dict[str, tuple[_TokenType, ...]] = {
     "b": (Name.Builtin,),
 }
 
-#: Pairs of lines, as 1,000 have with 1,000. The gate admits sources of 50,000 equal lines, whose comparison would take
-#: hours; to leave frequent lines out of it, as difflib can, still takes minutes where a hundred lines are equally frequent.
+#: Pairs of lines, as 1,000 have with 1,000. The gate admits sources of 50,000 lines, and to compare two whose lines
+#: repeat takes hours; still minutes where difflib leaves out the frequent ones, if a hundred are equally frequent.
 _COMPARED = 1_000_000
 
 _LEXER = PythonLexer()
