@@ -19,7 +19,7 @@ from pathlib import Path
 
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.contents import PageContents, SweepContents
-from analysis.report.page.html import as_html, as_json
+from analysis.report.page.html import as_html, as_json, json_in_html
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents, replay_commands
@@ -96,53 +96,39 @@ class LivePage:
         self._path = path
         self._store = store
         self._lock = threading.Lock()
-        self._version = ""
-        self._contents = page_contents([], title=path.resolve().name, live=True, state="", checked=[], commands=[])
+        self._files: object = None
+        self._materials: dict[Path, tuple[object, RunMaterial | None]] = {}
+        self._keep(page_contents([], title=path.resolve().name, live=True, state="", checked=[], commands=[]))
 
     def now(self) -> tuple[str, PageContents]:
-        """Return the version of the files and the page of them; where they cannot be read, the last one and why."""
+        """Return the page of the files and its hash; where they cannot be read, the last one and why."""
         with self._lock:
             try:
                 runs = self._runs()
-                version = self._version_of(runs)
-                if version != self._version:
-                    self._version, self._contents = version, self._made(runs)
+                files = [_state_of(self._path / "sweep.json"), *map(_files_of, runs)]
+                if files != self._files:
+                    self._keep(self._made(runs))
+                    self._files = files
             except (TacevoError, OSError) as error:  # e.g. a file that was removed, because the search begins again
-                self._version = hashlib.sha256(str(error).encode()).hexdigest()
-                self._contents = replace(self._contents, state=f"This cannot be read now: {error}")
+                self._files = None
+                self._keep(replace(self._contents, state=f"This cannot be read now: {error}"))
             return self._version, self._contents
+
+    def _keep(self, contents: PageContents) -> None:
+        self._contents = contents
+        self._version = hashlib.sha256(as_json(contents).encode()).hexdigest()
 
     def _runs(self) -> list[RunDirectory]:
         """List the runs, begun or not."""
         directory = SweepDirectory(self._path)
         return [directory.run(job) for job in directory.read()[1]] if directory.is_one else [RunDirectory(self._path)]
 
-    def _version_of(self, runs: list[RunDirectory]) -> str:
-        """Hash all that tells whether something changed: times and sizes of files, and who is at work."""
-        files = [self._path / "sweep.json"]
-        files += [file for run in runs for pattern in _FOLLOWED for file in sorted(run.path.glob(pattern))]
-        found: list[object] = [run.is_busy for run in runs]
-        for file in files:
-            with contextlib.suppress(OSError):
-                state = file.stat()
-                found.append((str(file), state.st_mtime_ns, state.st_size))
-        return hashlib.sha256(repr(found).encode()).hexdigest()
-
     def _made(self, runs: list[RunDirectory]) -> PageContents:
-        found = [one for one in map(self._collected, runs) if one is not None]
         is_sweep = SweepDirectory(self._path).is_one
         sweep, reason = self._compared() if is_sweep else (None, "")
         name = self._path.resolve().name
         return page_contents(
-            [
-                RunMaterial(
-                    found=one,
-                    recorded=read_recorded(one.run),
-                    tables=tables_of(one, None),
-                    remarks=[*one.run.not_sent.values(), *one.left_out, *one.remarks],
-                )
-                for one in found
-            ],
+            [material for material in map(self._material, runs) if material is not None],
             sweep=sweep,
             title=name,
             live=True,
@@ -152,6 +138,20 @@ class LivePage:
             ],
             commands=replay_commands(name) if all(map(_is_finished, runs)) else [],
         )
+
+    def _material(self, run: RunDirectory) -> RunMaterial | None:
+        """Read what the page of a run is made from, if its files have changed since the last time."""
+        files = _files_of(run)
+        known = self._materials.get(run.path)
+        if known is None or known[0] != files:
+            found = self._collected(run)
+            material = None
+            if found is not None:
+                remarks = [*found.run.not_sent.values(), *found.left_out, *found.remarks]
+                recorded, tables = read_recorded(found.run), tables_of(found, None)
+                material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
+            known = self._materials[run.path] = files, material
+        return known[1]
 
     def _collected(self, run: RunDirectory) -> Collection | None:
         """Read a run, with its studies once it is finished; None before its first generation has ended."""
@@ -172,6 +172,19 @@ class LivePage:
             return sweep_contents(collect_sweep(self._path, self._store)), ""
         except (TacevoError, OSError) as error:
             return None, f" The arms are not compared yet: {error}"
+
+
+def _files_of(run: RunDirectory) -> object:
+    """Return all that tells whether a run changed: times and sizes of its files, and whether it is at work."""
+    files = [file for pattern in _FOLLOWED for file in sorted(run.path.glob(pattern))]
+    return run.is_busy, [_state_of(file) for file in files]
+
+
+def _state_of(file: Path) -> object:
+    with contextlib.suppress(OSError):
+        state = file.stat()
+        return str(file), state.st_mtime_ns, state.st_size
+    return None
 
 
 def _is_finished(run: RunDirectory) -> bool:
@@ -238,7 +251,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.send_response(HTTPStatus.NOT_MODIFIED)
                 self.end_headers()
             else:
-                self._answer(version, "application/json", as_json(contents))
+                self._answer(version, "application/json", json_in_html(as_json(contents)))
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep the terminal quiet."""

@@ -116,6 +116,15 @@ def test_page_follows_a_search_that_ends_and_begins_again(begun: Path, published
     assert len({first, second, third}) == 3
 
 
+def test_version_is_that_of_the_contents(begun: Path) -> None:
+    """Lines of a generation that has not ended change files, and nothing that is shown."""
+    page = LivePage(begun)
+    before, contents = page.now()
+    with (begun / "ledger.jsonl").open("a") as ledger:
+        ledger.write("torn")
+    assert page.now() == (before, contents)
+
+
 def test_run_that_is_not_begun_has_an_empty_page(tmp_path: Path) -> None:
     """`watch` may be given before `search`."""
     _, contents = LivePage(tmp_path / "later").now()

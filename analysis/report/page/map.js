@@ -44,7 +44,7 @@ function drawMap() {
     slider.value = state.generation;
     byId("map-drawing").replaceChildren();
     const svg = d3.select("#map-drawing").append("svg").attr("viewBox", `0 0 ${MAP.width} ${MAP.height}`);
-    svg.attr("role", "group").attr("aria-label", "Elites on the archive map. Arrow keys go to the next one.");
+    svg.attr("role", "group").attr("aria-label", "Elites on the archive map. Arrow keys go to the nearest one, PageDown to the next.");
     svg.append("rect")
         .attr("class", "empty")
         .attr("x", MAP.left)
@@ -121,7 +121,7 @@ function fillMap() {
     );
     drawMapAxes(svg, run, line);
     const changed = line.elites.filter(isNew).length;
-    const holds = `${now.size} of ${run.places} ${run.cells.length ? "niches" : "places"} held`;
+    const holds = `${now.size} of ${run.places} ${placeName(run)}s held`;
     const moved = lost.length ? `; ${lost.length} emptied because the bounds moved` : "";
     byId("generation-words").textContent =
         `Generation ${line.generation}: ${holds}, ${changed} by a new elite${moved}.`;
@@ -177,5 +177,5 @@ function drawMapAxes(svg, run, line) {
 function eliteWords(run, niche, id) {
     const one = run.byId.get(id);
     const sizes = `${counted(one.parameters, "parameter")}, ${counted(one.flops, "FLOP")}`;
-    return `${id}, niche ${niche}: ${lossWords(one)}, ${sizes}, by ${instructionOf(run, one)}`;
+    return `${id}, ${placeName(run)} ${niche}: ${lossWords(one)}, ${sizes}, by ${instructionOf(run, one)}`;
 }
