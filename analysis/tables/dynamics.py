@@ -158,7 +158,7 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
             *((f"part of it that was reached by generation {at}", Percent(share)) for at, share in found.by_generation),
             ("trainable candidates, mean over generations", percent(found.trainable)),
             ("coverage at the end", Percent(found.coverage)),
-            *_reestimated(run, reestimates),
+            *_reestimated_rows(run, reestimates),
         ]
     return Table(
         name=f"improvement_{run.task}",
@@ -169,19 +169,30 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
     )
 
 
-def _reestimated(run: Run, reestimates: Sequence[Reestimates]) -> list[tuple[str, float | Percent]]:
-    """Return what other seeds give for the improvement over the baseline, by the re-estimates of the most seeds."""
+def reestimated(run: Run, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:
+    """Return what other seeds give for the baseline and for the best candidate, by the re-estimates of the most seeds.
+
+    Returns:
+        How it was estimated, in words, the median fitness of the baseline and that of the best candidate; None where
+        the best candidate was not trained again.
+    """
     for one in sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name)):
-        best = run.ranked()[0].id
-        reference, found = one.noise.networks[0].median, one.of(best)
+        reference, found = one.noise.networks[0].median, one.of(run.ranked()[0].id)
         if found is not None and reference:
-            words = f"re-estimated, median of {counted(one.noise.seeds, 'other seed')}"
-            return [
-                (f"fitness of the baseline, {words}", reference),
-                (f"best fitness, {best}, {words}", found.median),
-                (f"improvement over the baseline, {words}", Percent((reference - found.median) / reference)),
-            ]
-    return []
+            return f"re-estimated, median of {counted(one.noise.seeds, 'other seed')}", reference, found.median
+    return None
+
+
+def _reestimated_rows(run: Run, reestimates: Sequence[Reestimates]) -> list[tuple[str, float | Percent]]:
+    found = reestimated(run, reestimates)
+    if found is None:
+        return []
+    words, reference, best = found
+    return [
+        (f"fitness of the baseline, {words}", reference),
+        (f"best fitness, {run.ranked()[0].id}, {words}", best),
+        (f"improvement over the baseline, {words}", Percent((reference - best) / reference)),
+    ]
 
 
 def lineage_table(run: Run, name: str) -> Table:

@@ -13,16 +13,13 @@ from rich.console import Console
 from analysis.report.collection import with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
-from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
-from analysis.report.page.of_run import RunMaterial, read_recorded
-from analysis.report.page.whole import page_contents
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
-from tacevo.bundles.open import Opened, opened
+from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.report_page import checked, commands, page_of_sweep, samples_of
+from tacevo.cli.report_page import page_of_run, page_of_sweep
 from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, read_gathered, say, show, with_published
 from tacevo.errors import ConfigError, DataError
 from tacevo.runs.data_check import samples_of_run
@@ -94,28 +91,17 @@ def _figures(options: argparse.Namespace) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     path, source = place_of(options, "report.html"), Path(options.run)
-    store = existing_store(options.store)
+    store, name = existing_store(options.store), source.resolve().name
     with opened(source) as place:
         gathered = [read_gathered(run, place, store) for run in place.runs]
         if place.jobs is None:
-            page, missing = _page_of_run(gathered[0], place, source.name)
+            page, missing = page_of_run(gathered[0], place, name)
         else:
-            page, missing = page_of_sweep([one.found for one in gathered], place, source.name)
+            page, missing = page_of_sweep(gathered, place, name, store)
     write_durably(path, as_html(page))
     say(missing)
     print(f"report: {path}")
     return max(one.status for one in gathered)
-
-
-def _page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
-    """Return all that the page of a run shows, and what is missing of it."""
-    found = gathered.found
-    tables, missing = gathered.tables()
-    samples, unseen = samples_of(found.run.path, gathered.store)
-    missing += unseen
-    remarks = [*gathered.remarks, *missing]
-    shown = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks, samples=samples)
-    return page_contents([shown], title=name, checked=checked(place, name), commands=commands(name)), missing
 
 
 def _paper(options: argparse.Namespace) -> int:

@@ -1,47 +1,77 @@
 """What the page of `tacevo report` holds beside the contents of its runs."""
 
 import base64
-import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from analysis.figures.style import render
-from analysis.report.collection import Collection
 from analysis.report.page.contents import PageContents
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
 from tacevo.bundles.open import Opened
+from tacevo.cli.tables import Gathered
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
 
 
-def page_of_sweep(runs: Sequence[Collection], place: Opened, name: str) -> tuple[PageContents, list[str]]:
-    """Return all that the page of a sweep shows, and why its arms are not compared, if they are not.
+def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a run shows, and what is missing of it.
+
+    Args:
+        gathered: the run.
+        place: where it lies.
+        name: what the user calls it.
+    """
+    shown, missing = _material(gathered)
+    samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
+    shown = replace(shown, samples=samples, remarks=[*shown.remarks, *unseen])
+    page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
+    return page, [*missing, *unseen]
+
+
+def page_of_sweep(
+    runs: Sequence[Gathered], place: Opened, name: str, store: str | None
+) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a sweep shows, and what is missing: of a run, or why its arms are not compared.
 
     Args:
         runs: of its jobs, in their order.
         place: the sweep.
         name: what the user calls it.
+        store: the directory of the stores that the user named, if any.
     """
-    shown = [
-        RunMaterial(found=one, recorded=read_recorded(one.run), remarks=[*one.run.not_sent.values()]) for one in runs
-    ]
-    sweep, missing = None, []
+    materials, missing = zip(*map(_material, runs), strict=True)
+    sweep, state = None, ""
     try:
-        sweep = sweep_contents(collect_sweep(place.folder, place.store))
+        sweep = sweep_contents(collect_sweep(place.folder, place.store if store is None else Path(store)))
     except IncomparableError as error:
-        missing.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
+        state = f"the arms are not compared: {str(error).replace(str(place.folder), name)}"
     page = page_contents(
-        shown, sweep=sweep, title=name, state="".join(missing), checked=checked(place, name), commands=commands(name)
+        materials,
+        sweep=sweep,
+        title=name,
+        state=state,
+        checked=_checked(place, name),
+        commands=replay_commands(name),
     )
-    return page, missing
+    of_runs = [f"{one.found.run.name}: {lack}" for one, lacks in zip(runs, missing, strict=True) for lack in lacks]
+    return page, [*of_runs, *([state] if state else [])]
 
 
-def checked(place: Opened, name: str) -> list[str]:
+def _material(gathered: Gathered) -> tuple[RunMaterial, list[str]]:
+    """Return what the page of a run is made from, and which tables are missing."""
+    found = gathered.found
+    tables, missing = gathered.tables()
+    remarks = [*gathered.remarks, *missing]
+    return RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks), missing
+
+
+def _checked(place: Opened, name: str) -> list[str]:
     """Say what reading a run or a sweep has checked of it."""
     sealed = [f"Every byte of {name} is what its manifest says (bundle digest {place.digest})."] if place.digest else []
     return [
@@ -52,12 +82,7 @@ def checked(place: Opened, name: str) -> list[str]:
     ]
 
 
-def commands(name: str) -> list[str]:
-    """Return the commands that replay a run or a sweep of a name, and train some of its networks again."""
-    return [f"tacevo replay {shlex.quote(name)}", f"tacevo replay {shlex.quote(name)} --retrain 5"]
-
-
-def samples_of(run: Path, store: str | None) -> tuple[str | None, list[str]]:
+def _samples_of(run: Path, store: str | None) -> tuple[str | None, list[str]]:
     """Draw the sample images of a run as a `data:` address; or return the reason why they are missing."""
     try:
         figure = samples_of_run(run, store, Console(stderr=True))

@@ -8,8 +8,10 @@ import argparse
 import contextlib
 import hashlib
 import secrets
+import tempfile
 import threading
 import webbrowser
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -17,10 +19,10 @@ from pathlib import Path
 
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.contents import PageContents, SweepContents
-from analysis.report.page.html import as_html, as_json
+from analysis.report.page.html import as_html, as_json, json_in_html
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
 from analysis.runs.begun import load_begun
 from tacevo.cli.common import DONE, Parser, existing_store
@@ -32,6 +34,8 @@ from tacevo.text import counted
 
 #: The files of a run that its page follows from.
 _FOLLOWED = ("run.json", "ledger.jsonl", "studies/*/study.json")
+
+_LAST_PORT = 65_535
 
 
 def add_watch(parser: Parser) -> None:
@@ -52,12 +56,32 @@ def _watch(options: argparse.Namespace) -> int:
     if path.is_file():
         remedy = "`tacevo report` makes the page of a bundle, which does not change"
         raise ConfigError(f"the file {path}", expected="the directory of a run or a sweep", remedy=remedy)
-    with Server(LivePage(path, None if store is None else Path(store)), options.port) as server:
+    if not 0 <= options.port <= _LAST_PORT:
+        remedy = "leave it out for any that is free"
+        raise ConfigError(str(options.port), place="--port", expected=f"0 to {_LAST_PORT}", remedy=remedy)
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(Server(LivePage(path, None if store is None else Path(store)), options.port))
         print(f"watch: {server.address}", flush=True)
         if options.open:
-            webbrowser.open(server.address)
+            stack.enter_context(opened_privately(server.address, webbrowser.open))
         server.serve_forever()
     return DONE
+
+
+@contextlib.contextmanager
+def opened_privately(address: str, browse: Callable[[str], object]) -> Iterator[None]:
+    """Open an address by a file that only this user can read: every user sees the command line of a browser.
+
+    Args:
+        address: what the file leads to; it holds the token.
+        browse: opens the address of the file.
+    """
+    with tempfile.TemporaryDirectory(prefix="tacevo-watch-") as directory:
+        file = Path(directory) / "watch.html"
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">', encoding="utf-8")
+        # A browser of the terminal returns when it is closed, and it must be served until then.
+        threading.Thread(target=browse, args=[file.as_uri()], daemon=True).start()
+        yield
 
 
 class LivePage:
@@ -72,67 +96,68 @@ class LivePage:
         self._path = path
         self._store = store
         self._lock = threading.Lock()
-        self._version = ""
-        self._contents = page_contents([], title=path.resolve().name, live=True, state="", checked=[], commands=[])
+        self._files: object = None
+        self._materials: dict[Path, tuple[object, RunMaterial | None]] = {}
+        self._keep(page_contents([], title=path.resolve().name, live=True, state="", checked=[], commands=[]))
 
     def now(self) -> tuple[str, PageContents]:
-        """Return the version of the files and the page of them; where they cannot be read, the last one and why."""
+        """Return the page of the files and its hash; where they cannot be read, the last one and why."""
         with self._lock:
             try:
                 runs = self._runs()
-                version = self._version_of(runs)
-                if version != self._version:
-                    self._version, self._contents = version, self._made(runs)
-            except TacevoError as error:  # e.g. a file that was removed, because the search begins again
-                self._version = hashlib.sha256(str(error).encode()).hexdigest()
-                self._contents = replace(self._contents, state=f"This cannot be read now: {error}")
+                files = [_state_of(self._path / "sweep.json"), *map(_files_of, runs)]
+                if files != self._files:
+                    self._keep(self._made(runs))
+                    self._files = files
+            except (TacevoError, OSError) as error:  # e.g. a file that was removed, because the search begins again
+                self._files = None
+                self._keep(replace(self._contents, state=f"This cannot be read now: {error}"))
             return self._version, self._contents
+
+    def _keep(self, contents: PageContents) -> None:
+        self._contents = contents
+        self._version = hashlib.sha256(as_json(contents).encode()).hexdigest()
 
     def _runs(self) -> list[RunDirectory]:
         """List the runs, begun or not."""
         directory = SweepDirectory(self._path)
         return [directory.run(job) for job in directory.read()[1]] if directory.is_one else [RunDirectory(self._path)]
 
-    def _version_of(self, runs: list[RunDirectory]) -> str:
-        """Hash all that tells whether something changed: times and sizes of files, and who is at work."""
-        files = [self._path / "sweep.json"]
-        files += [file for run in runs for pattern in _FOLLOWED for file in sorted(run.path.glob(pattern))]
-        found: list[object] = [run.is_busy for run in runs]
-        for file in files:
-            with contextlib.suppress(OSError):
-                state = file.stat()
-                found.append((str(file), state.st_mtime_ns, state.st_size))
-        return hashlib.sha256(repr(found).encode()).hexdigest()
-
     def _made(self, runs: list[RunDirectory]) -> PageContents:
-        found = [one for one in map(self._collected, runs) if one is not None]
         is_sweep = SweepDirectory(self._path).is_one
         sweep, reason = self._compared() if is_sweep else (None, "")
+        name = self._path.resolve().name
         return page_contents(
-            [
-                RunMaterial(
-                    found=one,
-                    recorded=read_recorded(one.run),
-                    tables=() if is_sweep else tables_of(one, None),
-                    remarks=[*one.run.not_sent.values(), *one.left_out],
-                )
-                for one in found
-            ],
+            [material for material in map(self._material, runs) if material is not None],
             sweep=sweep,
-            title=self._path.resolve().name,
+            title=name,
             live=True,
             state=f"{_standing(runs)}{reason}",
             checked=[
                 "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet."
             ],
-            commands=[f"tacevo replay {self._path.resolve().name}"],
+            commands=replay_commands(name) if all(map(_is_finished, runs)) else [],
         )
+
+    def _material(self, run: RunDirectory) -> RunMaterial | None:
+        """Read what the page of a run is made from, if its files have changed since the last time."""
+        files = _files_of(run)
+        known = self._materials.get(run.path)
+        if known is None or known[0] != files:
+            found = self._collected(run)
+            material = None
+            if found is not None:
+                remarks = [*found.run.not_sent.values(), *found.left_out, *found.remarks]
+                recorded, tables = read_recorded(found.run), tables_of(found, None)
+                material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
+            known = self._materials[run.path] = files, material
+        return known[1]
 
     def _collected(self, run: RunDirectory) -> Collection | None:
         """Read a run, with its studies once it is finished; None before its first generation has ended."""
         if not (run.path / "run.json").exists():
             return None
-        if finished_digest(run) is not None:
+        if _is_finished(run):
             return collect(run.path, self._store)
         begun = load_begun(run.path, self._store)
         return (
@@ -145,13 +170,30 @@ class LivePage:
         """Compare the arms of the finished jobs; or return why not."""
         try:
             return sweep_contents(collect_sweep(self._path, self._store)), ""
-        except TacevoError as error:
+        except (TacevoError, OSError) as error:
             return None, f" The arms are not compared yet: {error}"
+
+
+def _files_of(run: RunDirectory) -> object:
+    """Return all that tells whether a run changed: times and sizes of its files, and whether it is at work."""
+    files = [file for pattern in _FOLLOWED for file in sorted(run.path.glob(pattern))]
+    return run.is_busy, [_state_of(file) for file in files]
+
+
+def _state_of(file: Path) -> object:
+    with contextlib.suppress(OSError):
+        state = file.stat()
+        return str(file), state.st_mtime_ns, state.st_size
+    return None
+
+
+def _is_finished(run: RunDirectory) -> bool:
+    return (run.path / "run.json").exists() and finished_digest(run) is not None
 
 
 def _standing(runs: list[RunDirectory]) -> str:
     """Say how many searches are finished, and how many run."""
-    finished = sum((run.path / "run.json").exists() and finished_digest(run) is not None for run in runs)
+    finished = sum(map(_is_finished, runs))
     running = sum(run.is_busy for run in runs)
     return f"{finished} of {counted(len(runs), 'run')} finished, {running} at work."
 
@@ -209,7 +251,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.send_response(HTTPStatus.NOT_MODIFIED)
                 self.end_headers()
             else:
-                self._answer(version, "application/json", as_json(contents))
+                self._answer(version, "application/json", json_in_html(as_json(contents)))
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep the terminal quiet."""

@@ -15,8 +15,10 @@ from analysis.report.page.of_run import Recorded, RunMaterial, read_recorded, ru
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.sources import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
+from analysis.rounding import shown
 from analysis.runs.niches import Niches
 from analysis.runs.run import Run
+from analysis.tables.dynamics import reestimated
 from tacevo.search.archive import AddStatus, find_centroids
 
 #: Of a run by hand, which has four niches.
@@ -87,6 +89,23 @@ def test_first_lines_name_task_model_provider_data_and_digest(whole: tuple[Colle
     assert shown.headlines[0].startswith("Task: force. ")
     assert shown.headlines[1].startswith("Model: grammar-1, provider: grammar. Data source: simulated, ")
     assert shown.headlines[2].startswith(f"Digest: {found.run.digest}. Numerics: portable.")
+
+
+def test_first_line_says_what_a_best_loss_is_worth(whole: tuple[Collection, RunContents]) -> None:
+    """The least of many single trainings flatters; where the networks were trained again, that stands beside it."""
+    found, given = whole
+    again = reestimated(found.run, found.reestimates)
+    assert again is not None
+    assert given.headlines[0].count("(one draw)") == 2
+    assert f"{again[0]}: {shown(again[2])} against the baseline's {shown(again[1])}." in given.headlines[0]
+
+
+def test_training_that_two_studies_share_counts_once(whole: tuple[Collection, RunContents]) -> None:
+    """Studies of the same seeds get the same losses from the store."""
+    found, given = whole
+    twice = replace(found, reestimates=found.reestimates * 2)
+    again = run_contents(RunMaterial(found=twice, recorded=read_recorded(found.run)))
+    assert again.candidates == given.candidates
 
 
 def test_edited_source_is_not_shown(folder: Path) -> None:
@@ -167,6 +186,13 @@ def test_kept_lines_are_alike_on_both_sides() -> None:
     kept = kept_lines("\n".join(parent), "\n".join(child))
     assert kept == ((0, 0, 1), (2, 2, 2))
     assert all(parent[a : a + size] == child[b : b + size] for a, b, size in kept)
+
+
+@pytest.mark.parametrize("kinds", [1, 100])
+def test_endless_repetition_is_not_compared(kinds: int) -> None:
+    """A comparison takes the product of the lengths or more, and would stop the report: all of it counts as changed."""
+    text = "\n".join(str(line % kinds) for line in range(33_000))
+    assert kept_lines(text, f"{text}\n0") == ()
 
 
 def test_arms_are_those_of_the_tables(swept: Path) -> None:

@@ -174,6 +174,28 @@ def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> Non
     assert len(shown["runs"]) == 3
     used = {one["source"] for run in shown["runs"] for one in run["candidates"]} - {None}
     assert set(shown["sources"]) == used
+    for run in shown["runs"]:
+        assert len(run["tables"]) >= 10
+        assert run["remarks"][-1] == "no finished study yet: it was published without a study"
+
+
+def test_report_of_the_working_directory_has_its_name(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`.` is not a name that could be replayed from elsewhere."""
+    monkeypatch.chdir(run)
+    assert main(["report", ".", "-o", "page.html"]) == 0
+    shown = shown_in(Path("page.html"))
+    assert (shown["title"], shown["commands"][0]) == (run.resolve().name, f"tacevo replay {run.resolve().name}")
+
+
+def test_report_of_a_moved_sweep_takes_the_named_store(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its runs and its arms are both read with it."""
+    sweep = shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    store = shutil.copytree(swept / "cache", tmp_path / "moved")
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", str(sweep), "--store", str(store)]) == 0
+    assert len(shown_in(sweep / "report.html")["sweep"]["arms"]) == 2
 
 
 @pytest.mark.slow

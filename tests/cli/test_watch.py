@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import queue
 import shutil
 import threading
 from collections.abc import Iterator, Mapping
@@ -14,7 +15,7 @@ from sweeps import files_of
 from analysis.runs.begun import load_begun
 from analysis.runs.run import load_run
 from tacevo.cli.app import main
-from tacevo.cli.watch import LivePage, Server
+from tacevo.cli.watch import LivePage, Server, opened_privately
 from tacevo.errors import RunError
 
 
@@ -115,6 +116,15 @@ def test_page_follows_a_search_that_ends_and_begins_again(begun: Path, published
     assert len({first, second, third}) == 3
 
 
+def test_version_is_that_of_the_contents(begun: Path) -> None:
+    """Lines of a generation that has not ended change files, and nothing that is shown."""
+    page = LivePage(begun)
+    before, contents = page.now()
+    with (begun / "ledger.jsonl").open("a") as ledger:
+        ledger.write("torn")
+    assert page.now() == (before, contents)
+
+
 def test_run_that_is_not_begun_has_an_empty_page(tmp_path: Path) -> None:
     """`watch` may be given before `search`."""
     _, contents = LivePage(tmp_path / "later").now()
@@ -168,6 +178,44 @@ def test_server_listens_on_loopback_under_a_new_token(server: Server, begun: Pat
         assert other.root != server.root
     assert len(server.root) >= 32
     assert server.address == f"http://127.0.0.1:{server.server_port}{server.root}"
+
+
+def test_browser_gets_an_address_without_the_token() -> None:
+    """Its command line is seen by every user; the file that it opens by this user alone, and it is removed."""
+    opened: queue.SimpleQueue[str] = queue.SimpleQueue()
+    with opened_privately("http://127.0.0.1:1/token/", opened.put):
+        address = opened.get(timeout=60)
+        file = Path(address.removeprefix("file://"))
+        assert "token" not in address
+        assert 'url=http://127.0.0.1:1/token/"' in file.read_text()
+        assert file.parent.stat().st_mode & 0o077 == 0
+    assert not file.exists()
+
+
+def test_replay_is_named_once_all_is_finished(begun: Path, published: Path, tmp_path: Path) -> None:
+    """Before, it would fail; a name that a shell reads otherwise is quoted."""
+    assert LivePage(begun).now()[1].commands == ()
+    run = shutil.copytree(published / "run", tmp_path / "a; b")
+    assert LivePage(run).now()[1].commands[0] == "tacevo replay 'a; b'"
+
+
+@pytest.mark.parametrize("file", ["run.json", "ledger.jsonl"])
+def test_what_the_system_refuses_is_said(file: str, begun: Path) -> None:
+    """A file that is away or locked for a moment ends no answer."""
+    page = LivePage(begun)
+    page.now()
+    (begun / file).unlink()
+    (begun / file).mkdir()
+    _, contents = page.now()
+    assert contents.state.startswith("This cannot be read now: ")
+    assert len(contents.runs) == 1
+
+
+@pytest.mark.parametrize("port", ["-1", "65536"])
+def test_port_that_none_has_is_refused(port: str, begun: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The range is named."""
+    assert main(["watch", str(begun), f"--port={port}"]) == 2
+    assert f"--port: expected 0 to 65535; got {port}" in capsys.readouterr().err
 
 
 def test_bundle_is_refused(published: Path, capsys: pytest.CaptureFixture[str]) -> None:

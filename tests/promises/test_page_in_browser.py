@@ -185,6 +185,73 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
     assert wrong == []
 
 
+def test_page_keys_visit_every_elite(shipped: PageContents, open_page: Opener) -> None:
+    """Two can be at one point, between which no arrow leads."""
+    page, _ = open_page(shipped)
+    for box in ("map-drawing", "lineage-tree"):
+        links = page.eval_on_selector_all(f"#{box} a", "all => all.map(a => a.href.baseVal)")
+        page.locator(f'#{box} a[tabindex="0"]').focus()
+        seen = set()
+        for _ in links:
+            page.keyboard.press("PageDown")
+            seen.add(page.evaluate("document.activeElement.href.baseVal"))
+        assert seen == set(links)
+        page.keyboard.press("PageUp")
+        assert page.evaluate("document.activeElement.href.baseVal") in links
+
+
+def test_line_charts_have_their_numbers(shipped: PageContents, open_page: Opener) -> None:
+    """What a pointer reads off a line stands in a table that a keyboard reaches."""
+    page, _ = open_page(shipped)
+    numbers = page.locator("#dynamics-figures figure:has(.readout) details")
+    assert numbers.count() == page.locator("#dynamics-figures .readout").count()
+    assert numbers.first.locator("tbody tr").count() == len(shipped.runs[0].generations)
+    assert numbers.first.locator('[role="region"][tabindex="0"][aria-label]').count() == 1
+
+
+def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Opener) -> None:
+    """Moved bounds bring old elites into other niches."""
+    run = shipped.runs[0]
+    before = run.generations[-1]
+    niches = [niche for niche, _ in before.elites]
+    moved = tuple(zip(niches[1:] + niches[:1], (name for _, name in before.elites), strict=True))
+    after = replace(before, generation=before.generation + 1, elites=moved)
+    page, _ = open_page(replace(shipped, runs=(replace(run, generations=(*run.generations, after)),)))
+    assert ", 0 by a new elite" in page.locator("#generation-words").inner_text()
+    assert page.locator(".elites .is-new").count() == 0
+
+
+def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None:
+    """All that came of the baseline can be opened from it."""
+    run = shipped.runs[0]
+    page, _ = open_page(shipped, address=f"#/{run.name}/{run.candidates[0].id}")
+    cell = page.locator("#candidate-body dt", has_text="All descendants").locator("xpath=following-sibling::dd[1]")
+    family = {run.candidates[0].id}
+    for one in run.candidates:
+        if family & set(one.parents):
+            family.add(one.id)
+    assert set(cell.locator("a").all_text_contents()) == family - {run.candidates[0].id}
+
+
+def test_rejected_answer_says_where_it_is_from(shipped: PageContents, open_page: Opener) -> None:
+    """Its file has no hash in the ledger."""
+    run = shipped.runs[0]
+    one = next(one for one in run.candidates if one.rejected is not None)
+    page, _ = open_page(shipped, address=f"#/{run.name}/{one.id}")
+    assert page.locator(f'pre[aria-label="rejected answer of {one.id}"]').count() == 1
+    assert "`tacevo replay` checks it" in page.locator("#candidate-body").inner_text()
+
+
+def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_page: Opener) -> None:
+    """It ranks its networks, and has no cells."""
+    run = replace(shipped.runs[0], cells=())
+    name = run.generations[-1].elites[0][1]
+    page, _ = open_page(replace(shipped, runs=(run,)), address=f"#/{run.name}/{name}")
+    assert "niche" not in page.locator("#candidate-body dl").inner_text().lower()
+    labels = page.eval_on_selector_all(".elites a", "all => all.map(a => a.getAttribute('aria-label'))")
+    assert all(", place " in label for label in labels)
+
+
 def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page: Opener) -> None:
     """Ids, names, sources, answers, table cells, models: each is text on the page, and no script of theirs ran."""
     page, wrong = open_page(poisoned(shipped))
@@ -276,11 +343,41 @@ def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: P
         page.goto(f"{server.address}#/run/g01s06")
         page.wait_for_selector(".elites a")
         assert page.get_attribute("#generation", "max") == "3"
+        numbers = page.locator("#dynamics-figures details").first
+        numbers.locator("summary").click()
+        page.locator("#source-choice").select_option("")
+        link = page.locator("#lineage-tree a[tabindex='0']")
+        link.focus()
+        focused = page.evaluate("document.activeElement.href.baseVal")
         (run / "ledger.jsonl").write_text("".join(whole))
         expect(page.locator("#generation")).to_have_attribute("max", "20", timeout=60_000)
         assert page.locator("#candidate-name").inner_text() == "Candidate g01s06"
         assert page.locator("#state").inner_text().startswith("1 of 1 run finished")
+        assert numbers.get_attribute("open") is not None
+        assert page.locator("#source-choice").input_value() == ""
+        assert page.evaluate("document.activeElement.href.baseVal") == focused
         server.shutdown()
         thread.join()
     expect(page.locator("#state")).to_contain_text("No answer from")
+    with Server(LivePage(run, store), server.server_port) as other:
+        thread = threading.Thread(target=other.serve_forever)
+        thread.start()
+        expect(page.locator("#state")).to_contain_text("started again under another address", timeout=60_000)
+        other.shutdown()
+        thread.join()
+    page.close()
+
+
+def test_address_is_followed_once_the_search_has_begun(browser: Browser, tmp_path: Path) -> None:
+    """Before, there is no run to choose from."""
+    page = browser.new_page()
+    with opened(SHIPPED) as place, Server(LivePage(tmp_path / "run", place.store), 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        page.goto(f"{server.address}#/run/g01s06")
+        assert not page.locator("#run-label").is_visible()
+        shutil.copytree(place.folder, tmp_path / "run")
+        expect(page.locator("#candidate-name")).to_have_text("Candidate g01s06", timeout=60_000)
+        server.shutdown()
+        thread.join()
     page.close()

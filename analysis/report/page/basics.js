@@ -37,12 +37,22 @@ const linkTo = (run, id) => h("a", { href: addressOf(run, id) }, id);
 
 const listOf = (nodes) => nodes.flatMap((node, place) => (place ? [", ", node] : [node]));
 
+// Say a loss, which is one draw, with what further trainings gave.
+function lossWords(one) {
+    const again = one.reestimates.length ? `, trained again ${number(d3.median(one.reestimates))}` : "";
+    return `loss ${number(one.fitness)}${again}`;
+}
+
+// What an archive has: niches, or places where it has none.
+const placeName = (run) => (run.cells.length ? "niche" : "place");
+
 function instructionOf(run, candidate) {
     if (candidate.operator === "baseline") return "baseline";
     return candidate.prompt === null ? "crossover" : run.instructions[candidate.prompt][0];
 }
 
-// Give a group of links one stop of the Tab key; arrow keys go to the nearest link in their direction.
+// Give a group of links one stop of the Tab key; arrow keys go to the nearest link in their direction, PageDown and
+// PageUp to the next and the previous one, wherever they are: two can be at one point.
 function withArrowKeys(links, placeOf, first) {
     const nodes = [...links];
     nodes.forEach((node) => node.setAttribute("tabindex", node === first ? 0 : -1));
@@ -50,20 +60,24 @@ function withArrowKeys(links, placeOf, first) {
     for (const node of nodes) {
         node.onkeydown = (event) => {
             const direction = directions[event.key];
-            if (direction === undefined) return;
+            const step = { PageDown: 1, PageUp: -1 }[event.key];
+            if (direction === undefined && step === undefined) return;
             event.preventDefault();
-            const [x, y] = placeOf(node);
-            const ahead = nodes.flatMap((other) => {
-                const [dx, dy] = [placeOf(other)[0] - x, placeOf(other)[1] - y];
-                const along = dx * direction[0] + dy * direction[1];
-                const aside = Math.abs(dx * direction[1]) + Math.abs(dy * direction[0]);
-                return along > 0.5 ? [[along + 2 * aside, other]] : [];
-            });
-            const nearest = d3.least(ahead, (entry) => entry[0]);
-            if (nearest === undefined) return;
+            const next = step ? nodes.at((nodes.indexOf(node) + step) % nodes.length) : nearestTo(node, direction);
+            if (next === undefined) return;
             node.setAttribute("tabindex", -1);
-            nearest[1].setAttribute("tabindex", 0);
-            nearest[1].focus();
+            next.setAttribute("tabindex", 0);
+            next.focus();
         };
+    }
+    function nearestTo(node, direction) {
+        const [x, y] = placeOf(node);
+        const ahead = nodes.flatMap((other) => {
+            const [dx, dy] = [placeOf(other)[0] - x, placeOf(other)[1] - y];
+            const along = dx * direction[0] + dy * direction[1];
+            const aside = Math.abs(dx * direction[1]) + Math.abs(dy * direction[0]);
+            return along > 0.5 ? [[along + 2 * aside, other]] : [];
+        });
+        return d3.least(ahead, (entry) => entry[0])?.[1];
     }
 }

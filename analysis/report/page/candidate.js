@@ -49,13 +49,14 @@ function factsOf(run, one) {
         const all = one.reestimates.map(number).join(", ");
         fitness.push(["Trained again", `${number(d3.median(one.reestimates))}, the median of ${all}`]);
     }
-    const held = one.fitness === null ? [] : [["Niches held", nichesHeld(run, one)]];
+    const descendants = descendantsOf(run, one.id);
+    const held = one.fitness === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
     return facts([
         ["Came in", `generation ${one.generation}, slot ${one.slot}`],
         ["Gate", path.join("; then ")],
         ...fitness,
         ...measured,
-        ...(one.status === null ? [] : [["When it came", `niche ${one.niche}: ${one.status}`]]),
+        ...(one.status === null ? [] : [["When it came", `${placeName(run)} ${one.niche}: ${one.status}`]]),
         ...held,
         ["Parents", ...linksTo(run, one.parents)],
         [
@@ -66,9 +67,12 @@ function factsOf(run, one) {
             ),
         ],
         ["Children", ...linksTo(run, run.children.get(one.id) ?? [])],
-        ["All descendants", String(descendantsOf(run, one.id).length)],
+        ["All descendants", ...folding(linksTo(run, descendants), descendants.length)],
     ]);
 }
+
+// Fold links away where they are many.
+const folding = (links, count) => (count > 12 ? [h("details", null, h("summary", null, number(count)), ...links)] : links);
 
 const linksTo = (run, ids) => (ids.length ? listOf(ids.map((id) => linkTo(run, id))) : ["none"]);
 
@@ -83,7 +87,7 @@ function nichesHeld(run, one) {
         else spans.push({ niche, from: line.generation, to: line.generation });
     }
     const words = spans.map(
-        ({ niche, from, to }) => `niche ${niche} after generation ${from === to ? from : `${from} to ${to}`}`,
+        ({ niche, from, to }) => `${placeName(run)} ${niche} after generation ${from === to ? from : `${from} to ${to}`}`,
     );
     return words.join("; ") || "none";
 }
@@ -108,8 +112,8 @@ function rejectedOf(one) {
     return h(
         "div",
         null,
-        h("h4", null, "The reason, and the rejected answer"),
-        h("pre", { tabindex: 0 }, one.rejected),
+        h("h4", null, "The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)"),
+        h("pre", { tabindex: 0, "aria-label": `rejected answer of ${one.id}` }, one.rejected),
     );
 }
 

@@ -171,7 +171,19 @@ function lineChart({ caption, yName, series, format = number, scaleOf, xName = "
                   ),
               ]
             : [];
-    return h("figure", null, h("figcaption", null, caption), svg.node(), readout, ...names);
+    const valueOf = (one, at) => {
+        const band = one.low && isThere(one.low[at]) ? ` (${format(one.low[at])} to ${format(one.high[at])})` : "";
+        return `${format(one.values[at] ?? null)}${band}`;
+    };
+    const numbers = tableOf({
+        caption: "The numbers",
+        label: caption,
+        columns: [xName, ...series.map((one) => one.name)],
+        numeric: [true, ...series.map(() => true)],
+        rows: places.map((at) => [String(from + at), ...series.map((one) => valueOf(one, at))]),
+        notes: [],
+    });
+    return h("figure", null, h("figcaption", null, caption), svg.node(), readout, ...names, numbers);
 }
 
 // Draw what became of the answers of every generation as bars on each other.

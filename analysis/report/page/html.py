@@ -16,7 +16,8 @@ from markupsafe import Markup
 from analysis.report.page.contents import PageContents
 from tacevo.records import to_json
 
-#: The script's parts in order: D3 (https://d3js.org, see d3.LICENSE), then the page's own, which share one scope.
+#: The script's parts in order: D3 (https://d3js.org; its licence, d3.LICENSE, stands before it), then the page's own,
+#: which share one scope.
 SCRIPTS = (
     "d3.min.js",
     *("basics.js", "charts.js", "map.js", "candidate.js", "lineage.js"),
@@ -27,7 +28,7 @@ SCRIPTS = (
 def as_html(contents: PageContents) -> str:
     """Write the page."""
     library, *own = (_part(name) for name in SCRIPTS)
-    script = f'{library}\n(() => {{\n"use strict";\n{"".join(own)}}})();\n'
+    script = f'/*\n{_part("d3.LICENSE")}*/\n{library}\n(() => {{\n"use strict";\n{"".join(own)}}})();\n'
     style = _part("style.css")
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_part("page.html.jinja"))
     return template.render(

@@ -51,7 +51,7 @@ function lineTo(run, id) {
               }`
             : "baseline";
         items.unshift(
-            h("li", null, h("span", { class: "edge" }, by), linkTo(run, one.id), ` loss ${number(one.fitness)}`),
+            h("li", null, h("span", { class: "edge" }, by), linkTo(run, one.id), ` ${lossWords(one)}`),
         );
         one = parents[0];
     }
@@ -82,7 +82,7 @@ function drawTree(run) {
     const svg = d3.create("svg").attr("viewBox", `0 0 ${width} ${height}`).attr("width", width).attr("height", height);
     svg.attr("role", "group").attr(
         "aria-label",
-        "Elites and their ancestors by generation. Arrow keys go to the next one.",
+        "Elites and their ancestors by generation. Arrow keys go to the nearest one, PageDown to the next.",
     );
     for (const generation of columns.keys()) {
         svg.append("text")

@@ -2,6 +2,7 @@
 
 const state = {
     page: null,
+    text: "",
     run: null,
     generation: 0,
     colour: "fitness",
@@ -10,8 +11,10 @@ const state = {
 };
 
 // Show new contents; what was chosen stays chosen where it is still there.
-function show(page) {
-    const followed = state.run === null || state.generation === state.run.generations.length - 1;
+function show(text) {
+    const page = JSON.parse(text);
+    const isFirst = state.run === null;
+    const followed = isFirst || state.generation === state.run.generations.length - 1;
     for (const run of page.runs) {
         run.byId = new Map(run.candidates.map((one) => [one.id, one]));
         run.children = d3.group(
@@ -24,16 +27,20 @@ function show(page) {
     }
     const chosen = page.runs.find((run) => run.name === state.run?.name) ?? page.runs[0];
     state.page = page;
+    state.text = text;
     document.title = page.title;
     byId("title").textContent = page.title;
     byId("state").textContent = page.state;
     byId("checked").replaceChildren(...page.checked.map((line) => h("li", null, line)));
+    byId("replay").hidden = page.commands.length === 0;
     byId("commands").textContent = page.commands.join("\n");
+    byId("run-label").hidden = page.runs.length < 2;
     byId("panels").hidden = chosen === undefined;
     if (chosen === undefined) return;
     state.run = chosen;
     if (followed || state.generation >= chosen.generations.length) state.generation = chosen.generations.length - 1;
     drawRun();
+    if (isFirst) followAddress();
 }
 
 function choose(run) {
@@ -84,18 +91,48 @@ function followAddress() {
 
 // Ask for newer contents every two seconds; a server that is away may come back.
 async function poll(version) {
-    let next = version;
+    let [news, next, words] = [state.text, "", state.page.state];
     try {
         const answer = await fetch("data", { headers: { "If-None-Match": version }, cache: "no-store" });
-        if (answer.status === 200) {
-            show(await answer.json());
-            next = answer.headers.get("ETag");
-        }
+        if (answer.status === 200) [news, next] = [await answer.text(), answer.headers.get("ETag")];
+        else if (answer.status === 304) next = version;
+        else words = "`tacevo watch` was started again under another address, which it has printed.";
     } catch {
-        byId("state").textContent = "No answer from `tacevo watch`; this page goes on asking.";
-        next = "";
+        words = "No answer from `tacevo watch`; this page goes on asking.";
     }
     setTimeout(poll, 2000, next);
+    if (byId("state").textContent !== words) byId("state").textContent = words; // said aloud when it is written
+    if (news !== state.text) keepingPlace(() => show(news));
+}
+
+const SCROLLED = ["#lineage-tree", "#candidates .scroll", "#candidate pre.source"];
+
+// Draw again; what the reader has opened, scrolled to, focused and chosen stays.
+function keepingPlace(draw) {
+    const nameOf = (one) =>
+        [one.closest("figure")?.querySelector("figcaption"), one.querySelector("summary")]
+            .map((part) => part?.textContent)
+            .join();
+    const opened = new Set([...document.querySelectorAll("details[open]")].map(nameOf));
+    const scrolled = SCROLLED.map((name) => [name, document.querySelector(name)])
+        .filter(([, node]) => node !== null)
+        .map(([name, { scrollLeft, scrollTop }]) => [name, { left: scrollLeft, top: scrollTop }]);
+    const page = { left: scrollX, top: scrollY };
+    const focused = document.activeElement;
+    const [box, href] = [focused.closest("[id]")?.id, focused.getAttribute("href")];
+    const choice = byId("source-choice")?.value;
+    draw();
+    for (const one of document.querySelectorAll("details")) one.open ||= opened.has(nameOf(one));
+    if (choice !== undefined && byId("source-choice")) {
+        byId("source-choice").value = choice;
+        byId("source-choice").onchange();
+    }
+    if (!focused.isConnected && box !== undefined) {
+        const again = href === null ? byId(box) : byId(box)?.querySelector(`a[href="${CSS.escape(href)}"]`);
+        again?.focus({ preventScroll: true });
+    }
+    for (const [name, place] of scrolled) document.querySelector(name)?.scrollTo(place);
+    scrollTo(page);
 }
 
 byId("generation").oninput = (event) => {
@@ -109,6 +146,5 @@ byId("colour").onchange = (event) => {
 byId("run-choice").onchange = (event) => choose(state.page.runs[event.target.value]);
 window.addEventListener("hashchange", followAddress);
 window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => (one.open = true)));
-show(JSON.parse(byId("contents").textContent));
-followAddress();
+show(byId("contents").textContent);
 if (state.page.live) poll("");

@@ -44,7 +44,7 @@ function drawMap() {
     slider.value = state.generation;
     byId("map-drawing").replaceChildren();
     const svg = d3.select("#map-drawing").append("svg").attr("viewBox", `0 0 ${MAP.width} ${MAP.height}`);
-    svg.attr("role", "group").attr("aria-label", "Elites on the archive map. Arrow keys go to the next one.");
+    svg.attr("role", "group").attr("aria-label", "Elites on the archive map. Arrow keys go to the nearest one, PageDown to the next.");
     svg.append("rect")
         .attr("class", "empty")
         .attr("x", MAP.left)
@@ -70,6 +70,8 @@ function fillMap() {
     const line = run.generations[state.generation];
     const before = new Map(state.generation ? run.generations[state.generation - 1].elites : []);
     const now = new Map(line.elites);
+    const held = new Set(before.values());
+    const isNew = ([, id]) => !held.has(id); // an old elite that only changed its niche is not
     const lost = [...before.keys()].filter((niche) => !now.has(niche));
     const scale = colouring(run, state.colour);
     const best = d3.least(line.elites, ([, id]) => run.byId.get(id).fitness)?.[1];
@@ -93,9 +95,9 @@ function fillMap() {
     links.attr("href", ([, id]) => addressOf(run, id));
     links.attr("aria-label", ([niche, id]) => eliteWords(run, niche, id));
     links
-        .classed("is-new", ([niche, id]) => before.get(niche) !== id)
+        .classed("is-new", isNew)
         .classed("is-selected", ([, id]) => id === state.selected);
-    const rank = ([niche, id]) => (id === state.selected ? 2 : Number(before.get(niche) !== id));
+    const rank = (elite) => (elite[1] === state.selected ? 2 : Number(isNew(elite)));
     links.sort((a, b) => rank(a) - rank(b)); // an edge that says something lies above its neighbours'
     links.select(".cell").attr("d", ([niche]) => (run.cells.length ? cellPath(run.cells[niche]) : null));
     links.select(".cell").attr("fill", ([, id]) => scale.of(run.byId.get(id)));
@@ -118,8 +120,8 @@ function fillMap() {
         first,
     );
     drawMapAxes(svg, run, line);
-    const changed = line.elites.filter(([niche, id]) => before.get(niche) !== id).length;
-    const holds = `${now.size} of ${run.places} ${run.cells.length ? "niches" : "places"} held`;
+    const changed = line.elites.filter(isNew).length;
+    const holds = `${now.size} of ${run.places} ${placeName(run)}s held`;
     const moved = lost.length ? `; ${lost.length} emptied because the bounds moved` : "";
     byId("generation-words").textContent =
         `Generation ${line.generation}: ${holds}, ${changed} by a new elite${moved}.`;
@@ -175,5 +177,5 @@ function drawMapAxes(svg, run, line) {
 function eliteWords(run, niche, id) {
     const one = run.byId.get(id);
     const sizes = `${counted(one.parameters, "parameter")}, ${counted(one.flops, "FLOP")}`;
-    return `${id}, niche ${niche}: loss ${number(one.fitness)}, ${sizes}, by ${instructionOf(run, one)}`;
+    return `${id}, ${placeName(run)} ${niche}: ${lossWords(one)}, ${sizes}, by ${instructionOf(run, one)}`;
 }

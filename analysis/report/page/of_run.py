@@ -32,6 +32,7 @@ from analysis.runs.run import Run
 from analysis.studies.metrics import metric_name
 from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
+from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import Axis, PromptPolicy, Scale
 from tacevo.config.identity import identity
@@ -88,7 +89,7 @@ def run_contents(given: RunMaterial) -> RunContents:
     missing = [f"no source, because the file is missing or was edited: {', '.join(lost)}"] if lost else []
     return RunContents(
         name=run.name,
-        headlines=_headlines(run),
+        headlines=_headlines(found),
         remarks=(*given.remarks, *missing),
         axes=tuple(_axis_name(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
@@ -139,12 +140,16 @@ def _is_own(line: CandidateLine, text: str) -> bool:
     return line.source is None or hashlib.sha256(text.encode()).hexdigest() == line.source
 
 
-def _headlines(run: Run) -> tuple[str, str, str]:
+def _headlines(found: Collection) -> tuple[str, str, str]:
     """Say what was searched, with which model and data, and what it rests on."""
-    config, best = run.config, run.generations[-1].best
-    losses = f"; best validation loss {shown(best)}" if best is not None else ""
+    run, config, best = found.run, found.run.config, found.run.generations[-1].best
+    losses = f"; best validation loss {shown(best)} (one draw)" if best is not None else ""
     if losses and run.baseline.fitness is not None:
-        losses += f", the baseline's {shown(run.baseline.fitness)}"
+        losses += f", the baseline's {shown(run.baseline.fitness)} (one draw)"
+    again = reestimated(run, found.reestimates)
+    if again is not None:
+        words, reference, median = again
+        losses += f"; {words}: {shown(median)} against the baseline's {shown(reference)}"
     size = f"{len(run.candidates)} candidates in {len(run.generations)} generations"
     images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
     return (
@@ -209,7 +214,8 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
             fitness=line.fitness,
             train_losses=line.train_losses or (),
             validation_losses=line.validation_losses or (),
-            reestimates=tuple(value for one in found.reestimates for value in one.estimates_of(line.id)),
+            # Of studies that share seeds, equal losses are one training, which the store answered twice.
+            reestimates=tuple(dict.fromkeys(value for one in found.reestimates for value in one.estimates_of(line.id))),
             niche=line.niche,
             status=line.status,
         )

@@ -67,7 +67,6 @@ function confusion(study, one) {
 function drawSweep() {
     const { sweep, runs } = state.page;
     const choice = byId("run-choice");
-    byId("run-label").hidden = runs.length < 2;
     choice.replaceChildren(...runs.map((run, place) => h("option", { value: place }, run.name)));
     choice.value = runs.indexOf(state.run);
     showPanel("arms", Boolean(sweep));
@@ -111,7 +110,7 @@ function tableOf(table) {
         h("tr", null, ...row.map((text, place) => h("td", { class: kind(place) }, text))),
     );
     const body = h("table", null, h("thead", null, h("tr", null, ...head)), h("tbody", null, ...rows));
-    const region = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": table.caption }, body);
+    const region = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": table.label ?? table.caption }, body);
     const notes = table.notes.map((note) => h("p", { class: "note" }, note));
     return h("details", null, h("summary", null, table.caption), region, ...notes);
 }

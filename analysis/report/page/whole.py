@@ -1,5 +1,6 @@
 """The whole page: its runs, their sources, and a sweep's arms."""
 
+import shlex
 from collections.abc import Sequence
 
 from analysis.report.page.contents import PageContents, Source, SweepContents
@@ -30,3 +31,8 @@ def page_contents(
         checked=tuple(checked),
         commands=tuple(commands),
     )
+
+
+def replay_commands(name: str) -> list[str]:
+    """Return the commands that replay a run or a sweep of a name, and train some of its networks again."""
+    return [f"tacevo replay {shlex.quote(name)}", f"tacevo replay {shlex.quote(name)} --retrain 5"]
