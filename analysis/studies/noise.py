@@ -64,7 +64,7 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         RunError: it is not finished or was edited, a training failed, or the store lacks one.
         StoreError: an entry of the store is damaged.
     """
-    scores = directory.read_scores()
+    scores = directory.read_finished()
     header, rows, place = scores.header, scores.rows, str(directory.path)
     if not _trains_alike(header, config, fingerprint):
         return None

@@ -23,7 +23,7 @@ def load_study(path: Path) -> Study:
             the message names the rows.
     """
     directory = StudyDirectory(path)
-    record, scores = directory.read(), directory.read_scores()
+    record, scores = directory.read(), directory.read_finished()
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
     found, facts = scores.header, scores.header.data
     if found.terms is None:

@@ -102,7 +102,7 @@ class StudyDirectory:
         return parse(StudyRecord, text, place=str(path), error=RunError, remedy=self._remedy)
 
     def read_scores(self) -> Scores:
-        """Read the header and the scores of a finished study, checked line by line and against study.json's digest.
+        """Read the header and the scores of a finished study, checked line by line.
 
         Raises:
             RunError: the study is not finished, or a line was damaged or edited; the message names network and seed.
@@ -117,14 +117,23 @@ class StudyDirectory:
                 expected="a header, then scores",
                 remedy=_CONTINUES,
             )
-        if self.read().digest != sealed.digest:
+        return Scores(header=headers[0], rows=rows, digest=sealed.digest)
+
+    def read_finished(self) -> Scores:
+        """Read the scores, and compare their digest with study.json's; for what uses them without a replay.
+
+        Raises:
+            RunError: as `read_scores`, or the digests differ.
+        """
+        scores = self.read_scores()
+        if self.read().digest != scores.digest:
             raise RunError(
                 "another digest, or none",
                 place=f"{self.path}/study.json",
                 expected="the digest that scores.jsonl ends with",
                 remedy=_CONTINUES,
             )
-        return Scores(header=headers[0], rows=rows, digest=sealed.digest)
+        return scores
 
     def _lines(self) -> Sealed[StudyHeader | ScoreLine | FailedLine]:
         try:

@@ -47,7 +47,7 @@ def test_scores_of_another_study_are_refused(tmp_path: Path) -> None:
         directory.finish(HEADER, rows)
     ours.scores.write_bytes(other.scores.read_bytes())
     with refused(RunError, place="ours/study.json", expected="the digest that scores.jsonl ends with"):
-        ours.read_scores()
+        ours.read_finished()
 
 
 def test_finishing_again_changes_no_byte(directory: StudyDirectory) -> None:
