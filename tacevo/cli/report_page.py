@@ -72,13 +72,22 @@ def _material(gathered: Gathered) -> tuple[RunMaterial, list[str]]:
 
 
 def _checked(place: Opened, name: str) -> list[str]:
-    """Say what reading a run or a sweep has checked of it."""
-    sealed = [f"Every byte of {name} is what its manifest says (bundle digest {place.digest})."] if place.digest else []
+    """Say what `tacevo report` compared of the run or the sweep of a name, with what, and what it did not."""
+    sealed = "A directory has no manifest; nothing else of it was compared."
+    if place.digest is not None:
+        digest = f"The manifest's SHA-256 is the bundle's digest: {place.digest}."
+        sealed = f"Every file of {name} is as its manifest says. {digest}"
     return [
-        *sealed,
-        "Each ledger is a whole chain that ends with the digest, both archives are those of its last generation, and "
-        "every source shown has the hash of its line.",
-        "Nothing was computed again; the commands above do that.",
+        "`tacevo report` compared the records with each other. It searched, trained and tested nothing again.",
+        "Each ledger: every line has the hash of the line before it, and the last hash is the digest in run.json.",
+        "Settings and texts in run.json, both archives, the niches: as the ledger has them.",
+        "A source is shown only if its hash is that of its ledger line; sample images only if their data have the "
+        "ledger's fingerprint.",
+        "Each study shown: its scores are such a chain, too, and the last hash is the digest in study.json.",
+        sealed,
+        "No ledger holds rejected answers, times, costs, versions, machine, confinement: these stand as recorded.",
+        "The first command above searches again from the recorded answers, probes and trainings, and compares every "
+        "ledger line, both archives, every candidate's file and every score. The second also trains five networks.",
     ]
 
 
