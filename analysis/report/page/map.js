@@ -68,7 +68,8 @@ function drawMap() {
 function fillMap() {
     const run = state.run;
     const line = run.generations[state.generation];
-    const before = new Map(state.generation ? run.generations[state.generation - 1].elites : []);
+    const previous = state.generation ? run.generations[state.generation - 1] : { elites: [], bounds: line.bounds };
+    const before = new Map(previous.elites);
     const now = new Map(line.elites);
     const held = new Set(before.values());
     const isNew = ([, id]) => !held.has(id); // an old elite that only changed its niche is not
@@ -122,9 +123,10 @@ function fillMap() {
     drawMapAxes(svg, run, line);
     const changed = line.elites.filter(isNew).length;
     const holds = `${now.size} of ${run.places} ${placeName(run)}s held`;
-    const moved = lost.length ? `; ${lost.length} emptied because the bounds moved` : "";
+    const isMoved = run.cells.length > 0 && String(previous.bounds) !== String(line.bounds);
+    const emptied = lost.length ? `; ${lost.length} emptied${isMoved ? " because the bounds moved" : ""}` : "";
     byId("generation-words").textContent =
-        `Generation ${line.generation}: ${holds}, ${changed} by a new elite${moved}.`;
+        `Generation ${line.generation}: ${holds}, ${changed} by a new elite${emptied}.`;
     byId("generation").setAttribute("aria-valuetext", byId("generation-words").textContent);
     const bar = scale.high > scale.low ? colourBar(scale.colour, scale.at, scale.low, scale.high) : "";
     byId("map-colours").replaceChildren(
