@@ -200,14 +200,16 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
     page, wrong = open_page(shipped)
     reached: list[str] = []
     name = (
-        "(e => e.id || e.closest('#map-drawing, #lineage-tree')?.id || e.getAttribute('aria-label') || e.textContent)"
+        "(e => e.id || e.closest('#map-drawing, #lineage-tree, #candidates-table tbody')?.closest('[id]').id"
+        " || e.getAttribute('aria-label') || e.textContent)"
     )
     for _ in range(60):
         page.keyboard.press("Tab")
         reached.append(page.evaluate(f"{name}(document.activeElement)"))
     order = ["generation", "colour", "map-drawing", "lineage-tree", "filter-outcome", "filter-status", "loss"]
+    order += ["candidates-table", "commands", "The settings that decide its results"]
     assert [reached.index(one) for one in order] == sorted(reached.index(one) for one in order)
-    assert reached.count("map-drawing") == reached.count("lineage-tree") == 1
+    assert [reached.count(one) for one in ("map-drawing", "lineage-tree", "candidates-table")] == [1, 1, 1]
     page.locator('.elites a[tabindex="0"]').focus()
     before = page.evaluate("document.activeElement.href.baseVal")
     for key in ("ArrowLeft", "ArrowUp", "ArrowRight"):
@@ -217,6 +219,21 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
     expect(page.locator("#candidate-name")).not_to_have_text("Candidate")
     assert page.evaluate("document.activeElement.id") == "candidate-name"
     assert wrong == []
+
+
+def test_arrow_keys_walk_the_rows_that_are_shown(shipped: PageContents, open_page: Opener) -> None:
+    """In the order of the table, past those that a filter hides."""
+    page, _ = open_page(shipped)
+    page.get_by_role("button", name="loss", exact=True).click()
+    page.locator("#filter-outcome").select_option("rejected at probe")
+    rows = page.locator("#candidates-table tbody tr:visible a").all_inner_texts()
+    page.locator("#candidates-table tbody tr:visible a").first.focus()
+    walked = []
+    for _ in rows:
+        walked.append(page.evaluate("document.activeElement.textContent"))
+        page.keyboard.press("ArrowDown")
+    assert len(rows) > 1
+    assert walked == rows
 
 
 def test_page_keys_visit_every_elite(shipped: PageContents, open_page: Opener) -> None:
@@ -270,9 +287,11 @@ def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None
 def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
     """What a trained network passed, each answer that was sent back, and where a rejected one ended."""
     run = shipped.runs[0]
-    trained = next(one for one in run.candidates if one.stage is None and one.parents)
+    trained, other, *_ = (one for one in run.candidates if one.stage is None and one.parents)
     lost = next(one for one in run.candidates if one.stage is Stage.probe)
-    repaired = replace(trained, repairs=((Stage.policy, Reason.forbidden_import),))
+    repaired = replace(other, repairs=((Stage.policy, Reason.forbidden_import),))
+    candidates = tuple(repaired if one is other else one for one in run.candidates)
+    page, _ = open_page(replace(shipped, runs=(replace(run, candidates=candidates),)))
     whole = "extract: passed → policy: passed → probe: passed → train: passed"
     back = "extract: passed → policy: rejected (forbidden_import), sent back"
     for one, expected in (
@@ -281,10 +300,8 @@ def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -
         (repaired, [f"Answer 1. {back}", f"Answer 2. {whole}"]),
         (lost, [f"extract: passed → policy: passed → probe: rejected ({lost.reason})"]),
     ):
-        candidates = tuple(one if other.id == one.id else other for other in run.candidates)
-        page, _ = open_page(
-            replace(shipped, runs=(replace(run, candidates=candidates),)), address=f"#/{run.name}/{one.id}"
-        )
+        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
         assert page.locator("#candidate-body dl ol li").all_inner_texts() == expected
 
 
@@ -316,6 +333,11 @@ def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_pag
     assert "niche" not in page.locator("#candidate-body dl").inner_text().lower()
     labels = page.eval_on_selector_all(".elites a", "all => all.map(a => a.getAttribute('aria-label'))")
     assert all(", place " in label for label in labels)
+    colours = page.eval_on_selector_all(".elites .cell", "all => all.map(one => getComputedStyle(one).fill)")
+    assert len(set(colours)) > 1
+    other = next(elite for _, elite in run.generations[-1].elites if elite != name)
+    page.locator(f'.elites a[href$="/{other}"]').click(force=True)
+    assert page.locator("#candidate-name").inner_text() == f"Candidate {other}"
 
 
 def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page: Opener) -> None:
