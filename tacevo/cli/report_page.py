@@ -27,7 +27,7 @@ def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageConte
         place: where it lies.
         name: what the user calls it.
     """
-    shown, missing = _material(gathered)
+    shown, missing = _material(gathered, place, name)
     samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
     shown = replace(shown, samples=samples, remarks=[*shown.remarks, *unseen])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
@@ -45,7 +45,7 @@ def page_of_sweep(
         name: what the user calls it.
         store: the directory of the stores that the user named, if any.
     """
-    materials, missing = zip(*map(_material, runs), strict=True)
+    materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
     sweep, state = None, ""
     try:
         sweep = sweep_contents(collect_sweep(place.folder, place.store if store is None else Path(store)))
@@ -63,11 +63,16 @@ def page_of_sweep(
     return page, [*of_runs, *([state] if state else [])]
 
 
-def _material(gathered: Gathered) -> tuple[RunMaterial, list[str]]:
-    """Return what the page of a run is made from, and which tables are missing."""
-    found = gathered.found
+def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
+    """Return what the page of a run is made from, and which tables are missing.
+
+    Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
+    """
+    found, folder = gathered.found, str(place.folder)
     tables, missing = gathered.tables()
     remarks = [*gathered.remarks, *missing]
+    if "/" in folder:  # else it is the name already, or `.`
+        remarks = [remark.replace(folder, name) for remark in remarks]
     return RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks), missing
 
 

@@ -168,6 +168,16 @@ def test_report_of_a_bundle_names_the_bundle(bundle: Path, tmp_path: Path) -> No
     assert "/tmp/tacevo-" not in page
 
 
+def test_report_does_not_say_where_the_run_lay(published: Path, tmp_path: Path) -> None:
+    """A page can lie beside a paper."""
+    run = Path(shutil.copytree(published / "run", tmp_path / "run"))
+    shutil.rmtree(run / "studies")  # the remark on that names the run
+    assert main(["report", str(run)]) == 0
+    page = run / "report.html"
+    assert "`tacevo study run=run`" in shown_in(page)["runs"][0]["remarks"][0]
+    assert str(tmp_path) not in page.read_text()
+
+
 def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> None:
     """Each run comes with its candidates; sources that runs share come once."""
     page = tmp_path / "page.html"
