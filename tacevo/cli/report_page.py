@@ -27,7 +27,7 @@ def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageConte
         place: where it lies.
         name: what the user calls it.
     """
-    shown, missing = _material(gathered)
+    shown, missing = _material(gathered, place, name)
     samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
     shown = replace(shown, samples=samples, remarks=[*shown.remarks, *unseen])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
@@ -45,7 +45,7 @@ def page_of_sweep(
         name: what the user calls it.
         store: the directory of the stores that the user named, if any.
     """
-    materials, missing = zip(*map(_material, runs), strict=True)
+    materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
     sweep, state = None, ""
     try:
         sweep = sweep_contents(collect_sweep(place.folder, place.store if store is None else Path(store)))
@@ -63,22 +63,36 @@ def page_of_sweep(
     return page, [*of_runs, *([state] if state else [])]
 
 
-def _material(gathered: Gathered) -> tuple[RunMaterial, list[str]]:
-    """Return what the page of a run is made from, and which tables are missing."""
-    found = gathered.found
+def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
+    """Return what the page of a run is made from, and which tables are missing.
+
+    Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
+    """
+    found, folder = gathered.found, str(place.folder)
     tables, missing = gathered.tables()
     remarks = [*gathered.remarks, *missing]
+    if "/" in folder:  # else it is the name already, or `.`
+        remarks = [remark.replace(folder, name) for remark in remarks]
     return RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks), missing
 
 
 def _checked(place: Opened, name: str) -> list[str]:
-    """Say what reading a run or a sweep has checked of it."""
-    sealed = [f"Every byte of {name} is what its manifest says (bundle digest {place.digest})."] if place.digest else []
+    """Say what `tacevo report` compared of the run or the sweep of a name, with what, and what it did not."""
+    sealed = "A directory has no manifest; nothing else of it was compared."
+    if place.digest is not None:
+        digest = f"The manifest's SHA-256 is the bundle's digest: {place.digest}."
+        sealed = f"Every file of {name} is as its manifest says. {digest}"
     return [
-        *sealed,
-        "Each ledger is a whole chain that ends with the digest, both archives are those of its last generation, and "
-        "every source shown has the hash of its line.",
-        "Nothing was computed again; the commands above do that.",
+        "`tacevo report` compared the records with each other. It searched, trained and tested nothing again.",
+        "Each ledger: every line has the hash of the line before it, and the last hash is the digest in run.json.",
+        "Settings and texts in run.json, both archives, the niches: as the ledger has them.",
+        "A source is shown only if its hash is that of its ledger line; sample images only if their data have the "
+        "ledger's fingerprint.",
+        "Each study shown: its scores are such a chain, too, and the last hash is the digest in study.json.",
+        sealed,
+        "No ledger holds rejected answers, times, costs, versions, machine, confinement: these stand as recorded.",
+        "The first command above searches again from the recorded answers, probes and trainings, and compares every "
+        "ledger line, both archives, every candidate's file and every score. The second also trains five networks.",
     ]
 
 

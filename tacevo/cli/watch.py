@@ -12,14 +12,14 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.contents import PageContents, SweepContents
-from analysis.report.page.html import as_html, as_json, json_in_html
+from analysis.report.page.html import as_data, html_around
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents, replay_commands
@@ -84,6 +84,36 @@ def opened_privately(address: str, browse: Callable[[str], object]) -> Iterator[
         yield
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot:
+    """What the page shows at one moment."""
+
+    contents: PageContents
+    #: The contents as `as_data` writes them, and the SHA-256 of that.
+    data: str
+    version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """All that tells whether a run has changed."""
+
+    #: Whether a search is at work in it.
+    is_busy: bool
+    #: Path, time and size of each of its files.
+    files: tuple[object, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Reading:
+    """What a run gave when it was last read."""
+
+    seen: _Seen
+    is_finished: bool
+    #: What its page is made from; None before its first generation has ended.
+    material: RunMaterial | None
+
+
 class LivePage:
     """The page of a directory as it is now; made again when a file of it has changed.
 
@@ -96,75 +126,70 @@ class LivePage:
         self._path = path
         self._store = store
         self._lock = threading.Lock()
-        self._files: object = None
-        self._materials: dict[Path, tuple[object, RunMaterial | None]] = {}
+        #: What the present page was made of; None where it could not be made.
+        self._seen: object = None
+        self._readings: dict[Path, _Reading] = {}
         self._keep(page_contents([], title=path.resolve().name, live=True, state="", checked=[], commands=[]))
 
-    def now(self) -> tuple[str, PageContents]:
-        """Return the page of the files and its hash; where they cannot be read, the last one and why."""
+    def now(self) -> Snapshot:
+        """Return the page of the files; where they cannot be read, the last one and why."""
         with self._lock:
             try:
-                runs = self._runs()
-                files = [_state_of(self._path / "sweep.json"), *map(_files_of, runs)]
-                if files != self._files:
-                    self._keep(self._made(runs))
-                    self._files = files
+                runs = {run.path: _look_at(run) for run in self._runs()}
+                seen = _state_of(self._path / "sweep.json"), runs
+                if seen != self._seen:
+                    self._keep(self._made([self._read(RunDirectory(path), seen) for path, seen in runs.items()]))
+                    self._seen = seen
             except (TacevoError, OSError) as error:  # e.g. a file that was removed, because the search begins again
-                self._files = None
-                self._keep(replace(self._contents, state=f"This cannot be read now: {error}"))
-            return self._version, self._contents
+                self._seen = None
+                self._keep(replace(self._snapshot.contents, state=f"This cannot be read now: {error}"))
+            return self._snapshot
 
     def _keep(self, contents: PageContents) -> None:
-        self._contents = contents
-        self._version = hashlib.sha256(as_json(contents).encode()).hexdigest()
+        data = as_data(contents)
+        self._snapshot = Snapshot(contents=contents, data=data, version=hashlib.sha256(data.encode()).hexdigest())
 
     def _runs(self) -> list[RunDirectory]:
         """List the runs, begun or not."""
         directory = SweepDirectory(self._path)
         return [directory.run(job) for job in directory.read()[1]] if directory.is_one else [RunDirectory(self._path)]
 
-    def _made(self, runs: list[RunDirectory]) -> PageContents:
-        is_sweep = SweepDirectory(self._path).is_one
-        sweep, reason = self._compared() if is_sweep else (None, "")
+    def _made(self, readings: list[_Reading]) -> PageContents:
+        sweep, reason = self._compared() if SweepDirectory(self._path).is_one else (None, "")
         name = self._path.resolve().name
         return page_contents(
-            [material for material in map(self._material, runs) if material is not None],
+            [one.material for one in readings if one.material is not None],
             sweep=sweep,
             title=name,
             live=True,
-            state=f"{_standing(runs)}{reason}",
+            state=f"{_standing(readings)}{reason}",
             checked=[
                 "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet."
             ],
-            commands=replay_commands(name) if all(map(_is_finished, runs)) else [],
+            commands=replay_commands(name) if all(one.is_finished for one in readings) else [],
         )
 
-    def _material(self, run: RunDirectory) -> RunMaterial | None:
-        """Read what the page of a run is made from, if its files have changed since the last time."""
-        files = _files_of(run)
-        known = self._materials.get(run.path)
-        if known is None or known[0] != files:
-            found = self._collected(run)
-            material = None
+    def _read(self, run: RunDirectory, seen: _Seen) -> _Reading:
+        """Read a run, if it has changed since the last time."""
+        known = self._readings.get(run.path)
+        if known is None or known.seen != seen:
+            is_finished = (run.path / "run.json").exists() and finished_digest(run) is not None
+            found, material = self._collected(run, is_finished=is_finished), None
             if found is not None:
                 remarks = [*found.run.not_sent.values(), *found.left_out, *found.remarks]
                 recorded, tables = read_recorded(found.run), tables_of(found, None)
                 material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
-            known = self._materials[run.path] = files, material
-        return known[1]
+            known = self._readings[run.path] = _Reading(seen=seen, is_finished=is_finished, material=material)
+        return known
 
-    def _collected(self, run: RunDirectory) -> Collection | None:
+    def _collected(self, run: RunDirectory, *, is_finished: bool) -> Collection | None:
         """Read a run, with its studies once it is finished; None before its first generation has ended."""
-        if not (run.path / "run.json").exists():
-            return None
-        if _is_finished(run):
+        if is_finished:
             return collect(run.path, self._store)
-        begun = load_begun(run.path, self._store)
-        return (
-            None
-            if begun is None
-            else Collection(run=begun[0], niches=begun[1], studies=(), reestimates=(), left_out=())
-        )
+        begun = load_begun(run.path, self._store) if (run.path / "run.json").exists() else None
+        if begun is None:
+            return None
+        return Collection(run=begun[0], niches=begun[1], studies=(), reestimates=(), left_out=())
 
     def _compared(self) -> tuple[SweepContents | None, str]:
         """Compare the arms of the finished jobs; or return why not."""
@@ -174,10 +199,10 @@ class LivePage:
             return None, f" The arms are not compared yet: {error}"
 
 
-def _files_of(run: RunDirectory) -> object:
-    """Return all that tells whether a run changed: times and sizes of its files, and whether it is at work."""
+def _look_at(run: RunDirectory) -> _Seen:
+    """Look whether a search is at work in a run, and what its files are."""
     files = [file for pattern in _FOLLOWED for file in sorted(run.path.glob(pattern))]
-    return run.is_busy, [_state_of(file) for file in files]
+    return _Seen(is_busy=run.is_busy, files=tuple(map(_state_of, files)))
 
 
 def _state_of(file: Path) -> object:
@@ -187,15 +212,11 @@ def _state_of(file: Path) -> object:
     return None
 
 
-def _is_finished(run: RunDirectory) -> bool:
-    return (run.path / "run.json").exists() and finished_digest(run) is not None
-
-
-def _standing(runs: list[RunDirectory]) -> str:
+def _standing(readings: list[_Reading]) -> str:
     """Say how many searches are finished, and how many run."""
-    finished = sum(map(_is_finished, runs))
-    running = sum(run.is_busy for run in runs)
-    return f"{finished} of {counted(len(runs), 'run')} finished, {running} at work."
+    finished = sum(one.is_finished for one in readings)
+    running = sum(one.seen.is_busy for one in readings)
+    return f"{finished} of {counted(len(readings), 'run')} finished, {running} at work."
 
 
 class Server(ThreadingHTTPServer):
@@ -243,26 +264,26 @@ class _Handler(BaseHTTPRequestHandler):
         if name is None or self.headers.get("Host") not in hosts:
             self.send_error(HTTPStatus.NOT_FOUND)
             return
-        version, contents = self.server.page.now()
+        shown = self.server.page.now()
         with contextlib.suppress(ConnectionError):  # the browser was closed meanwhile
             if name == "":
-                self._answer(version, "text/html", as_html(contents))
-            elif self.headers.get("If-None-Match") == f'"{version}"':
+                self._answer(shown, "text/html", html_around(shown.data, title=shown.contents.title, live=True))
+            elif self.headers.get("If-None-Match") == f'"{shown.version}"':
                 self.send_response(HTTPStatus.NOT_MODIFIED)
                 self.end_headers()
             else:
-                self._answer(version, "application/json", json_in_html(as_json(contents)))
+                self._answer(shown, "application/json", shown.data)
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep the terminal quiet."""
 
-    def _answer(self, version: str, kind: str, text: str) -> None:
+    def _answer(self, shown: Snapshot, kind: str, text: str) -> None:
         body = text.encode()
         self.send_response(HTTPStatus.OK)
         headers = {
             "Content-Type": f"{kind}; charset=utf-8",
             "Content-Length": str(len(body)),
-            "ETag": f'"{version}"',
+            "ETag": f'"{shown.version}"',
             "Cache-Control": "no-store",
             "Content-Security-Policy": "frame-ancestors 'none'",
             "Cross-Origin-Resource-Policy": "same-origin",

@@ -12,7 +12,7 @@ from pages import HOSTILE, page_of_shipped_run, poisoned
 
 import analysis.report.page.html as page_html
 from analysis.report.page.contents import PageContents
-from analysis.report.page.html import SCRIPTS, as_html, as_json, json_in_html
+from analysis.report.page.html import SCRIPTS, as_data, as_html, json_in_html
 from tacevo.records import to_json
 
 PARTS = Path(page_html.__file__).parent
@@ -63,7 +63,7 @@ def test_hostile_texts_come_whole_into_the_contents(hostile: PageContents) -> No
     """What is shown is what came: the JSON between the tags is the contents, letter by letter."""
     page = as_html(hostile)
     inside = page.split('id="contents">')[1].split("</script>")[0]
-    assert json.loads(inside) == json.loads(as_json(hostile)) == json.loads(json.dumps(to_json(hostile)))
+    assert json.loads(inside) == json.loads(as_data(hostile)) == json.loads(json.dumps(to_json(hostile)))
     assert json.loads(inside)["title"].endswith(HOSTILE)
 
 
@@ -103,7 +103,7 @@ def test_equal_contents_give_equal_bytes(shipped: PageContents) -> None:
 
 def test_thousand_candidates_stay_below_15_megabytes(shipped: PageContents) -> None:
     """Counted as if none of a thousand had its source in common with another."""
-    contents = len(json_in_html(as_json(shipped)))
+    contents = len(as_data(shipped))
     fixed = len(as_html(shipped)) - contents
     assert fixed + 1_000 * contents / len(shipped.sources) < 15_000_000
 

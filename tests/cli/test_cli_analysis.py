@@ -1,5 +1,6 @@
 """The commands on finished runs as a user gives them: what they write, what they say, and every mistake in one line."""
 
+import hashlib
 import json
 import os
 import re
@@ -151,18 +152,30 @@ def test_report_is_one_file(run: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert only["samples"].startswith("data:image/png;base64,")
     assert len(only["studies"]) == 1
     assert shown["commands"] == ["tacevo replay run", "tacevo replay run --retrain 5"]
+    assert re.search("[0-9a-f]{64}", str(shown["checked"])) is None  # it has no manifest that it was compared with
     assert capsys.readouterr().out == "report: run/report.html\n"
 
 
 def test_report_of_a_bundle_names_the_bundle(bundle: Path, tmp_path: Path) -> None:
-    """No private directory enters the page; its digest does, because every byte was compared with the manifest."""
+    """No private directory enters the page; its digest does, because every file was compared with the manifest."""
     assert main(["report", str(bundle), "-o", str(tmp_path / "page.html")]) == 0
     page = (tmp_path / "page.html").read_text()
     shown = shown_in(tmp_path / "page.html")
     assert (shown["title"], shown["commands"][0]) == ("run.zip", "tacevo replay run.zip")
-    assert "bundle digest" in shown["checked"][0]
+    digest = hashlib.sha256(members_of(bundle)["manifest-sha256.txt"]).hexdigest()
+    assert sum(digest in line for line in shown["checked"]) == 1
     assert str(bundle.parent) not in page
     assert "/tmp/tacevo-" not in page
+
+
+def test_report_does_not_say_where_the_run_lay(published: Path, tmp_path: Path) -> None:
+    """A page can lie beside a paper."""
+    run = Path(shutil.copytree(published / "run", tmp_path / "run"))
+    shutil.rmtree(run / "studies")  # the remark on that names the run
+    assert main(["report", str(run)]) == 0
+    page = run / "report.html"
+    assert "`tacevo study run=run`" in shown_in(page)["runs"][0]["remarks"][0]
+    assert str(tmp_path) not in page.read_text()
 
 
 def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> None:

@@ -97,37 +97,43 @@ def test_page_and_contents_are_served(server: Server) -> None:
 def test_page_follows_a_search_that_ends_and_begins_again(begun: Path, published: Path) -> None:
     """One generation, then all of them, then files that cannot be read, then all of them again."""
     page = LivePage(begun)
-    first, contents = page.now()
-    assert [len(run.generations) for run in contents.runs] == [1]
-    assert contents.state == "0 of 1 run finished, 0 at work."
+    first = page.now()
+    assert [len(run.generations) for run in first.contents.runs] == [1]
+    assert first.contents.state == "0 of 1 run finished, 0 at work."
     shutil.rmtree(begun)
     shutil.copytree(published / "run", begun)
-    second, contents = page.now()
-    assert [len(run.generations) for run in contents.runs] == [2]
-    assert len(contents.runs[0].studies) == 1
-    assert contents.state == "1 of 1 run finished, 0 at work."
+    second = page.now()
+    assert [len(run.generations) for run in second.contents.runs] == [2]
+    assert len(second.contents.runs[0].studies) == 1
+    assert second.contents.state == "1 of 1 run finished, 0 at work."
     text = (begun / "ledger.jsonl").read_text()
     (begun / "ledger.jsonl").write_text(text.replace('"slot":0', '"slot":7', 1))
-    third, contents = page.now()
-    assert contents.state.startswith("This cannot be read now: ")
-    assert [len(run.generations) for run in contents.runs] == [2]
+    third = page.now()
+    assert third.contents.state.startswith("This cannot be read now: ")
+    assert [len(run.generations) for run in third.contents.runs] == [2]
     (begun / "ledger.jsonl").write_text(text)
-    assert page.now()[1].state == "1 of 1 run finished, 0 at work."
-    assert len({first, second, third}) == 3
+    assert page.now().contents.state == "1 of 1 run finished, 0 at work."
+    assert len({first.version, second.version, third.version}) == 3
 
 
 def test_version_is_that_of_the_contents(begun: Path) -> None:
     """Lines of a generation that has not ended change files, and nothing that is shown."""
     page = LivePage(begun)
-    before, contents = page.now()
+    before = page.now()
     with (begun / "ledger.jsonl").open("a") as ledger:
         ledger.write("torn")
-    assert page.now() == (before, contents)
+    assert page.now() == before
+
+
+def test_unchanged_files_are_not_read_again(begun: Path) -> None:
+    """Nor are the contents written again: a large page is asked for every two seconds."""
+    page = LivePage(begun)
+    assert page.now() is page.now()
 
 
 def test_run_that_is_not_begun_has_an_empty_page(tmp_path: Path) -> None:
     """`watch` may be given before `search`."""
-    _, contents = LivePage(tmp_path / "later").now()
+    contents = LivePage(tmp_path / "later").now().contents
     assert (contents.runs, contents.state) == ((), "0 of 1 run finished, 0 at work.")
 
 
@@ -135,7 +141,7 @@ def test_sweep_shows_what_is_begun_of_it(swept: Path, tmp_path: Path) -> None:
     """A job without a directory is waited for; the arms are compared as soon as jobs are finished."""
     sweep = Path(shutil.copytree(swept / "sweep", tmp_path / "sweep"))
     shutil.rmtree(sweep / "none-seed1")
-    _, contents = LivePage(sweep).now()
+    contents = LivePage(sweep).now().contents
     assert [run.name for run in contents.runs] == ["none-seed0", "fixed_temperature-seed0"]
     assert contents.sweep is not None
     assert contents.state == "2 of 3 runs finished, 0 at work."
@@ -194,9 +200,9 @@ def test_browser_gets_an_address_without_the_token() -> None:
 
 def test_replay_is_named_once_all_is_finished(begun: Path, published: Path, tmp_path: Path) -> None:
     """Before, it would fail; a name that a shell reads otherwise is quoted."""
-    assert LivePage(begun).now()[1].commands == ()
+    assert LivePage(begun).now().contents.commands == ()
     run = shutil.copytree(published / "run", tmp_path / "a; b")
-    assert LivePage(run).now()[1].commands[0] == "tacevo replay 'a; b'"
+    assert LivePage(run).now().contents.commands[0] == "tacevo replay 'a; b'"
 
 
 @pytest.mark.parametrize("file", ["run.json", "ledger.jsonl"])
@@ -206,7 +212,7 @@ def test_what_the_system_refuses_is_said(file: str, begun: Path) -> None:
     page.now()
     (begun / file).unlink()
     (begun / file).mkdir()
-    _, contents = page.now()
+    contents = page.now().contents
     assert contents.state.startswith("This cannot be read now: ")
     assert len(contents.runs) == 1
 

@@ -3,6 +3,7 @@
 Skipped without Chromium, unless TACEVO_BROWSER=1 insists on it, as the gate does.
 """
 
+import io
 import os
 import shutil
 import threading
@@ -11,13 +12,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pages import HOSTILE, SHIPPED, page_of_shipped_run, poisoned
+from pages import HOSTILE, SHIPPED, page_of, page_of_shipped_run, poisoned
 from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
+from rich.console import Console
 
-from analysis.report.page.contents import PageContents
+from analysis.report.page.contents import Generation, PageContents
 from analysis.report.page.html import as_html
+from benchmarks.synthetic import record_synthetic
 from tacevo.bundles.open import opened
 from tacevo.cli.watch import LivePage, Server
+from tacevo.records import Reason, Stage
+from tacevo.runs.progress import Progress
 
 #: What `open_page` takes, and what it found wrong until now: errors, and requests that left the page.
 Opener = Callable[..., tuple[Page, list[str]]]
@@ -71,20 +76,53 @@ def open_page(browser: Browser, tmp_path: Path) -> Iterator[Opener]:
         context.close()
 
 
-def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_page: Opener) -> None:
-    """No error, no request; map, lineage, table, figures, study, tables and provenance hold what the records have."""
-    page, wrong = open_page(shipped)
-    (run,) = shipped.runs
+def _check_panels(page: Page, contents: PageContents) -> None:
+    """Compare how much every panel holds with the records."""
+    (run,) = contents.runs
     assert page.locator("#map-drawing .cells path").count() == len(run.cells)
-    assert page.locator("#map-drawing .elites a").count() == len(run.generations[-1].elites)
+    assert _elites_on_map(page) == _elites_of(run.generations[-1])
     assert page.locator("#candidates-table tbody tr").count() == len(run.candidates)
     assert page.locator("#lineage-line li").count() > 1
     assert page.locator("#lineage-tree a").count() >= len(run.generations[-1].elites)
     assert page.locator("#dynamics-figures figure").count() >= 7
-    assert page.locator("#studies-body circle").count() == sum(len(one.values) for one in run.studies[0].networks)
+    assert page.locator("#studies-body circle").count() == sum(
+        len(one.values) for study in run.studies for one in study.networks
+    )
     assert page.locator("#run-tables details").count() == len(run.tables)
     assert page.locator("#headlines p").all_inner_texts() == list(run.headlines)
+    assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
     assert run.provenance[1][1] in page.locator("#provenance-facts").inner_text()
+
+
+def _elites_on_map(page: Page) -> set[str]:
+    links = page.eval_on_selector_all(".elites a", "all => all.map(a => a.href.baseVal)")
+    return {link.rsplit("/", 1)[1] for link in links}
+
+
+def _elites_of(generation: Generation) -> set[str]:
+    return {name for _, name in generation.elites}
+
+
+def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_page: Opener) -> None:
+    """No error, no request; map, lineage, table, figures, study, tables and provenance hold what the records have."""
+    page, wrong = open_page(shipped)
+    _check_panels(page, shipped)
+    assert wrong == []
+
+
+@pytest.mark.slow
+def test_thousand_candidates_have_a_page(tmp_path: Path, open_page: Opener) -> None:
+    """It is below 15 MB, every panel is filled, and the slider goes to any generation."""
+    record_synthetic(tmp_path, 20, Progress(Console(file=io.StringIO())))
+    contents = page_of(tmp_path / "run", tmp_path / "cache", title="synthetic")
+    (run,) = contents.runs
+    assert len(run.candidates) > 1_000
+    assert len(as_html(contents)) < 15_000_000
+    page, wrong = open_page(contents)
+    _check_panels(page, contents)
+    for line in (run.generations[0], run.generations[10], run.generations[20]):
+        page.locator("#generation").fill(str(line.generation))
+        assert _elites_on_map(page) == _elites_of(line)
     assert wrong == []
 
 
@@ -124,11 +162,7 @@ def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open
     page.locator("#generation").focus()
     page.keyboard.press("Home")
     for line, before in zip(generations, (None, *generations), strict=False):
-        shown = {
-            href.rsplit("/", 1)[1]
-            for href in page.eval_on_selector_all(".elites a", "all => all.map(a => a.href.baseVal)")
-        }
-        assert shown == {name for _, name in line.elites}
+        assert _elites_on_map(page) == _elites_of(line)
         lost = set() if before is None else dict(before.elites).keys() - dict(line.elites).keys()
         assert page.locator(".lost path").count() == len(lost)
         page.keyboard.press("ArrowRight")
@@ -166,14 +200,16 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
     page, wrong = open_page(shipped)
     reached: list[str] = []
     name = (
-        "(e => e.id || e.closest('#map-drawing, #lineage-tree')?.id || e.getAttribute('aria-label') || e.textContent)"
+        "(e => e.id || e.closest('#map-drawing, #lineage-tree, #candidates-table tbody')?.closest('[id]').id"
+        " || e.getAttribute('aria-label') || e.textContent)"
     )
     for _ in range(60):
         page.keyboard.press("Tab")
         reached.append(page.evaluate(f"{name}(document.activeElement)"))
     order = ["generation", "colour", "map-drawing", "lineage-tree", "filter-outcome", "filter-status", "loss"]
+    order += ["candidates-table", "commands", "The settings that decide its results"]
     assert [reached.index(one) for one in order] == sorted(reached.index(one) for one in order)
-    assert reached.count("map-drawing") == reached.count("lineage-tree") == 1
+    assert [reached.count(one) for one in ("map-drawing", "lineage-tree", "candidates-table")] == [1, 1, 1]
     page.locator('.elites a[tabindex="0"]').focus()
     before = page.evaluate("document.activeElement.href.baseVal")
     for key in ("ArrowLeft", "ArrowUp", "ArrowRight"):
@@ -183,6 +219,21 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
     expect(page.locator("#candidate-name")).not_to_have_text("Candidate")
     assert page.evaluate("document.activeElement.id") == "candidate-name"
     assert wrong == []
+
+
+def test_arrow_keys_walk_the_rows_that_are_shown(shipped: PageContents, open_page: Opener) -> None:
+    """In the order of the table, past those that a filter hides."""
+    page, _ = open_page(shipped)
+    page.get_by_role("button", name="loss", exact=True).click()
+    page.locator("#filter-outcome").select_option("rejected at probe")
+    rows = page.locator("#candidates-table tbody tr:visible a").all_inner_texts()
+    page.locator("#candidates-table tbody tr:visible a").first.focus()
+    walked = []
+    for _ in rows:
+        walked.append(page.evaluate("document.activeElement.textContent"))
+        page.keyboard.press("ArrowDown")
+    assert len(rows) > 1
+    assert walked == rows
 
 
 def test_page_keys_visit_every_elite(shipped: PageContents, open_page: Opener) -> None:
@@ -233,6 +284,38 @@ def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None
     assert set(cell.locator("a").all_text_contents()) == family - {run.candidates[0].id}
 
 
+def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
+    """What a trained network passed, each answer that was sent back, and where a rejected one ended."""
+    run = shipped.runs[0]
+    trained, other, *_ = (one for one in run.candidates if one.stage is None and one.parents)
+    lost = next(one for one in run.candidates if one.stage is Stage.probe)
+    repaired = replace(other, repairs=((Stage.policy, Reason.forbidden_import),))
+    candidates = tuple(repaired if one is other else one for one in run.candidates)
+    page, _ = open_page(replace(shipped, runs=(replace(run, candidates=candidates),)))
+    whole = "extract: passed → policy: passed → probe: passed → train: passed"
+    back = "extract: passed → policy: rejected (forbidden_import), sent back"
+    for one, expected in (
+        (run.candidates[0], ["policy: passed → probe: passed → train: passed"]),
+        (trained, [whole]),
+        (repaired, [f"Answer 1. {back}", f"Answer 2. {whole}"]),
+        (lost, [f"extract: passed → policy: passed → probe: rejected ({lost.reason})"]),
+    ):
+        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
+        assert page.locator("#candidate-body dl ol li").all_inner_texts() == expected
+
+
+def test_every_edge_of_the_lineage_has_its_instruction(shipped: PageContents, open_page: Opener) -> None:
+    """It stands where the edge reaches the child, whether or not the child's line is lit."""
+    run = shipped.runs[0]
+    page, _ = open_page(shipped)
+    links = page.eval_on_selector_all("#lineage-tree a", "all => all.map(a => a.href.baseVal)")
+    known = {one.id: one for one in run.candidates}
+    shown = [known[link.rsplit("/", 1)[1]] for link in links]
+    asked = ["crossover" if one.prompt is None else run.instructions[one.prompt][0] for one in shown if one.parents]
+    assert sorted(page.locator("#lineage-tree .edge-names text:visible").all_text_contents()) == sorted(asked)
+
+
 def test_rejected_answer_says_where_it_is_from(shipped: PageContents, open_page: Opener) -> None:
     """Its file has no hash in the ledger."""
     run = shipped.runs[0]
@@ -250,6 +333,11 @@ def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_pag
     assert "niche" not in page.locator("#candidate-body dl").inner_text().lower()
     labels = page.eval_on_selector_all(".elites a", "all => all.map(a => a.getAttribute('aria-label'))")
     assert all(", place " in label for label in labels)
+    colours = page.eval_on_selector_all(".elites .cell", "all => all.map(one => getComputedStyle(one).fill)")
+    assert len(set(colours)) > 1
+    other = next(elite for _, elite in run.generations[-1].elites if elite != name)
+    page.locator(f'.elites a[href$="/{other}"]').click(force=True)
+    assert page.locator("#candidate-name").inner_text() == f"Candidate {other}"
 
 
 def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page: Opener) -> None:

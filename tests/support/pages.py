@@ -24,11 +24,14 @@ SHIPPED = Path(__file__).parents[2] / "cache" / "published" / "force-grammar.zip
 def page_of_shipped_run() -> PageContents:
     """Return what the page of a shipped run with a study shows, without its sample images."""
     with opened(SHIPPED) as place:
-        found = collect(place.folder, place.store)
-        material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables_of(found, None))
-        return page_contents(
-            [material], title="force-grammar.zip", checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"]
-        )
+        return page_of(place.folder, place.store, title="force-grammar.zip")
+
+
+def page_of(run: Path, store: Path, *, title: str) -> PageContents:
+    """Return what the page of a run shows, without its sample images."""
+    found = collect(run, store)
+    material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables_of(found, None))
+    return page_contents([material], title=title, checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"])
 
 
 def poisoned(page: PageContents) -> PageContents:

@@ -46,10 +46,8 @@ function lossWords(one) {
 // What an archive has: niches, or places where it has none.
 const placeName = (run) => (run.cells.length ? "niche" : "place");
 
-function instructionOf(run, candidate) {
-    if (candidate.operator === "baseline") return "baseline";
-    return candidate.prompt === null ? "crossover" : run.instructions[candidate.prompt][0];
-}
+// What a candidate was asked by: an instruction of the library, or its operator where it has none.
+const instructionOf = (run, one) => (one.prompt === null ? one.operator : run.instructions[one.prompt][0]);
 
 // Give a group of links one stop of the Tab key; arrow keys go to the nearest link in their direction, PageDown and
 // PageUp to the next and the previous one, wherever they are: two can be at one point.

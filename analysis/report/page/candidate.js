@@ -35,8 +35,6 @@ function facts(pairs) {
 }
 
 function factsOf(run, one) {
-    const path = one.repairs.map(([stage, reason]) => `rejected at ${stage} (${reason}), sent back`);
-    path.push(one.stage === null ? "trained" : `rejected at ${one.stage} (${one.reason})`);
     const measured = one.point.length
         ? [
               ...run.axes.map((name, axis) => [name, number(one.point[axis])]),
@@ -53,7 +51,7 @@ function factsOf(run, one) {
     const held = one.fitness === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
     return facts([
         ["Came in", `generation ${one.generation}, slot ${one.slot}`],
-        ["Gate", path.join("; then ")],
+        ["Gate, and training", gatePath(run, one)],
         ...fitness,
         ...measured,
         ...(one.status === null ? [] : [["When it came", `${placeName(run)} ${one.niche}: ${one.status}`]]),
@@ -69,6 +67,20 @@ function factsOf(run, one) {
         ["Children", ...linksTo(run, run.children.get(one.id) ?? [])],
         ["All descendants", ...folding(linksTo(run, descendants), descendants.length)],
     ]);
+}
+
+// What each answer passed, and where it was rejected. A baseline is a source already, from which nothing is extracted.
+function gatePath(run, one) {
+    const all = Object.keys(run.generations[0].rejected);
+    const stages = one.operator === "baseline" ? all.filter((stage) => stage !== "extract") : all;
+    const answers = [...one.repairs, [one.stage, one.reason]];
+    const ways = answers.map(([stage, reason], at) => {
+        const passed = stage === null ? stages : stages.slice(0, stages.indexOf(stage));
+        const end = stage === null ? [] : [`${stage}: rejected (${reason})${at < one.repairs.length ? ", sent back" : ""}`];
+        const way = [...passed.map((name) => `${name}: passed`), ...end].join(" → ");
+        return h("li", null, answers.length > 1 ? `Answer ${at + 1}. ${way}` : way);
+    });
+    return h("ol", { class: "plain" }, ...ways);
 }
 
 // Fold links away where they are many.

@@ -4,7 +4,7 @@ const DASHES = [null, "6 3", "2 3", "8 3 2 3", "4 2"];
 
 const WIDTH = 440;
 const HEIGHT = 240;
-const INSET = { left: 64, right: 14, top: 10, bottom: 36 };
+const INSET = { left: 64, right: 20, top: 10, bottom: 36 };
 
 // Okabe and Ito's colours, as classes of the style.
 const colourClass = (place) => `hue${place % 8}`;
@@ -34,7 +34,7 @@ function ticksOf(scale, count, format) {
     return (few ?? all).map((tick) => [tick, format(tick)]);
 }
 
-const shortly = (value) => (value !== 0 && Math.abs(value) < 1e-3 ? d3.format(".0e")(value) : d3.format("~r")(value));
+const shortly = (value) => (value !== 0 && Math.abs(value) < 1e-3 ? d3.format(".0e")(value) : d3.format(",~r")(value));
 
 // Draw both axes with their names; `ticks` are (value, text).
 function frame(svg, x, y, { xName, yName, xTicks, yTicks, height = HEIGHT }) {

@@ -27,26 +27,31 @@ SCRIPTS = (
 
 def as_html(contents: PageContents) -> str:
     """Write the page."""
+    return html_around(as_data(contents), title=contents.title, live=contents.live)
+
+
+def html_around(data: str, *, title: str, live: bool) -> str:
+    """Write the page around its contents, which `as_data` wrote."""
     library, *own = (_part(name) for name in SCRIPTS)
     script = f'/*\n{_part("d3.LICENSE")}*/\n{library}\n(() => {{\n"use strict";\n{"".join(own)}}})();\n'
     style = _part("style.css")
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_part("page.html.jinja"))
     return template.render(
-        title=contents.title,
-        policy=_policy(script, style, live=contents.live),
+        title=title,
+        policy=_policy(script, style, live=live),
         style=Markup(style),
         script=Markup(script),
-        contents=Markup(json_in_html(as_json(contents))),
+        contents=Markup(data),
     )
 
 
-def as_json(contents: PageContents) -> str:
-    """Write the contents as JSON in ASCII; a running search's page asks for this."""
-    return json.dumps(to_json(contents), allow_nan=False, separators=(",", ":"))
+def as_data(contents: PageContents) -> str:
+    """Write the contents as JSON that may stand in HTML; a running search's page asks for this."""
+    return json_in_html(json.dumps(to_json(contents), allow_nan=False, separators=(",", ":")))
 
 
 def json_in_html(text: str) -> str:
-    """Escape what could end a script element or open a comment; the JSON stays the same value."""
+    """Escape what could end a script element or open a comment in JSON of ASCII; it stays the same value."""
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 

@@ -58,7 +58,7 @@ function lineTo(run, id) {
     return items;
 }
 
-const TREE = { left: 40, top: 14, step: 26, column: 96, width: 720 };
+const TREE = { left: 40, top: 14, step: 26, column: 72, width: 720, letters: 24, letter: 5.8 };
 
 // The baseline stands before generation 0.
 const columnOf = (one) => (one.operator === "baseline" ? -1 : one.generation);
@@ -70,7 +70,13 @@ function drawTree(run) {
     const place = new Map();
     const columns = d3.group(nodes, columnOf);
     const tallest = d3.max([...columns.values()], (column) => column.length) ?? 0;
-    const width = Math.max(TREE.width, TREE.left * 2 + TREE.column * run.generations.length);
+    const edgeName = (one) => {
+        const name = instructionOf(run, one);
+        return name.length > TREE.letters ? `${name.slice(0, TREE.letters - 1)}…` : name;
+    };
+    const letters = d3.max(nodes, (one) => edgeName(one).length) ?? 0;
+    const step = Math.max(TREE.column, 20 + letters * TREE.letter);
+    const width = Math.max(TREE.width, TREE.left * 2 + step * run.generations.length);
     const height = TREE.top * 2 + TREE.step * Math.max(tallest, 4) + 20;
     const x = d3.scaleLinear([-1, Math.max(run.generations.length - 1, 1)], [TREE.left, width - TREE.left]);
     for (const [generation, column] of columns) {
@@ -97,18 +103,21 @@ function drawTree(run) {
         .linkHorizontal()
         .source(({ parent }) => place.get(parent))
         .target(({ one }) => place.get(one.id));
-    const groups = svg.append("g").selectAll("g").data(edges).join("g").attr("class", "edge");
-    groups
-        .append("path")
-        .attr("d", link)
-        .append("title")
-        .text(({ parent, one }) => `${parent} to ${one.id}: ${instructionOf(run, one)}`);
-    groups
-        .append("text")
-        .attr("text-anchor", "middle")
-        .text(({ one }) => instructionOf(run, one))
-        .attr("x", ({ parent, one }) => (place.get(parent)[0] + place.get(one.id)[0]) / 2)
-        .attr("y", ({ parent, one }) => (place.get(parent)[1] + place.get(one.id)[1]) / 2 - 3);
+    const groups = svg.append("g").selectAll("path").data(edges).join("path").attr("class", "edge").attr("d", link);
+    groups.append("title").text(({ parent, one }) => `${parent} to ${one.id}: ${instructionOf(run, one)}`);
+    // The edges of a child have its instruction, and come in from its left.
+    const edgeNames = svg
+        .append("g")
+        .attr("class", "edge-names")
+        .attr("aria-hidden", "true")
+        .selectAll("text")
+        .data(nodes.filter((one) => one.parents.length))
+        .join("text")
+        .attr("text-anchor", "end")
+        .attr("transform", (one) => `translate(${place.get(one.id)})`)
+        .attr("x", -9)
+        .attr("y", -3)
+        .text(edgeName);
     const scale = colouring(run, "fitness");
     const links = svg
         .append("g")
@@ -138,6 +147,7 @@ function drawTree(run) {
     const light = (id) => {
         const line = new Set(id === undefined ? [] : ancestorsOf(run, id));
         groups.classed("is-lit", ({ parent, one }) => line.has(parent) && line.has(one.id));
+        edgeNames.classed("is-lit", (one) => line.has(one.id));
         links.classed("is-lit", (one) => line.has(one.id)).classed("is-selected", (one) => one.id === state.selected);
     };
     const rest = () => light(shown);

@@ -7,7 +7,7 @@ const COLOURS = {
     flops: { name: "FLOPs", value: (one) => one.flops },
 };
 
-const MAP = { width: 560, height: 500, left: 62, right: 12, top: 12, bottom: 44 };
+const MAP = { width: 560, height: 500, left: 62, right: 20, top: 12, bottom: 44 };
 const mapX = d3.scaleLinear([0, 1], [MAP.left, MAP.width - MAP.right]);
 const mapY = d3.scaleLinear([0, 1], [MAP.height - MAP.bottom, MAP.top]);
 
@@ -59,8 +59,8 @@ function drawMap() {
         .attr("class", "empty")
         .attr("d", cellPath);
     svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
-    svg.append("g").attr("class", "lost");
     svg.append("g").attr("class", "elites");
+    svg.append("g").attr("class", "lost"); // above the elites, whose cells would hide its dashes
     fillMap();
 }
 
@@ -68,7 +68,8 @@ function drawMap() {
 function fillMap() {
     const run = state.run;
     const line = run.generations[state.generation];
-    const before = new Map(state.generation ? run.generations[state.generation - 1].elites : []);
+    const previous = state.generation ? run.generations[state.generation - 1] : { elites: [], bounds: line.bounds };
+    const before = new Map(previous.elites);
     const now = new Map(line.elites);
     const held = new Set(before.values());
     const isNew = ([, id]) => !held.has(id); // an old elite that only changed its niche is not
@@ -99,17 +100,21 @@ function fillMap() {
         .classed("is-selected", ([, id]) => id === state.selected);
     const rank = (elite) => (elite[1] === state.selected ? 2 : Number(isNew(elite)));
     links.sort((a, b) => rank(a) - rank(b)); // an edge that says something lies above its neighbours'
-    links.select(".cell").attr("d", ([niche]) => (run.cells.length ? cellPath(run.cells[niche]) : null));
-    links.select(".cell").attr("fill", ([, id]) => scale.of(run.byId.get(id)));
+    const toPlace = (elite) => {
+        const [x, y] = placeOf(elite);
+        return `translate(${mapX(x)},${mapY(y)})`;
+    };
+    const disc = d3.symbol(d3.symbolCircle, 260)(); // for an archive without niches
+    links
+        .select(".cell")
+        .attr("d", ([niche]) => (run.cells.length ? cellPath(run.cells[niche]) : disc))
+        .attr("transform", run.cells.length ? null : toPlace)
+        .attr("fill", ([, id]) => scale.of(run.byId.get(id)));
     links
         .select(".point")
         .attr("d", ([, id]) => (id === best ? d3.symbol(d3.symbolStar, 90)() : d3.symbol(d3.symbolCircle, 22)()));
     links.select(".point").classed("is-best", ([, id]) => id === best);
-    links.select(".point").attr("transform", (elite) => {
-        const [x, y] = placeOf(elite);
-        return `translate(${mapX(x)},${mapY(y)})`;
-    });
-    if (!run.cells.length) links.select(".point").attr("fill", ([, id]) => scale.of(run.byId.get(id)));
+    links.select(".point").attr("transform", toPlace);
     const say = ([niche, id]) => (byId("map-readout").textContent = eliteWords(run, niche, id));
     links.on("pointerenter focus", (_, elite) => say(elite));
     const nodes = links.nodes();
@@ -122,9 +127,10 @@ function fillMap() {
     drawMapAxes(svg, run, line);
     const changed = line.elites.filter(isNew).length;
     const holds = `${now.size} of ${run.places} ${placeName(run)}s held`;
-    const moved = lost.length ? `; ${lost.length} emptied because the bounds moved` : "";
+    const isMoved = run.cells.length > 0 && String(previous.bounds) !== String(line.bounds);
+    const emptied = lost.length ? `; ${lost.length} emptied${isMoved ? " because the bounds moved" : ""}` : "";
     byId("generation-words").textContent =
-        `Generation ${line.generation}: ${holds}, ${changed} by a new elite${moved}.`;
+        `Generation ${line.generation}: ${holds}, ${changed} by a new elite${emptied}.`;
     byId("generation").setAttribute("aria-valuetext", byId("generation-words").textContent);
     const bar = scale.high > scale.low ? colourBar(scale.colour, scale.at, scale.low, scale.high) : "";
     byId("map-colours").replaceChildren(

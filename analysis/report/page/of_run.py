@@ -39,6 +39,7 @@ from tacevo.config.identity import identity
 from tacevo.records import Kind
 from tacevo.search.lines import CandidateLine, eras_in_words
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.text import counted
 
 #: Decimals of a cell's corners: a thousandth of a pixel.
 _CORNERS = 5
@@ -150,7 +151,7 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     if again is not None:
         words, reference, median = again
         losses += f"; {words}: {shown(median)} against the baseline's {shown(reference)}"
-    size = f"{len(run.candidates)} candidates in {len(run.generations)} generations"
+    size = f"{counted(len(run.candidates), 'candidate')} in {counted(len(run.generations), 'generation')}"
     images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
     return (
         f"Task: {run.task}. {size}, seed {config.seed}{losses}.",
@@ -319,7 +320,7 @@ def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
         "rules": eras_in_words(run.eras),
         "commit": commit,
         **{f"version of {name}": number for name, number in run.versions.items()},
-        **{f"machine: {name}": str(value) for name, value in record.machine.items()},
+        **{f"machine: {name}": "none" if value is None else str(value) for name, value in record.machine.items()},
         **walls,
     }
     return tuple(found.items())

@@ -44,6 +44,13 @@ function drawTable() {
             shown += !node.hidden;
         }
         byId("table-words").textContent = `${counted(shown, "candidate")} of ${number(rows.length)}.`;
+        walk();
+    };
+    // One stop of the Tab key for all links that are shown, in their order.
+    const walk = () => {
+        const links = [...body.rows].filter((row) => !row.hidden).map((row) => row.querySelector("a"));
+        const place = new Map(links.map((link, at) => [link, [0, at]]));
+        withArrowKeys(links, (link) => place.get(link), links[0]);
     };
     const sort = () => {
         const { value } = columns.get(state.sort.name);
@@ -64,6 +71,7 @@ function drawTable() {
         button.onclick = () => {
             state.sort = { name, isFalling: state.sort.name === name && !state.sort.isFalling };
             sort();
+            walk();
         };
         return h("th", { scope: "col", class: isNumber ? "number" : null }, button);
     });
