@@ -19,6 +19,7 @@ from analysis.statistics.effects import Interval, effects, median, superiority
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.noise import icc
 from analysis.statistics.tests import holm, hypergeometric_p, mann_whitney
+from benchmarks import evidence_images
 from benchmarks.landscape import BASELINE, Floats, Landscape, Searched, Strategy, search
 from tacevo.search.archive import Tessellation, find_centroids
 
@@ -52,13 +53,13 @@ class Rate:
 
 def type_one_errors(trials: int, seed: int = 0) -> Iterator[Rate]:
     """Measure how often each test finds what is not there, at a level of 5 %."""
-    for name, trial in _FALSE.items():
+    for name, trial in {**_FALSE, **evidence_images.FALSE}.items():
         yield _rate(name, trial, trials, seed, promised=ALPHA)
 
 
 def coverages(trials: int, seed: int = 0) -> Iterator[Rate]:
     """Measure how often each 95 % interval holds the truth."""
-    for name, trial in _COVERED.items():
+    for name, trial in {**_COVERED, **evidence_images.COVERED}.items():
         yield _rate(name, trial, trials, seed, promised=1 - ALPHA)
 
 

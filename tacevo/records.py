@@ -310,6 +310,16 @@ class Training(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Kept(Record):
+    """Where the test predictions of a full training are, among the arrays of the store: their SHA-256."""
+
+    #: Of the chosen epoch, float32, shape (t, K), in the scaled units of training, or logits.
+    predictions: str
+    #: Of the test images, float32 of shape (t, K) in the same units, or int64 classes of shape (t,).
+    labels: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DataFacts(Record):
     """What a run records of its data set, so that it can be replayed without it."""
 

@@ -49,7 +49,10 @@ LAST_RELEASES: Mapping[tuple[str, int], str] = {}
 #: Number of full trainings of studies that record none, and the number that this code follows.
 FIRST_STUDY = 2
 
-STUDY = 4
+STUDY = 5
+
+#: The first number of studies that keep their test predictions.
+KEPT_SINCE = 5
 
 #: Number of summaries and tables of runs that record none, and the number that this code writes. They follow from the
 #: records and decide nothing, so a replay compares the texts of its own number only.

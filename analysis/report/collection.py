@@ -8,7 +8,9 @@ from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
 from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import Comparisons, compare
+from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
+from analysis.studies.predictions import load_predictions
 from analysis.studies.scores import Study
 from analysis.studies.study import load_study
 from analysis.table import Table
@@ -23,9 +25,10 @@ from analysis.tables.dynamics import (
     temperatures_table,
 )
 from analysis.tables.health import health_table, niches_table
+from analysis.tables.images import image_tables
 from analysis.tables.motifs import anatomies_table, motifs_table
 from analysis.tables.noise import noise_tables
-from tacevo.errors import RunError, StoreError
+from tacevo.errors import CacheMissError, RunError, StoreError
 from tacevo.profile import Profile
 from tacevo.studies.directory import studies_of
 
@@ -39,6 +42,8 @@ class Compared:
     study: Study
     #: None where it cannot be compared; its scores are shown all the same.
     comparisons: Comparisons | None
+    #: What its test images say; None where it keeps no test predictions, or its store is elsewhere.
+    images: ImageFindings | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +77,7 @@ def collect(path: Path, store: Path | None = None) -> Collection:
     run = load_run(path)
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
+    place = store or Path(run.config.store.root)
     for directory in studies_of(path):
         try:
             recorded = directory.read()
@@ -85,13 +91,14 @@ def collect(path: Path, store: Path | None = None) -> Collection:
             if recorded.terms is not None:
                 study = load_study(directory.path)
                 comparisons, reasons = _compared(study, directory.path)
-                studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
+                images, missed = _on_images(study, directory.path, place)
+                studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons, images=images))
                 left_out += reasons
+                remarks += missed
         except (RunError, StoreError) as error:
             left_out.append(str(error))
             continue
         try:
-            place = store or Path(run.config.store.root)
             reestimates.append(load_reestimates(directory, run.config, run.facts.fingerprint, place))
         except (RunError, StoreError) as error:
             (left_out if recorded.terms is None else remarks).append(f"no re-estimates: {error}")
@@ -111,6 +118,15 @@ def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
         return compare(study), []
     except RunError as error:
         return None, [f"the comparison of {path}: {error}"]
+
+
+def _on_images(study: Study, path: Path, store: Path) -> tuple[ImageFindings | None, list[str]]:
+    """Compare a study's networks on its test images; where it keeps them and they cannot be read, return the reason."""
+    try:
+        predictions = load_predictions(study, store)
+    except (CacheMissError, StoreError) as error:
+        return None, [f"no tables of the test images of {path}: {error}"]
+    return None if predictions is None else image_findings(study, predictions), []
 
 
 def with_one_study(found: Collection) -> Collection:
@@ -147,7 +163,10 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         anatomies = read_anatomies(run, profiles)
         tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
     for compared in found.studies:
-        of_study = study_tables(compared.study, compared.comparisons)
+        of_study = (
+            *study_tables(compared.study, compared.comparisons),
+            *image_tables(compared.study, compared.images),
+        )
         tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
     for one in found.reestimates:
         tables += [replace(table, name=f"{table.name}_{one.name}") for table in noise_tables(one, run.task)]

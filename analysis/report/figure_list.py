@@ -11,7 +11,7 @@ from analysis.figures.ablations import curves, final_values
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
-from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
 from analysis.report.sweep_collection import SweepCollection
@@ -23,6 +23,7 @@ from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.runs.run import Run
 from analysis.studies.comparison import Comparisons
+from analysis.studies.images import ImageFindings
 from analysis.studies.scores import Study
 from analysis.sweeps.sweep import REFERENCE
 from analysis.table import PValue
@@ -66,7 +67,7 @@ def pictures_of(found: Collection) -> tuple[Picture, ...]:
     """List every figure of a run and its studies; the names of a study's figures end in its own."""
     pictures = list(run_pictures(found.run, found.niches))
     for compared in found.studies:
-        of_study = study_pictures(compared.study, compared.comparisons)
+        of_study = study_pictures(compared.study, compared.comparisons, compared.images)
         pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
     return tuple(pictures)
 
@@ -152,7 +153,7 @@ def _has_map(run: Run) -> bool:
     return run.has_niches and len(run.config.archive.axes) == 2
 
 
-def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Picture, ...]:
+def study_pictures(study: Study, comparisons: Comparisons | None, images: ImageFindings | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     variants = () if comparisons is None else comparisons.variants
     verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
@@ -170,6 +171,14 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
         )
         draw = partial(confusion_matrices, study)
         pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
+    if images is not None and images.calibrations:
+        words = (
+            "How often each network is right against how sure it is, on the test images: points are bins of confidence "
+            "of the ensemble of its seeds, larger with more images; thin lines are its seeds; the dotted line is "
+            "perfect calibration."
+        )
+        draw = partial(reliability, study.task, images.calibrations)
+        pictures.append(Picture(name=f"reliability_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
 
 

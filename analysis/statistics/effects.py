@@ -133,7 +133,7 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
     return Effects(
         a12=chance,
         cliffs_delta=Interval(**{name: rounded(2 * end - 1) for name, end in asdict(chance).items()}),
-        median_difference=_interval(median_difference(first, second), differences),
+        median_difference=interval(median_difference(first, second), differences),
     )
 
 
@@ -142,8 +142,13 @@ def _check_resamples(resamples: int) -> None:
         raise ValueError(f"a 95 % interval needs resamples >= 39; got {resamples}")
 
 
-def _interval(estimate: float, drawn: Sample) -> Interval:
-    """Cut equally much off both ends of the sorted resamples."""
+def interval(estimate: float, drawn: Sample) -> Interval:
+    """Return an estimate with the percentile interval of its resamples: equally much is cut off both ends.
+
+    Args:
+        estimate: of the sample itself.
+        drawn: of each resample, shape (n,), n >= 39.
+    """
     ends = np.sort(drawn)
     cut = round((1 - LEVEL) / 2 * (len(drawn) + 1))
     return Interval(estimate=rounded(estimate), low=rounded(float(ends[cut - 1])), high=rounded(float(ends[-cut])))

@@ -4,33 +4,58 @@ It follows from scores that every study has, so it needs neither labels nor a tr
 majority, of the test images themselves, and so is a little better than one that knows the training images only.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from statistics import fmean
 
 from analysis.studies.scores import Study
 from tacevo.rounding import rounded
+from tacevo.training.metrics import Confusion, macro_f1
 
 
 def trivial_score(study: Study) -> float | None:
-    """Return the trivial predictor's score in the study's primary metric; None where the scores do not tell.
+    """Return the trivial predictor's score in the study's primary metric; None where the scores do not tell."""
+    return trivial_metrics(study).get(study.primary)
 
-    Of a classification, the share of the most frequent class. Of a regression, the mean over the outputs of their
-    labels' variance: since R² = 1 - MSE / variance, it is MSE / (1 - R²).
+
+def trivial_metrics(study: Study) -> dict[str, float]:
+    """Return the trivial predictor's test metrics, by name; those that the scores do not tell are left out.
+
+    Of a classification, what always predicting the most frequent class gives; its cross-entropy is that of the class
+    frequencies, since that of a certainty is infinite. Of a regression, an output's MSE is its labels' variance:
+    since R² = 1 - MSE / variance, it is MSE / (1 - R²). Absolute errors do not follow from scores.
     """
-    first = study.scores[0]
-    if first.confusion is not None:
-        classes = [sum(row) for row in first.confusion]
-        return rounded(max(classes) / sum(classes))
-    variances = [_variance([score.metrics for score in study.scores], name) for name in study.names]
-    known = [variance for variance in variances if variance is not None]
-    return rounded(fmean(known)) if known and len(known) == len(variances) else None
+    confusion = study.scores[0].confusion
+    found = _of_outputs(study) if confusion is None else _of_classes(confusion)
+    return {name: rounded(value) for name, value in found.items()}
 
 
-def _variance(scores: Sequence[Mapping[str, float]], output: str) -> float | None:
-    """Return the variance of an output's test labels, by the score that tells it best: that of the largest error."""
+def _of_classes(confusion: Confusion) -> dict[str, float]:
+    classes = [sum(row) for row in confusion]
+    majority, total = classes.index(max(classes)), sum(classes)
+    always = tuple(tuple(count if place == majority else 0 for place in range(len(classes))) for count in classes)
+    entropy = -math.fsum(count * math.log(count / total) for count in classes if count) / total
+    return {"accuracy": max(classes) / total, "macro_f1": macro_f1(always), "cross_entropy": entropy}
+
+
+def _of_outputs(study: Study) -> dict[str, float]:
+    worst = {name: _most_wrong(study, name) for name in study.names}
+    found: dict[str, float] = {}
+    for name, metrics in worst.items():
+        if metrics is not None:
+            mse, r2 = metrics[f"mse_{name}"], metrics[f"r2_{name}"]
+            variance = mse / (1 - r2)
+            found |= {f"mse_{name}": variance, f"rmse_{name}": math.sqrt(variance), f"r2_{name}": 0.0}
+            if recorded := metrics.get(f"recorded_rmse_{name}"):
+                found[f"recorded_rmse_{name}"] = recorded * math.sqrt(variance / mse)
+    if worst and None not in worst.values():
+        mean = fmean(found[f"mse_{name}"] for name in study.names)
+        found |= {"mse": mean, "rmse": math.sqrt(mean), "r2": 0.0}
+    return found
+
+
+def _most_wrong(study: Study, output: str) -> Mapping[str, float] | None:
+    """Return the metrics that tell the variance of an output's test labels best: those of the largest error."""
     mse, r2 = f"mse_{output}", f"r2_{output}"
-    told = [metrics for metrics in scores if mse in metrics and metrics.get(r2, 1) < 1]
-    if not told:
-        return None
-    worst = max(told, key=lambda metrics: metrics[mse])
-    return worst[mse] / (1 - worst[r2])
+    told = [score.metrics for score in study.scores if mse in score.metrics and score.metrics.get(r2, 1) < 1]
+    return max(told, key=lambda metrics: metrics[mse], default=None)

@@ -1,5 +1,7 @@
 """The tables of a study: scores, metrics, verdicts and effect sizes."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from analysis.rounding import shown
@@ -10,7 +12,7 @@ from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
 from analysis.studies.metrics import SHARES, metric_name, named_metrics
 from analysis.studies.scores import LOWER_IS_BETTER, Study
-from analysis.studies.trivial import trivial_score
+from analysis.studies.trivial import trivial_metrics, trivial_score
 from analysis.studies.warnings import caution_notes
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
 from tacevo.choices import MarginKind
@@ -61,17 +63,23 @@ def scores_table(study: Study) -> Table:
 
 def metrics_table(study: Study) -> Table:
     """Show every metric of every network, one a row: a task of three outputs has 22."""
+    trivial = trivial_metrics(study)
     return Table(
         name=f"metrics_{study.task}",
         caption=f"Test metrics of the networks of {study.task}.",
-        columns=("metric", *(network.name for network in study.networks)),
+        columns=("metric", *(network.name for network in study.networks), *(("trivial",) if trivial else ())),
         rows=tuple(
-            (name, *(_median(study, network, metric) for network in study.networks))
+            (
+                *(name, *(_median(study, network, metric) for network in study.networks)),
+                *((_known(metric, trivial),) if trivial else ()),
+            )
             for metric, name in named_metrics(study)
         ),
         notes=(
             "Median of the seeds, with their lower and upper quartile in brackets.",
             *_scale_note(study),
+            *_trivial_note(study),
+            *_frequencies_note(trivial),
             _training(study),
         ),
     )
@@ -79,6 +87,7 @@ def metrics_table(study: Study) -> Table:
 
 def verdicts_table(study: Study, found: Comparisons) -> Table:
     """Show the tests of every variant against the baseline."""
+    score = trivial_score(study)
     return Table(
         name=f"verdicts_{study.task}",
         caption=f"The variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
@@ -89,6 +98,7 @@ def verdicts_table(study: Study, found: Comparisons) -> Table:
         rows=(
             ("baseline", _value(found.metric, found.baseline_median), *(None,) * 8),
             *(_verdict_cells(variant, found.metric) for variant in found.variants),
+            *((("trivial", _value(found.metric, score), *(None,) * 8),) if score is not None else ()),
         ),
         notes=(
             *_scale_note(study),
@@ -97,6 +107,7 @@ def verdicts_table(study: Study, found: Comparisons) -> Table:
             *caution_notes((variant.network, variant.cautions) for variant in found.variants),
             *_image_note(found),
             *_late_note(study, found),
+            *_trivial_note(study),
         ),
     )
 
@@ -149,6 +160,7 @@ def outputs_table(study: Study, found: Comparisons) -> Table:
             *_left_out_note(study, found),
             *caution_notes((f"{variant.network} on {name}", variant.cautions) for name, variant in each),
             *_late_note(study, found),
+            *_trivial_note(study),
         ),
     )
 
@@ -156,6 +168,7 @@ def outputs_table(study: Study, found: Comparisons) -> Table:
 def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell, ...]]:
     baseline = study.networks[0].name
     median = _spread(study.values(baseline, f"{found.metric}_{name}"))[0]
+    trivial = trivial_metrics(study).get(f"{found.metric}_{name}")
     return [
         (name, baseline, median, *(None,) * 7),
         *(
@@ -166,6 +179,7 @@ def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell
             )
             for variant in found.outputs[name]
         ),
+        *(((name, "trivial", trivial, *(None,) * 7),) if trivial is not None else ()),
     ]
 
 
@@ -205,6 +219,17 @@ def _trivial_note(study: Study) -> tuple[str, ...]:
         return ()
     always = "the most frequent class" if study.kind is Kind.classification else "the mean"
     return (f"Trivial: looks at no image, and always predicts {always} of the test images.",)
+
+
+def _known(metric: str, trivial: Mapping[str, float]) -> Cell:
+    """Return the trivial predictor's metric, empty where it is not known."""
+    return _value(metric, trivial[metric]) if metric in trivial else None
+
+
+def _frequencies_note(trivial: Mapping[str, float]) -> tuple[str, ...]:
+    if "cross_entropy" not in trivial:
+        return ()
+    return ("Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one.",)
 
 
 def _epochs(study: Study, network: Network) -> Between:

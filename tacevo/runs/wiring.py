@@ -1,6 +1,7 @@
 """From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from tacevo.search.descriptors import scaled
 from tacevo.search.development import Tools
 from tacevo.search.effects import LLM
 from tacevo.search.proposals import Settings
+from tacevo.storage.arrays import KIND, ArrayStore
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
@@ -190,8 +192,11 @@ class Workbench:
             rules=rules.training,
         )
 
-    def studies(self, rules: int) -> FullEvaluator:
-        """Return what trains networks fully and tests them, under the rules of that number."""
+    def studies(self, rules: int, scale: Sequence[float]) -> FullEvaluator:
+        """Return what trains networks fully and tests them, under the rules of that number.
+
+        `scale` is that of the labels, in units of the recording for one unit of training; empty of a classification.
+        """
         mode = self.mode if rules == STUDY else Mode.replay
         return FullEvaluator(
             run=self._sandbox(mode),
@@ -199,6 +204,9 @@ class Workbench:
             setting=self._setting(),
             examples=None if self.data is None else (_examples(self.data), _held_out(self.data)),
             rules=rules,
+            arrays=ArrayStore(self._store(KIND, mode)),
+            facts=self.facts,
+            scale=scale,
         )
 
     def _mode_under(self, rules: Rules) -> Mode:

@@ -9,6 +9,7 @@ from pathlib import Path
 from tacevo.costs import Spending, spending_on, total, usd
 from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Json, Request
+from tacevo.storage.arrays import KIND, check_array
 from tacevo.storage.canonical import content_hash, readable, shown, value_at
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import KINDS, Entry, Store, check_entry, read_entry
@@ -137,8 +138,11 @@ def _completion(place: Path, entry: Entry) -> tuple[str, Completion | None]:
     """Read the model and the answer of a completion; of another kind, nothing.
 
     Raises:
-        StoreError: its answer is not a completion, or its request is not a request, although the checksum is right.
+        StoreError: its answer is not a completion, or its request is not a request, although the checksum is right; or
+            it is an array, and not the one that its request names.
     """
+    if entry.kind == KIND:
+        check_array(entry, str(place))
     if entry.kind != "completions":
         return "", None
     answer = convert(Completion, entry.answer, place=f"{place}, answer", error=StoreError, remedy="delete it")

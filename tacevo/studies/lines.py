@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal
 from annotated_types import Ge
 
 from tacevo.choices import Device, Numerics
-from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
+from tacevo.records import DataFacts, Json, Kept, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
 from tacevo.studies.terms import Terms
 from tacevo.typed import FreeJson
@@ -100,6 +100,8 @@ class ScoreLine(Record):
     predictions: str
     weights: str
     not_deterministic: tuple[str, ...] = ()
+    #: None of a noise run, and of studies under the rules before `tacevo.rules.KEPT_SINCE`.
+    kept: Kept | None = None
     kind: Literal["score"] = "score"
 
 

@@ -18,7 +18,7 @@ from tacevo.config.schema import ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import deviations, machine, versions
-from tacevo.errors import DivergenceError
+from tacevo.errors import DivergenceError, RunError
 from tacevo.randomness import derived_seed
 from tacevo.records import Kind, Limits, Mode, Rejection, Training
 from tacevo.rules import CURRENT, STUDY
@@ -139,7 +139,7 @@ def _carry_out(plan: _Plan, wanted: int, executor: ExecutorConfig, view: Progres
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     with Workbench(run, task, facts, Mode.record, data=data) as bench:
-        evaluator = _evaluator(bench, plan.header)
+        evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
         verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
@@ -194,8 +194,11 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
             place=place,
             expected="the study that follows from the run",
         )
+    values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
+    if len(recorded.scale) != values:
+        raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
     with Workbench(plan.config, run.record.task, run.record.data, Mode.replay, seen=seen) as bench:
-        evaluator = _evaluator(bench, plan.header)
+        evaluator = _evaluator(bench, plan.header, recorded.scale)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = directory.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
@@ -209,11 +212,11 @@ def _stated(config: StudyConfig, kind: Kind) -> Terms:
     return Terms(alpha=config.alpha, margin=chosen)
 
 
-def _evaluator(bench: Workbench, header: StudyHeader) -> Evaluator | FullEvaluator:
+def _evaluator(bench: Workbench, header: StudyHeader, scale: Sequence[float]) -> Evaluator | FullEvaluator:
     """Return what trains the networks of a study, or those of a noise run."""
     if header.terms is None:
         return bench.evaluator(replace(CURRENT, training=header.rules))
-    return bench.studies(header.rules)
+    return bench.studies(header.rules, scale)
 
 
 def _plan(
@@ -329,4 +332,5 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict) -> Row:
         predictions=verdict.training.predictions_sha256,
         weights=verdict.training.weights_sha256,
         not_deterministic=verdict.training.not_deterministic,
+        kept=verdict.kept,
     )

@@ -3,16 +3,24 @@
 The child predicts validation and test images after every epoch, in separate batches and without their labels; the
 parent chooses the epoch. So "the weights of the best validation epoch" needs no trust in the child, and in a network
 that normalises by the batch no test image changes a validation loss.
+
+The test predictions of that epoch are kept with the labels of the test images, and the metrics are computed from them
+again whenever a training is recalled.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.records import Contract, Kind, Record, Rejection, Training
-from tacevo.sandbox.client import Died, Finished
+from tacevo.errors import CacheMissError, DivergenceError, StoreError
+from tacevo.records import DataFacts, Kept, Kind, Record, Rejection, Training
+from tacevo.rules import KEPT_SINCE
+from tacevo.sandbox.client import Died, Finished, Run
+from tacevo.storage.arrays import ArrayStore, digest_of
+from tacevo.storage.store import Store
 from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
 from tacevo.training.metrics import Confusion, classification_metrics, confusion, regression_metrics
@@ -44,6 +52,8 @@ class FullTraining(Record):
     metrics: dict[str, float]
     #: None for regression.
     confusion: Confusion | None
+    #: None under the rules before `KEPT_SINCE`.
+    kept: Kept | None = None
 
     @property
     def validation_loss(self) -> float:
@@ -52,23 +62,87 @@ class FullTraining(Record):
 
 
 class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
-    """The full trainings of studies, in a store of the kind `studies`; their rules are `tacevo.rules.STUDY`."""
+    """The full trainings of studies, in a store of the kind `studies`; their rules are `tacevo.rules.STUDY`.
+
+    `arrays` keeps the test predictions, `facts` are those of the data set, and `scale` is that of `HeldOut`.
+    """
 
     _result, _name = FullTraining, "full"
+
+    def __init__(
+        self,
+        *,
+        run: Run,
+        store: Store,
+        setting: Setting,
+        examples: tuple[Examples, HeldOut] | None,
+        rules: int,
+        arrays: ArrayStore,
+        facts: DataFacts,
+        scale: Sequence[float],
+    ) -> None:
+        super().__init__(run=run, store=store, setting=setting, examples=examples, rules=rules)
+        self._arrays, self._facts, self._scale = arrays, facts, scale
+
+    def evaluate(self, source: str, seed: int) -> FullTraining | Rejection:
+        """Train a network with a seed or recall how its training went, and compute its metrics again.
+
+        Raises:
+            TacevoError: as `TrainingStore.evaluate`.
+            CacheMissError: the store has the training, and lacks its test predictions.
+            DivergenceError: its metrics are not those of its predictions, or it names none; or the labels that it names
+                are not those of the examples.
+        """
+        verdict = super().evaluate(source, seed)
+        if isinstance(verdict, FullTraining) and self._rules >= KEPT_SINCE:
+            self._check(verdict, f"full training {self.key(source, seed)[:12]}")
+        return verdict
 
     def _train(self, data: tuple[Examples, HeldOut], source: str, seed: int) -> FullTraining | Rejection:
         examples, held_out = data
         predicted = [examples.validation, held_out.rows]
         outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
-        return assess(outcome, self._setting, examples.validation_targets, held_out)
+        found = assess(outcome, self._setting, examples.validation_targets, held_out)
+        if isinstance(found, Rejection):
+            return found
+        training, predictions = found
+        self._arrays.keep(held_out.targets)  # before the training is, so that it never names what is not there
+        self._arrays.keep(predictions)
+        return training
+
+    def _check(self, verdict: FullTraining, place: str) -> None:
+        """Compute the metrics of a training from what it keeps, and compare."""
+        if verdict.kept is None:
+            raise DivergenceError("none", place=place, expected="the test predictions that its rules keep")
+        if self._examples is not None and digest_of(self._examples[1].targets) != verdict.kept.labels:
+            raise DivergenceError("others", place=f"{place}, kept.labels", expected="the labels of the test images")
+        try:
+            predictions, labels = read_kept(self._arrays, verdict.kept, self._facts)
+        except CacheMissError as error:
+            error.place = f"{place}, {error.place}"
+            error.remedy = "restore it; or delete that training from the store, and study again"
+            raise
+        metrics, counts = score(self._facts.kind, predictions, labels, names=self._facts.names, scale=self._scale)
+        if counts != verdict.confusion:
+            expected = "that of the test predictions"
+            raise DivergenceError("another", place=f"{place}, confusion", expected=expected)
+        for name in sorted(metrics.keys() | verdict.metrics.keys()):
+            if metrics.get(name) != verdict.metrics.get(name):
+                expected = f"{metrics.get(name)}, by the test predictions"
+                raise DivergenceError(
+                    str(verdict.metrics.get(name)), place=f"{place}, metrics.{name}", expected=expected
+                )
 
 
 def assess(
     outcome: Finished | Died, setting: Setting, validation_targets: NDArray[Any], held_out: HeldOut
-) -> FullTraining | Rejection:
+) -> tuple[FullTraining, NDArray[np.float32]] | Rejection:
     """Choose the epoch of the lowest validation loss, the first on a tie, and compute its test metrics.
 
     The predictions are those of the validation images, then of the test images.
+
+    Returns:
+        The training, and its predictions for the test images, shape (t, K).
     """
     contract, count = setting.contract, len(validation_targets)
     rows, epochs = count + len(held_out.rows), setting.recipe.epochs
@@ -78,15 +152,46 @@ def assess(
     training = training_of(answer, contract.loss, validation_targets)
     best = min(range(epochs), key=training.validation_losses.__getitem__)
     predictions = answer.predictions[best][count:]
-    return FullTraining(
+    metrics, counts = score(contract.kind, predictions, held_out.targets, names=held_out.names, scale=held_out.scale)
+    full = FullTraining(
         training=training,
         epoch=best + 1,
-        metrics=_metrics(contract, predictions, held_out),
-        confusion=confusion(predictions, held_out.targets) if contract.kind is Kind.classification else None,
+        metrics=metrics,
+        confusion=counts,
+        kept=Kept(predictions=digest_of(predictions), labels=digest_of(held_out.targets)),
     )
+    return full, predictions
 
 
-def _metrics(contract: Contract, predictions: NDArray[np.float32], held_out: HeldOut) -> dict[str, float]:
-    if contract.kind is Kind.classification:
-        return classification_metrics(predictions, held_out.targets)
-    return regression_metrics(predictions, held_out.targets, names=held_out.names, scale=held_out.scale)
+def read_kept(arrays: ArrayStore, kept: Kept, facts: DataFacts) -> tuple[NDArray[np.float32], NDArray[Any]]:
+    """Read the test predictions of a training, and the labels of the test images.
+
+    Args:
+        arrays: where they are.
+        kept: of the training.
+        facts: of the data set, which say how many images and outputs there are.
+
+    Returns:
+        Predictions, shape (t, K), finite; labels as in `HeldOut`, finite, or each in [0, K).
+
+    Raises:
+        CacheMissError: the store lacks them.
+        StoreError: they are damaged, or a label is not a class.
+    """
+    images, outputs = facts.counts[2], facts.outputs
+    predictions = arrays.read(kept.predictions, "<f4", (images, outputs))
+    if facts.kind is Kind.regression:
+        return predictions, arrays.read(kept.labels, "<f4", (images, outputs))
+    labels = arrays.read(kept.labels, "<i8", (images,))
+    if not ((labels >= 0) & (labels < outputs)).all():
+        raise StoreError("others", place=f"the test labels {kept.labels[:12]}", expected=f"classes below {outputs}")
+    return predictions, labels
+
+
+def score(
+    kind: Kind, predictions: NDArray[np.float32], labels: NDArray[Any], *, names: Sequence[str], scale: Sequence[float]
+) -> tuple[dict[str, float], Confusion | None]:
+    """Compute the test metrics of predictions, and of a classification the confusion; see `training.metrics`."""
+    if kind is Kind.classification:
+        return classification_metrics(predictions, labels), confusion(predictions, labels)
+    return regression_metrics(predictions, labels, names=names, scale=scale), None

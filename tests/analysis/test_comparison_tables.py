@@ -6,7 +6,7 @@ from pathlib import Path
 from studies import FOUR, around, in_text, study_of, study_of_outputs
 
 from analysis.studies.comparison import compare
-from analysis.table import Between, PercentBetween
+from analysis.table import Between, Percent, PercentBetween
 from analysis.tables.comparison import (
     effects_table,
     metrics_table,
@@ -48,7 +48,8 @@ def test_accuracy_has_one_face() -> None:
     """A percentage in scores and metrics, percentage points where it is a difference or a margin."""
     study = study_of({"baseline": [0.5] * 5, "variant 1": [0.9, 0.8, 0.9, 1.0, 1.0]}, kind=Kind.classification)
     found = compare(study)
-    assert metrics_table(study).rows == (("accuracy", PercentBetween(0.5, 0.5, 0.5), PercentBetween(0.9, 0.9, 1.0)),)
+    rows = (("accuracy", PercentBetween(0.5, 0.5, 0.5), PercentBetween(0.9, 0.9, 1.0), Percent(0.333333333)),)
+    assert metrics_table(study).rows == rows
     effects = effects_table(study, found)
     assert effects.columns[-1] == "difference of medians (percentage points)"
     assert effects.rows[0][-1] == Between(40, 30, 50)
@@ -67,7 +68,7 @@ def test_margin_below_a_test_image_is_told() -> None:
     wide = replace(accuracies, terms=replace(accuracies.terms, margin=Margin(value=2 / 9, kind=MarginKind.absolute)))
     words = "The margin of equivalence is less than one test image, 11.1 percentage points:"
     assert any(note.startswith(words) for note in verdicts_table(accuracies, compare(accuracies)).notes)
-    assert not any("test image" in note for note in verdicts_table(wide, compare(wide)).notes)
+    assert not any("one test image" in note for note in verdicts_table(wide, compare(wide)).notes)
 
 
 def test_late_trainings_are_told_with_their_shares() -> None:

@@ -16,6 +16,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from hand_runs import bounds_of, closed, elite, prompt_trial, rejected, run, trained
+from kept import gratings
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -26,10 +27,11 @@ from studies import study_of
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
-from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
 from analysis.figures.style import house_style, render
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
+from analysis.studies.images import image_findings
 from analysis.studies.scores import Study
 from tacevo.records import Kind, Reason, Stage
 from tacevo.search.archive import find_centroids
@@ -63,6 +65,7 @@ RUN = replace(
 )
 #: Of the archive after each generation.
 MEDIANS = [0.7, 0.5, 0.5]
+CALIBRATED = image_findings(*gratings()).calibrations
 FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
 
 
@@ -96,6 +99,7 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
     "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
     "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
+    "reliability": (lambda: reliability("grating", CALIBRATED), 7.16),
     "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),
 }
 

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sklearn.dummy import DummyRegressor
-from sklearn.metrics import mean_squared_error
+from sklearn.metrics import f1_score, log_loss, mean_squared_error
 from studies import study_of
 
+from analysis.studies.comparison import compare
 from analysis.studies.scores import Study
-from analysis.studies.trivial import trivial_score
+from analysis.studies.trivial import trivial_metrics, trivial_score
 from analysis.table import Percent
-from analysis.tables.comparison import scores_table
+from analysis.tables.comparison import metrics_table, outputs_table, scores_table, verdicts_table
 from tacevo.records import Kind
 from tacevo.training.metrics import regression_metrics
 
@@ -42,6 +43,42 @@ def test_mean_is_scikit_learns_dummy() -> None:
     dummy = DummyRegressor().fit(labels, labels).predict(labels)
     study = regression(labels, rng.normal(size=(40, 3)).astype(np.float32))
     assert trivial_score(study) == pytest.approx(mean_squared_error(labels, dummy), rel=1e-6)
+
+
+def test_metrics_are_scikit_learns_of_a_dummy() -> None:
+    """All that scores tell of it, in the recording's units too; absolute errors they do not tell."""
+    rng = np.random.default_rng(0)
+    labels = rng.normal(size=(40, 3)).astype(np.float32)
+    found = trivial_metrics(regression(labels, rng.normal(size=(40, 3)).astype(np.float32)))
+    means = np.tile(labels.astype(np.float64).mean(axis=0), (40, 1)).astype(np.float32)
+    expected = regression_metrics(means, labels, names=("Fx", "Fy", "Fz"), scale=(1.0, 2.0, 3.0))
+    assert found == pytest.approx({name: expected[name] for name in found}, rel=1e-5, abs=1e-6)
+    assert {"mse", "rmse", "r2", "recorded_rmse_Fz"} <= found.keys()
+    assert "mae" not in found
+
+
+def test_metrics_of_a_majority_are_scikit_learns() -> None:
+    """Always the most frequent class; the cross-entropy is that of the frequencies."""
+    counts, truth = ((1, 0), (2, 6)), [0] + [1] * 8
+    skewed = replace(ACCURACIES, scores=tuple(replace(one, confusion=counts) for one in ACCURACIES.scores))
+    found = trivial_metrics(skewed)
+    assert found["macro_f1"] == pytest.approx(f1_score(truth, [1] * 9, average="macro"))
+    assert found["cross_entropy"] == pytest.approx(log_loss(truth, np.tile([1 / 9, 8 / 9], (9, 1))))
+
+
+def test_trivial_stands_in_every_table_of_scores() -> None:
+    """Beside the networks, on each output, with neither a test nor an interval."""
+    rng = np.random.default_rng(0)
+    labels = rng.normal(size=(40, 3)).astype(np.float32)
+    study = regression(labels, rng.normal(size=(40, 3)).astype(np.float32))
+    networks = tuple(replace(study.networks[0], name=name) for name in ("baseline", "variant 1"))
+    rows = tuple(replace(study.scores[0], network=one.name, seed=seed) for one in networks for seed in range(4))
+    study = replace(study, networks=networks, scores=rows, seeds=4)
+    found = compare(study)
+    assert metrics_table(study).columns[-1] == "trivial"
+    assert [row[1] for row in verdicts_table(study, found).rows if row[0] == "trivial"] == [trivial_score(study)]
+    apart = [row[2] for row in outputs_table(study, found).rows if row[1] == "trivial"]
+    assert apart == pytest.approx(labels.var(axis=0), rel=1e-5)
 
 
 def test_perfect_predictions_do_not_tell_the_variance() -> None:

@@ -195,6 +195,17 @@ def test_edited_study_is_found(whole: Members, refused: Refused) -> None:
     refused(with_entries(whole, entries), ", metrics.mse: expected ")
 
 
+def test_exchanged_predictions_are_found(whole: Members, refused: Refused) -> None:
+    """Others under the same question, however well they are packed; and none."""
+
+    def exchange(answer: Any) -> None:
+        answer["base64"] = "AAAA" + answer["base64"][4:]
+
+    refused(with_entries(whole, changed(entries_of(whole), "arrays", exchange)), "got other bytes")
+    others = [entry for entry in entries_of(whole) if entry["kind"] != "arrays"]
+    refused(with_entries(whole, others), "expected an array of shape")
+
+
 def test_entry_more_or_less_is_found(whole: Members, refused: Refused) -> None:
     """What no replay reads has no place in a bundle, and what it needs is there."""
     entries = entries_of(whole)

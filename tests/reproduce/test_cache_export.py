@@ -23,7 +23,7 @@ def exported(published: Path, once: Once) -> Path:
 
     def export(folder: Path) -> None:
         for name in ("run", "cache"):
-            shutil.copytree(published / name, folder / name, ignore=shutil.ignore_patterns("studies"))
+            shutil.copytree(published / name, folder / name, ignore=shutil.ignore_patterns("studies", "arrays"))
         Store(folder / "cache", "completions").write({"of": "another run"}, {"x": 1})
         command = ["cache", "export", str(folder / "run"), "--store", str(folder / "cache")]
         assert main([*command, "-o", str(folder / "run.jsonl.xz")]) == 0

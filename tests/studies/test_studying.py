@@ -16,6 +16,7 @@ from smallest import SMALLEST, UNTRACKED, Once
 from waiting import eventually
 
 from analysis.runs.run import load_run
+from analysis.studies.predictions import load_predictions
 from analysis.studies.study import load_study
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
@@ -251,9 +252,25 @@ def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixtu
         assert "variant 1, seed 1, epoch: expected 9 as recorded; got" in capsys.readouterr().err
 
 
+def test_predictions_are_kept_and_give_the_scores(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the epoch that is tested, for every training; a replay without them says which is missing."""
+    study = load_study(only(folder))
+    found = load_predictions(study, folder / "cache")
+    assert found is not None
+    assert {name: each.shape for name, each in found.of.items()} == {
+        name: (2, study.data.counts[2], 3) for name in ("baseline", "variant 1")
+    }
+    missing = Store(folder / "cache", "arrays")
+    (folder / "cache" / next(missing.entries()).place).unlink()
+    assert main(["replay", "run"]) == 2
+    assert "restore it; or delete that training from the store, and study again" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("edit", "status", "said"),
     [
+        ({"scale": [1.0]}, 2, "study.json, scale: expected 3 values"),
+        ({"scale": [1.0, 2.0, 3.0]}, 1, ", metrics.recorded_mae_F"),
         ({"task": "grating"}, 1, "study.json: expected the study that follows from the run"),
         ({"digest": "0" * 64}, 1, "study.json, digest: expected "),
         (
@@ -297,6 +314,7 @@ def test_export_takes_the_study_along(folder: Path) -> None:
     assert main(["cache", "import", "run.jsonl.xz", "--store", "other"]) == 0
     assert main(["replay", "run", "--store", "other"]) == 0
     assert len(list(folder.glob("other/studies/*/*.json"))) == 4
+    assert len(list(folder.glob("other/arrays/*/*.json"))) == 5  # predictions, and the labels once
     for path in folder.glob("other/studies/*/*.json"):
         check_entry(path, path.read_bytes(), "studies", path.stem)
 

@@ -1,26 +1,41 @@
 """Promise: the test metrics are those of the epoch with the lowest validation loss, and the child knows no label."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from refusals import refused
 from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
 from tacevo.choices import Numerics
-from tacevo.records import Kind, Loss, Mode, Reason, Rejection, to_json
+from tacevo.errors import CacheMissError, DivergenceError, StoreError
+from tacevo.records import DataFacts, Json, Kept, Kind, Loss, Mode, Reason, Rejection, to_json
+from tacevo.rules import STUDY
 from tacevo.sandbox.client import Finished, Frame, Run
+from tacevo.storage.arrays import ArrayStore
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
 from tacevo.training.evaluation import Evaluator, Examples, Setting
-from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess
+from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess, read_kept
 
 DATA = examples()
 #: Of the eight images that are not trained on, five to validate and three to test on.
 EXAMPLES = replace(labelled(DATA), validation=DATA.validation[:5], validation_targets=DATA.targets[DATA.validation[:5]])
 HELD_OUT = HeldOut(
     rows=DATA.validation[5:], targets=DATA.targets[DATA.validation[5:]], names=("a", "b"), scale=(1.0, 2.0)
+)
+FACTS = DataFacts(
+    fingerprint="abc",
+    kind=Kind.regression,
+    counts=(128, 5, 3),
+    in_channels=3,
+    image_size=4,
+    outputs=2,
+    names=HELD_OUT.names,
 )
 SETTING = Setting(contract=CONTRACT, fingerprint="abc", recipe=RECIPE, numerics=Numerics.portable)
 
@@ -46,16 +61,26 @@ def evaluator(
     setting: Setting = SETTING,
     mode: Mode = Mode.record,
     data: tuple[Examples, HeldOut] | None = (EXAMPLES, HELD_OUT),
+    rules: int = STUDY,
 ) -> FullEvaluator:
     """Make an evaluator of the tiny task."""
-    return FullEvaluator(run=run, store=Store(root, "studies", mode), setting=setting, examples=data, rules=2)
+    return FullEvaluator(
+        run=run,
+        store=Store(root, "studies", mode),
+        setting=setting,
+        examples=data,
+        rules=rules,
+        arrays=ArrayStore(Store(root, "arrays", mode)),
+        facts=FACTS,
+        scale=HELD_OUT.scale,
+    )
 
 
 def judged(outcome: Finished) -> FullTraining:
     """Judge an answer that must be good."""
     verdict = assess(outcome, SETTING, EXAMPLES.validation_targets, HELD_OUT)
-    assert isinstance(verdict, FullTraining)
-    return verdict
+    assert not isinstance(verdict, Rejection)
+    return verdict[0]
 
 
 def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
@@ -72,8 +97,9 @@ def test_classification_is_tested_by_class() -> None:
     held_out = replace(HELD_OUT, targets=np.array([0, 1, 0]), scale=())
     frames = [Frame({"epoch": epoch, "train_loss": 0.5}, np.zeros((8, 2), np.float32).tobytes()) for epoch in range(4)]
     outcome = Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
-    verdict = assess(outcome, replace(SETTING, contract=contract), np.array([1, 1, 0, 0, 1]), held_out)
-    assert isinstance(verdict, FullTraining)
+    found = assess(outcome, replace(SETTING, contract=contract), np.array([1, 1, 0, 0, 1]), held_out)
+    assert not isinstance(found, Rejection)
+    verdict, _ = found
     assert (verdict.epoch, verdict.validation_loss) == (1, 0.693147181)
     assert verdict.metrics == {"accuracy": 0.666666667, "macro_f1": 0.4, "cross_entropy": 0.693147181}
     assert verdict.confusion == ((2, 0), (1, 0))
@@ -136,5 +162,84 @@ def test_predictions_that_are_not_finite_are_refused() -> None:
 
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:
     """A change of the question would train every recorded study again; make one on purpose only."""
-    key = evaluator(Recorder(ANSWER).run, tmp_path, data=None).key("class Net: pass\n", 7)
+    key = evaluator(Recorder(ANSWER).run, tmp_path, data=None, rules=2).key("class Net: pass\n", 7)
     assert key == "040c3cd39797dff9f802a27573b999ba2ef2acb58e0c601934ac7bf762e295ba"
+
+
+def test_kept_predictions_are_those_of_the_chosen_epoch(tmp_path: Path) -> None:
+    """Bit for bit, for the test images alone, with their labels; an older training has none."""
+    verdict = evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
+    assert isinstance(verdict, FullTraining)
+    assert verdict.kept is not None
+    predictions, labels = read_kept(ArrayStore(Store(tmp_path, "arrays", Mode.replay)), verdict.kept, FACTS)
+    sent = np.frombuffer(ANSWER.frames[verdict.epoch - 1].payload, np.float32).reshape(8, 2)
+    assert predictions.tobytes() == sent[5:].tobytes()
+    assert np.array_equal(labels, HELD_OUT.targets)
+    older = {key: value for key, value in to_json(verdict).items() if key != "kept"}
+    assert read_verdict(FullTraining, "full", {"full": older}, place="entry") == replace(verdict, kept=None)
+
+
+@pytest.mark.parametrize("forged", [{"mse": 0.0}, {"accuracy": 1.0}, {"recorded_mae_b": 0.0}])
+def test_metrics_that_the_predictions_do_not_give_are_found(forged: dict[str, float], tmp_path: Path) -> None:
+    """However well the entry is sealed: a recalled training is measured again, also where the store only reads."""
+    forge(tmp_path, lambda full: {**full, "metrics": {**full["metrics"], **forged}})
+    for data, mode in (((EXAMPLES, HELD_OUT), Mode.record), (None, Mode.replay)):
+        with refused(DivergenceError, place=f"metrics.{next(iter(forged))}", expected="by the test predictions"):
+            evaluator(Recorder(ANSWER).run, tmp_path, data=data, mode=mode).evaluate(SOURCE, 0)
+
+
+def test_better_predictions_do_not_give_the_metrics(tmp_path: Path) -> None:
+    """Exchanged together with their digest, they are found by the metrics."""
+    better = ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets)
+    forge(tmp_path, lambda full: {**full, "kept": {**full["kept"], "predictions": better}})
+    with refused(DivergenceError, place="metrics.", got="0."):
+        evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0)
+
+
+def test_other_labels_are_found_where_the_data_are(tmp_path: Path) -> None:
+    """A replay has no data set to compare with; the study itself does."""
+    other = ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets + 1)
+    forge(tmp_path, lambda full: {**full, "kept": {**full["kept"], "labels": other}})
+    with refused(DivergenceError, place="kept.labels"):
+        evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
+
+
+def test_training_without_its_predictions_is_refused(tmp_path: Path) -> None:
+    """Not named under rules that keep them, or named and missing."""
+    one, other = tmp_path / "one", tmp_path / "other"
+    forge(one, lambda full: {**full, "kept": None})
+    with refused(DivergenceError, expected="the test predictions that its rules keep"):
+        evaluator(Recorder(ANSWER).run, one, mode=Mode.replay).evaluate(SOURCE, 0)
+    forge(other, lambda full: full)
+    for path in (other / "arrays").glob("*/*"):
+        path.unlink()
+    with refused(CacheMissError, place="full training", remedy="study again"):
+        evaluator(Recorder(ANSWER).run, other, mode=Mode.replay).evaluate(SOURCE, 0)
+
+
+@pytest.mark.parametrize("classes", [[0, 1, 2], [0, -1, 1]])
+def test_labels_that_are_not_classes_are_refused(classes: list[int], tmp_path: Path) -> None:
+    """An index beyond the last class, or before the first, which NumPy would count from the end."""
+    arrays = ArrayStore(Store(tmp_path, "arrays"))
+    kept = Kept(predictions=arrays.keep(np.zeros((3, 2), np.float32)), labels=arrays.keep(np.array(classes)))
+    with refused(StoreError, expected="classes below 2"):
+        read_kept(arrays, kept, replace(FACTS, kind=Kind.classification))
+
+
+def test_worker_cannot_report_metrics(tmp_path: Path) -> None:
+    """A frame that holds any is not a trainer's; metrics follow from predictions alone."""
+    first, *others = ANSWER.frames
+    boasting = Frame({**dict(first.header), "mse": 0.0}, first.payload)
+    verdict = evaluator(Recorder(Finished((boasting, *others))).run, tmp_path).evaluate(SOURCE, 0)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.bad_output
+    assert not list((tmp_path / "arrays").glob("*/*"))
+
+
+def forge(root: Path, change: Callable[[Any], Json]) -> None:
+    """Train, and put a changed answer into the store, sealed as it should be."""
+    evaluator(Recorder(ANSWER).run, root).evaluate(SOURCE, 0)
+    store = Store(root, "studies")
+    (entry,) = store.entries()
+    answer: Any = entry.answer
+    store.write(entry.request, {"full": change(answer["full"])})

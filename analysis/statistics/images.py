@@ -1,0 +1,178 @@
+"""What test images say of networks, beside seeds: a bootstrap over both, and tests of ensembles image by image. Pure.
+
+A network has a prediction for each of t images under each of S seeds. docs/statistics.md says what each of these asks.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest, rankdata, wilcoxon
+
+from analysis.statistics.effects import Interval, interval
+from tacevo.rounding import rounded
+
+Floats = NDArray[np.float64]
+
+#: Of images and seeds together: one less than 2,000, so that the ends of a 95 % interval are the 50th from either side.
+IMAGE_RESAMPLES = 1_999
+
+#: Sums of whole numbers of at most this many bits are exact in floating point, in whatever order they are added.
+_EXACT_BITS = 53
+
+#: Differences up to which every assignment of signs is counted, if no two of them tie.
+_COUNTED = 50
+
+
+def image_weights(images: int, *, rng: np.random.Generator, resamples: int = IMAGE_RESAMPLES) -> NDArray[np.int64]:
+    """Draw images with replacement, again and again; return how often each was drawn, shape (resamples, images)."""
+    return _drawn(images, resamples, rng)
+
+
+def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.random.Generator) -> Floats:
+    """Average a network's scores over resampled seeds and images: the pigeonhole bootstrap (Owen 2007).
+
+    Args:
+        scores: shape (S, t), finite: of each seed on each image.
+        weights: of `image_weights`; the same for all networks, since they are tested on the same images.
+        rng: draws the seeds, S with replacement in each resample; equal states give equal bits, on every machine.
+
+    Returns:
+        Shape (resamples,).
+
+    Raises:
+        ValueError: the shapes do not suit each other, or a score is NaN or infinite.
+    """
+    whole, factor = _whole(_scores(scores, weights.shape[1]))
+    seeds, images = whole.shape
+    drawn = _drawn(seeds, len(weights), rng)
+    sums = np.einsum("ri,ri->r", drawn.astype(np.float64) @ whole, weights.astype(np.float64))
+    return np.asarray(sums / (factor * seeds * images), dtype=np.float64)
+
+
+def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats) -> Interval:
+    """Return the difference of two networks' mean scores, with its interval over seeds and images.
+
+    Args:
+        x: scores of the first, shape (S, t).
+        y: of the second, shape (S', t).
+        drawn_x: of `resampled_means` of the first.
+        drawn_y: of the second, by the same weights of images.
+    """
+    difference = _mean(np.asarray(x, dtype=np.float64)) - _mean(np.asarray(y, dtype=np.float64))
+    return interval(difference, drawn_x - drawn_y)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paired:
+    """How two networks' ensembles do on the same images."""
+
+    #: Images on which the first does better, and on which the second does; on the others they do equally well.
+    first: int
+    second: int
+    #: How far the first is ahead, by what the test counts: images, or ranks; below 0 it is behind.
+    lead: float
+    #: Two-sided, in (0, 1].
+    p: float
+
+
+def mcnemar(first: ArrayLike, second: ArrayLike) -> Paired:
+    """Test whether two classifiers are right equally often, by the images that one of them alone is right on.
+
+    McNemar's (1947) test, exact: of these images each network has half by chance.
+
+    Args:
+        first: booleans, shape (t,): whether the first is right on each image.
+        second: the same of the second.
+
+    Raises:
+        ValueError: the shapes differ, or there is no image.
+    """
+    x, y = _pair(first, second, bool)
+    only_x, only_y = int((x & ~y).sum()), int((y & ~x).sum())
+    p = float(binomtest(only_x, only_x + only_y).pvalue) if only_x + only_y else 1.0
+    return Paired(first=only_x, second=only_y, lead=only_x - only_y, p=rounded(p))
+
+
+def signed_rank(first: ArrayLike, second: ArrayLike) -> Paired:
+    """Test whether two regressions err equally much on the same images: Wilcoxon's (1945) signed-rank test.
+
+    Images on which both err equally are left out. Exact up to 50 others whose differences do not tie in size, and
+    otherwise the normal approximation, corrected for ties and continuity.
+
+    Args:
+        first: errors of the first, shape (t,), finite; less is better.
+        second: of the second.
+
+    Raises:
+        ValueError: the shapes differ, there is no image, or an error is NaN or infinite.
+    """
+    x, y = _pair(first, second, float)
+    differences = x - y
+    differences = differences[differences != 0]
+    if not differences.size:
+        return Paired(first=0, second=0, lead=0, p=1.0)
+    counted = len(differences) <= _COUNTED and len(np.unique(np.abs(differences))) == len(differences)
+    found = wilcoxon(differences, method="exact" if counted else "asymptotic", correction=not counted)
+    ranks = rankdata(np.abs(differences))  # midranks are halves, so their sum is exact
+    return Paired(
+        first=int((differences < 0).sum()),
+        second=int((differences > 0).sum()),
+        lead=-float((np.sign(differences) * ranks).sum()),
+        p=rounded(float(found.pvalue)),
+    )
+
+
+def average(predictions: Sequence[NDArray[np.floating]]) -> Floats:
+    """Return the mean of the seeds' predictions, each of shape (t, K); summed in their order, on every machine."""
+    total = np.zeros(predictions[0].shape)
+    for one in predictions:
+        total += one
+    return total / len(predictions)
+
+
+def squared_errors(predictions: ArrayLike, labels: ArrayLike) -> Floats:
+    """Return the squared error of each image, shape (t,), the mean over the K outputs; arguments have shape (t, K)."""
+    errors = np.asarray(predictions, dtype=np.float64) - np.asarray(labels, dtype=np.float64)
+    return sum((column * column for column in errors.T), start=np.zeros(len(errors))) / errors.shape[1]
+
+
+def _drawn(count: int, resamples: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Draw `count` of as many with replacement; return how often each was drawn, shape (resamples, count)."""
+    chosen = rng.integers(count, size=(resamples, count)) + count * np.arange(resamples)[:, None]
+    return np.bincount(chosen.ravel(), minlength=resamples * count).reshape(resamples, count)
+
+
+def _whole(scores: Floats) -> tuple[Floats, float]:
+    """Turn scores into whole numbers, by a power of two as a factor, so that sums over them are exact in any order."""
+    largest = float(np.abs(scores).max())
+    if largest == 0:
+        return scores, 1.0
+    bits = _EXACT_BITS - (scores.size - 1).bit_length()
+    factor = math.ldexp(1.0, bits - math.frexp(largest)[1])
+    return np.round(scores * factor), factor
+
+
+def _mean(scores: Floats) -> float:
+    whole, factor = _whole(scores)
+    return float(whole.sum() / (factor * whole.size))
+
+
+def _scores(scores: ArrayLike, images: int) -> Floats:
+    checked = np.asarray(scores, dtype=np.float64)
+    if checked.ndim != 2 or not checked.size or checked.shape[1] != images:
+        raise ValueError(f"expected scores of shape (seeds, {images}); got {checked.shape}")
+    if not np.isfinite(checked).all():
+        raise ValueError("expected finite scores; got NaN or infinity")
+    return checked
+
+
+def _pair(first: ArrayLike, second: ArrayLike, kind: type) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
+    x, y = np.asarray(first, dtype=kind), np.asarray(second, dtype=kind)
+    if x.ndim != 1 or not x.size or x.shape != y.shape:
+        raise ValueError(f"expected one value for each image, of both networks; got shapes {x.shape} and {y.shape}")
+    if kind is float and not np.isfinite(np.concatenate([x, y])).all():
+        raise ValueError("expected finite errors; got NaN or infinity")
+    return x, y

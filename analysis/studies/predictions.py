@@ -1,0 +1,74 @@
+"""The test predictions that a study keeps, read from its store and compared with its scores."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.studies.scores import Study
+from tacevo.errors import RunError
+from tacevo.records import Mode
+from tacevo.storage.arrays import KIND, ArrayStore
+from tacevo.storage.store import Store
+from tacevo.training.full import read_kept, score
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Predictions:
+    """What every network of a study predicts for the t test images under each of its S seeds."""
+
+    #: By network, in the order of the study, float32, shape (S, t, K), in the scaled units of training, or logits.
+    of: Mapping[str, NDArray[np.float32]]
+    #: Float32, shape (t, K), in the same units; of a classification int64, shape (t,).
+    labels: NDArray[Any]
+
+
+def load_predictions(study: Study, store: Path) -> Predictions | None:
+    """Read the test predictions of a study.
+
+    Args:
+        study: whose scores name them.
+        store: the directory of the stores.
+
+    Returns:
+        None where the study keeps none, as one of an earlier release.
+
+    Raises:
+        RunError: some trainings name predictions and others do not, their labels differ, or they do not give the
+            recorded score; the message names the row.
+        CacheMissError: the store lacks some.
+        StoreError: an entry of the store is damaged.
+    """
+    kept = [one.kept for one in study.scores]
+    if not any(kept):
+        return None
+    labels = {one and one.labels for one in kept}
+    if len(labels) > 1:
+        raise RunError(
+            "others, or none", place=f"the study of {study.task}", expected="the same test labels everywhere"
+        )
+    arrays = ArrayStore(Store(store, KIND, Mode.replay))
+    found: dict[str, list[NDArray[np.float32]]] = {network.name: [] for network in study.networks}
+    truth: NDArray[Any] = np.empty(0)
+    for row in sorted(study.scores, key=lambda row: row.seed):
+        if row.kept is not None:
+            predictions, truth = read_kept(arrays, row.kept, study.data)
+            _check(study, row.network, row.seed, predictions, truth)
+            found[row.network].append(predictions)
+    return Predictions(of={name: np.stack(each) for name, each in found.items()}, labels=truth)
+
+
+def _check(study: Study, network: str, seed: int, predictions: NDArray[np.float32], labels: NDArray[Any]) -> None:
+    """Compare the primary metric of a training with its predictions."""
+    unit = [1.0] * len(study.names)  # that of training, as the primary metric's
+    metrics, _ = score(study.kind, predictions, labels, names=study.names, scale=unit)
+    recorded, computed = study.values(network, study.primary)[seed], metrics[study.primary]
+    if recorded != computed:
+        raise RunError(
+            str(recorded),
+            place=f"{network}, seed {seed}, {study.primary}",
+            expected=f"{computed}, by its test predictions",
+        )

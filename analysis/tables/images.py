@@ -1,0 +1,202 @@
+"""The tables of a study's test images: ensembles, pairs of networks, outputs, calibration or residuals."""
+
+from statistics import fmean
+
+import numpy as np
+
+from analysis.statistics.calibration import BINS, Calibration
+from analysis.statistics.effects import LEVEL, Interval
+from analysis.statistics.images import IMAGE_RESAMPLES
+from analysis.studies.images import Calibrated, ImageFindings, Pair, Residuals
+from analysis.studies.metrics import SHARES, metric_name
+from analysis.studies.scores import LOWER_IS_BETTER, Study
+from analysis.studies.trivial import trivial_score
+from analysis.table import Between, Cell, Percent, PValue, Table
+from analysis.tables.comparison import between
+from tacevo.records import Kind
+from tacevo.rounding import rounded
+from tacevo.rules import KEPT_SINCE
+from tacevo.text import counted
+
+
+def image_tables(study: Study, found: ImageFindings | None) -> tuple[Table, ...]:
+    """Return the tables of a study's test images; without its test predictions, one that says so."""
+    if found is None:
+        return (_without(study),)
+    last = calibration_table if study.kind is Kind.classification else residuals_table
+    outputs = (image_outputs_table(study, found),) if found.outputs else ()
+    return ensembles_table(study, found), pairs_table(study, found), *outputs, last(study, found)
+
+
+def ensembles_table(study: Study, found: ImageFindings) -> Table:
+    """Show each network as the mean of its seeds' predictions, and its difference from the baseline over images."""
+    metric, name = study.primary, metric_name(study.primary)
+    score = trivial_score(study)
+    return Table(
+        name=f"ensembles_{study.task}",
+        caption=f"The networks of {study.task} as ensembles of their {study.seeds} seeds, test {name}.",
+        columns=("network", "mean of the seeds", "ensemble", f"difference from the baseline ({_unit(metric)})"),
+        rows=(
+            *(
+                (
+                    one.network,
+                    _value(metric, rounded(fmean(study.values(one.network, metric)))),
+                    _value(metric, one.score),
+                    _difference(one.difference, metric),
+                )
+                for one in found.ensembles
+            ),
+            ("trivial", None if score is None else _value(metric, score), None, None),
+        ),
+        notes=(
+            f"Ensemble: the mean of the seeds' {_what(study)}. Trivial: looks at no image.",
+            f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the percentiles of "
+            f"{IMAGE_RESAMPLES:,} bootstrap resamples of test images and seeds together: where it holds 0, other "
+            "images and other seeds may turn it.",
+        ),
+    )
+
+
+def pairs_table(study: Study, found: ImageFindings) -> Table:
+    """Show every two ensembles on the same images."""
+    return Table(
+        name=f"pairs_{study.task}",
+        caption=f"The ensembles of {study.task} by pairs, on the same {study.data.counts[2]} test images.",
+        columns=("network", "against", "better on", "worse on", "p", "p, Holm", "verdict"),
+        rows=tuple((pair.first, pair.second, *_tested(pair)) for pair in found.pairs),
+        notes=(
+            *_test_notes(study),
+            f"Corrected after Holm over all {counted(len(found.pairs), 'pair')}, at alpha {study.terms.alpha:g}.",
+        ),
+    )
+
+
+def image_outputs_table(study: Study, found: ImageFindings) -> Table:
+    """Show every variant against the baseline on each output, image by image."""
+    return Table(
+        name=f"image_outputs_{study.task}",
+        caption=f"The variants of {study.task} against the baseline on each output, image by image.",
+        columns=("output", "network", "difference (MSE)", "better on", "worse on", "p", "p, Holm", "verdict"),
+        rows=tuple((one.output, one.pair.first, between(one.difference), *_tested(one.pair)) for one in found.outputs),
+        notes=(
+            "Difference: as in the table of ensembles, over images and seeds.",
+            *_test_notes(study),
+            f"Corrected after Holm over all {counted(len(found.outputs), 'pair')} of output and variant, at alpha "
+            f"{study.terms.alpha:g}.",
+        ),
+    )
+
+
+def calibration_table(study: Study, found: ImageFindings) -> Table:
+    """Show how well each classifier knows how sure it may be."""
+    trivial = () if found.trivial is None else (("trivial", *_calibrated(found.trivial)),)
+    return Table(
+        name=f"calibration_{study.task}",
+        caption=f"Calibration of the networks of {study.task} on the test images; less is better.",
+        columns=(
+            *("network", "ECE", "ECE, ensemble", "Brier", "Brier, ensemble"),
+            *("cross-entropy (nats)", "cross-entropy, ensemble (nats)"),
+        ),
+        rows=(*(_calibration_row(one) for one in found.calibrations), *trivial),
+        notes=(
+            "Median of the seeds, with their lower and upper quartile in brackets; ensemble: of the mean "
+            "probabilities.",
+            f"ECE: expected calibration error over {BINS} equal bins of confidence. With few images it is above 0 for "
+            "a perfectly calibrated classifier, too. Brier: over all classes, from 0 to 2.",
+            "Trivial: looks at no image, and gives each class its frequency among the test images.",
+        ),
+    )
+
+
+def residuals_table(study: Study, found: ImageFindings) -> Table:
+    """Show what each network's predictions of each output are off by."""
+    return Table(
+        name=f"residuals_{study.task}",
+        caption=f"What the predictions of {study.task} are off by on the test images, by output.",
+        columns=("output", "network", "bias", "spread", "bias, ensemble", "spread, ensemble"),
+        rows=tuple(
+            row
+            for output in study.names
+            for row in (
+                *(_residual_row(one) for one in found.residuals if one.output == output),
+                (output, "trivial", 0, found.spreads[output], None, None),
+            )
+        ),
+        notes=(
+            "Errors are in the scaled units of training.",
+            "Bias: mean of prediction less label; spread: standard deviation of the same over the images. Median of "
+            "the seeds, with their lower and upper quartile in brackets.",
+            "Trivial: looks at no image, and always predicts the mean of the test images.",
+        ),
+    )
+
+
+def _without(study: Study) -> Table:
+    is_old = not any(score.kept for score in study.scores)
+    why = (
+        f"not kept, since the study was made under rules {study.rules} and these are kept from {KEPT_SINCE} on; study "
+        "the run again with this release"
+        if is_old
+        else "not found in the store"
+    )
+    return Table(
+        name=f"ensembles_{study.task}",
+        caption=f"The networks of {study.task} as ensembles of their {study.seeds} seeds.",
+        columns=("network", "ensemble"),
+        rows=tuple((network.name, "not kept" if is_old else "not found") for network in study.networks),
+        notes=(f"Test predictions: {why}.",),
+    )
+
+
+def _what(study: Study) -> str:
+    return "probabilities of the classes" if study.kind is Kind.classification else "predictions"
+
+
+def _value(metric: str, value: float) -> Cell:
+    return Percent(value) if metric in SHARES else value
+
+
+def _unit(metric: str) -> str:
+    return "percentage points" if metric in SHARES else metric_name(metric)
+
+
+def _difference(interval: Interval | None, metric: str) -> Cell:
+    return None if interval is None else between(interval, 100 if metric in SHARES else 1)
+
+
+def _tested(pair: Pair) -> tuple[Cell, ...]:
+    return pair.test.first, pair.test.second, PValue(pair.test.p), PValue(pair.p_holm), pair.verdict.value
+
+
+def _test_notes(study: Study) -> tuple[str, ...]:
+    if LOWER_IS_BETTER[study.primary]:
+        test = "Better on: images on which the network's squared error is the smaller. p: Wilcoxon's signed-rank test"
+    else:
+        test = "Better on: images on which the network alone is right. p: McNemar's exact test"
+    return (
+        f"{test}, two-sided.",
+        "It asks whether these two ensembles differ on other images of the kind; not whether other seeds would.",
+    )
+
+
+def _calibration_row(one: Calibrated) -> tuple[Cell, ...]:
+    figures = ("ece", "brier", "cross_entropy")
+    cells = [
+        cell
+        for figure in figures
+        for cell in (_quartiles([getattr(each, figure) for each in one.seeds]), getattr(one.ensemble, figure))
+    ]
+    return (one.network, *cells)
+
+
+def _calibrated(one: Calibration) -> tuple[Cell, ...]:
+    return one.ece, None, one.brier, None, one.cross_entropy, None
+
+
+def _residual_row(one: Residuals) -> tuple[Cell, ...]:
+    return one.output, one.network, _quartiles(one.biases), _quartiles(one.spreads), one.bias, one.spread
+
+
+def _quartiles(values: list[float] | tuple[float, ...]) -> Between:
+    low, middle, high = (rounded(float(value)) for value in np.quantile(values, [0.25, 0.5, 0.75]))
+    return Between(middle, low, high)

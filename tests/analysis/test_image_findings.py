@@ -1,0 +1,189 @@
+"""Promise: what a study says of its test images follows from the predictions that it keeps, and from nothing else."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kept import forces, gratings, keep, study_with
+from refusals import refused
+from sklearn.metrics import accuracy_score, mean_squared_error
+from studies import study_of
+
+from analysis.statistics.images import mcnemar, signed_rank
+from analysis.studies.images import image_findings
+from analysis.studies.predictions import load_predictions
+from analysis.table import Between, Percent
+from analysis.tables.images import image_tables
+from tacevo.errors import CacheMissError, RunError
+from tacevo.rules import FIRST_STUDY
+
+FORCES, FORCE_PREDICTIONS = forces()
+GRATINGS, GRATING_PREDICTIONS = gratings()
+OF_FORCES = image_findings(FORCES, FORCE_PREDICTIONS)
+OF_GRATINGS = image_findings(GRATINGS, GRATING_PREDICTIONS)
+
+
+@pytest.mark.parametrize("made", [forces, gratings])
+def test_kept_predictions_come_back(made: type, tmp_path: Path) -> None:
+    """All of them, in the order of networks and seeds, whatever the order of the lines."""
+    study, predictions = made()
+    keep(predictions, tmp_path)
+    found = load_predictions(replace(study, scores=study.scores[::-1]), tmp_path)
+    assert found is not None
+    assert list(found.of) == [network.name for network in study.networks]
+    assert all(np.array_equal(found.of[name], each) for name, each in predictions.of.items())
+    assert np.array_equal(found.labels, predictions.labels)
+
+
+def test_study_that_keeps_none_says_so() -> None:
+    """It is not an error, and its only table names the rules."""
+    old = study_of({"baseline": [0.5, 0.6]})
+    assert load_predictions(old, Path("nowhere")) is None
+    (table,) = image_tables(old, None)
+    assert table.rows == (("baseline", "not kept"),)
+    assert f"rules {FIRST_STUDY}" in table.notes[0]
+
+
+def test_score_that_the_predictions_do_not_give_is_found(tmp_path: Path) -> None:
+    """Of one seed of one network: the message names both."""
+    keep(FORCE_PREDICTIONS, tmp_path)
+    first, *others = FORCES.scores
+    better = replace(first, metrics={**first.metrics, "mse": 0.0})
+    with refused(RunError, place="baseline, seed 0, mse", got="0.0", expected="by its test predictions"):
+        load_predictions(replace(FORCES, scores=(better, *others)), tmp_path)
+
+
+def test_predictions_that_are_missing_are_told(tmp_path: Path) -> None:
+    """In the store; or of some trainings, whose scores do not name any."""
+    with pytest.raises(CacheMissError):
+        load_predictions(FORCES, tmp_path)
+    keep(FORCE_PREDICTIONS, tmp_path)
+    first, *others = FORCES.scores
+    with refused(RunError, expected="the same test labels everywhere"):
+        load_predictions(replace(FORCES, scores=(replace(first, kept=None), *others)), tmp_path)
+    (table,) = image_tables(FORCES, None)
+    assert table.rows[0] == ("baseline", "not found")
+
+
+def test_ensemble_is_the_mean_of_the_seeds() -> None:
+    """Of outputs; of the probabilities of classes, not of logits, whose sizes say nothing."""
+    for one in OF_FORCES.ensembles:
+        mean = FORCE_PREDICTIONS.of[one.network].mean(axis=0)
+        assert one.score == pytest.approx(mean_squared_error(FORCE_PREDICTIONS.labels, mean), rel=1e-6)
+    for one in OF_GRATINGS.ensembles:
+        powers = np.exp(GRATING_PREDICTIONS.of[one.network].astype(float))
+        mean = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
+        assert one.score == pytest.approx(accuracy_score(GRATING_PREDICTIONS.labels, mean.argmax(axis=1)))
+    loud = np.array([[[9.0, 0.0]], [[0.0, 2.0]], [[0.0, 2.0]]], np.float32)  # one seed is sure, two are not
+    study, predictions = study_with(np.array([1]), {"baseline": loud, "variant 1": loud})
+    assert image_findings(study, predictions).ensembles[0].score == 1.0
+
+
+def test_differences_are_those_of_the_mean_scores() -> None:
+    """Of all seeds and images, between the ends of their interval; the baseline has none."""
+    for study, found in ((FORCES, OF_FORCES), (GRATINGS, OF_GRATINGS)):
+        baseline, *variants = found.ensembles
+        assert baseline.difference is None
+        for one in variants:
+            means = [study.values(name, study.primary).mean() for name in (one.network, "baseline")]
+            assert one.difference is not None
+            assert one.difference.estimate == pytest.approx(means[0] - means[1])
+            assert one.difference.low <= one.difference.estimate <= one.difference.high
+
+
+def test_every_two_networks_are_a_pair_of_one_family() -> None:
+    """The later one against the earlier; Holm multiplies the smallest p by their number."""
+    assert [(pair.first, pair.second) for pair in OF_FORCES.pairs] == [
+        ("variant 1", "baseline"), ("variant 2", "baseline"), ("variant 2", "variant 1")
+    ]  # fmt: skip
+    errors = [
+        ((FORCE_PREDICTIONS.of[n].mean(axis=0) - FORCE_PREDICTIONS.labels) ** 2).mean(axis=1)
+        for n in ("variant 1", "baseline")
+    ]
+    assert OF_FORCES.pairs[0].test.p == pytest.approx(signed_rank(*errors).p, rel=1e-6)
+    smallest = min(pair.test.p for pair in OF_FORCES.pairs)
+    assert min(pair.p_holm for pair in OF_FORCES.pairs) == pytest.approx(3 * smallest)
+    assert [pair.verdict for pair in OF_FORCES.pairs][:2] == ["better", "undecided"]
+    assert [pair.verdict for pair in OF_GRATINGS.pairs] == ["better"]
+
+
+def test_pairs_of_classifiers_are_mcnemars() -> None:
+    """By the ensembles' right answers."""
+    right = []
+    for name in ("variant 1", "baseline"):
+        powers = np.exp(GRATING_PREDICTIONS.of[name].astype(float))
+        mean = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
+        right.append(mean.argmax(axis=1) == GRATING_PREDICTIONS.labels)
+    assert OF_GRATINGS.pairs[0].test == mcnemar(*right)
+
+
+def test_outputs_are_judged_apart() -> None:
+    """Variant 1 is better on Fx alone; all four pairs are one family."""
+    words = {(one.output, one.pair.first): one.pair.verdict for one in OF_FORCES.outputs}
+    assert words == {
+        ("Fx", "variant 1"): "better",
+        ("Fx", "variant 2"): "undecided",
+        ("Fy", "variant 1"): "undecided",
+        ("Fy", "variant 2"): "undecided",
+    }
+    first = OF_FORCES.outputs[0]
+    assert first.pair.p_holm == pytest.approx(4 * first.pair.test.p)
+    assert first.difference.high < 0
+
+
+def test_another_variant_changes_no_interval() -> None:
+    """Nor a p before its correction."""
+    names = ("baseline", "variant 1")
+    fewer = study_with(FORCE_PREDICTIONS.labels, {name: FORCE_PREDICTIONS.of[name] for name in names})
+    found = image_findings(*fewer)
+    assert found.ensembles == OF_FORCES.ensembles[:2]
+    assert found.pairs[0].test == OF_FORCES.pairs[0].test
+
+
+def test_residuals_are_mean_and_deviation() -> None:
+    """Of prediction less label, of each seed and of the ensemble, on each output; the labels' own are the trivial's."""
+    first = OF_FORCES.residuals[0]
+    errors = (FORCE_PREDICTIONS.of["baseline"] - FORCE_PREDICTIONS.labels)[:, :, 0].astype(float)
+    assert (first.output, first.network) == ("Fx", "baseline")
+    assert first.biases == pytest.approx(errors.mean(axis=1), rel=1e-5)
+    assert first.spreads == pytest.approx(errors.std(axis=1), rel=1e-5)
+    assert (first.bias, first.spread) == pytest.approx((errors.mean(), errors.mean(axis=0).std()), rel=1e-5)
+    assert OF_FORCES.spreads["Fy"] == pytest.approx(FORCE_PREDICTIONS.labels[:, 1].std(), rel=1e-5)
+
+
+def test_trivial_classifier_is_calibrated() -> None:
+    """It is as sure as the most frequent class is frequent, and so has no calibration error."""
+    shares = np.bincount(GRATING_PREDICTIONS.labels) / len(GRATING_PREDICTIONS.labels)
+    assert OF_GRATINGS.trivial is not None
+    assert OF_GRATINGS.trivial.ece == 0
+    assert OF_GRATINGS.trivial.accuracy == pytest.approx(shares.max())
+    assert OF_GRATINGS.trivial.brier == pytest.approx(1 - (shares**2).sum())
+
+
+def test_tables_hold_the_findings() -> None:
+    """Each with a row for the trivial predictor where it has a score; shares are percentages."""
+    ensembles, pairs, outputs, residuals = image_tables(FORCES, OF_FORCES)
+    assert [table.name for table in (ensembles, pairs, outputs, residuals)] == [
+        "ensembles_force", "pairs_force", "image_outputs_force", "residuals_force"
+    ]  # fmt: skip
+    assert [row[0] for row in ensembles.rows] == ["baseline", "variant 1", "variant 2", "trivial"]
+    assert pairs.rows[0][-1] == "better"
+    assert outputs.rows[0][:2] == ("Fx", "variant 1")
+    assert residuals.rows[3][:3] == ("Fx", "trivial", 0)
+    ensembles, pairs, calibration = image_tables(GRATINGS, OF_GRATINGS)
+    difference = ensembles.rows[1][3]
+    assert isinstance(difference, Between)
+    assert difference.estimate > 20  # percentage points
+    assert ensembles.rows[-1][2] is None
+    assert isinstance(ensembles.rows[-1][1], Percent)
+    assert [row[0] for row in calibration.rows] == ["baseline", "variant 1", "trivial"]
+    assert "McNemar" in pairs.notes[0]
+
+
+def test_baseline_alone_has_no_pair() -> None:
+    """Neither a family of nothing, which Holm refuses."""
+    alone = study_with(FORCE_PREDICTIONS.labels, {"baseline": FORCE_PREDICTIONS.of["baseline"]})
+    found = image_findings(*alone)
+    assert (found.pairs, found.outputs) == ((), ())
+    assert len(image_tables(alone[0], found)) == 3

@@ -1,0 +1,149 @@
+"""Promise: tests and intervals over images are those of SciPy and statsmodels, and have equal bits everywhere."""
+
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import rankdata, wilcoxon
+from statsmodels.stats.contingency_tables import mcnemar as reference
+
+from analysis.statistics.images import (
+    average,
+    image_weights,
+    mcnemar,
+    mean_difference,
+    resampled_means,
+    signed_rank,
+    squared_errors,
+)
+
+ANSWERS = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=60)
+
+#: A few sizes, so that differences tie and vanish.
+ERRORS = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=9)
+
+
+@given(ANSWERS)
+def test_mcnemar_is_statsmodels(answers: list[tuple[bool, bool]]) -> None:
+    """Exact, by the images that one alone is right on; without any, nothing speaks against equality."""
+    first, second = (np.array(each) for each in zip(*answers, strict=True))
+    found = mcnemar(first, second)
+    counts = [[int((first & second).sum()), found.first], [found.second, int((~first & ~second).sum())]]
+    assert found.p == pytest.approx(min(reference(counts, exact=True).pvalue, 1.0))
+    assert found.lead == found.first - found.second == -mcnemar(second, first).lead
+    assert found.p == mcnemar(second, first).p
+
+
+def test_mcnemar_by_hand() -> None:
+    """Right alone on five images and on none: twice 1 / 32."""
+    assert mcnemar([True] * 5 + [False], [False] * 6).p == 0.0625
+
+
+@given(ERRORS)
+def test_signed_ranks_without_ties_are_counted(errors: list[tuple[int, int]]) -> None:
+    """By every assignment of signs to the ranks; made distinct here, in the same order."""
+    pairs = np.array(errors, dtype=float)
+    pairs[:, 0] += 1e-3 * np.arange(1, len(pairs) + 1)
+    found, differences = signed_rank(*pairs.T), np.subtract(*pairs.T)
+    ranks = rankdata(np.abs(differences))
+    sums = [ranks @ signs for signs in itertools.product((-1, 1), repeat=len(ranks))]
+    here = abs(ranks @ np.sign(differences))
+    if len(np.unique(ranks)) == len(ranks):
+        assert found.p == pytest.approx(np.mean(np.abs(sums) >= here - 1e-9))
+    assert found.lead == pytest.approx(-(ranks @ np.sign(differences)))
+
+
+def test_tied_signed_ranks_are_scipys_approximation() -> None:
+    """Corrected for ties and continuity, without the images on which both err equally."""
+    rng = np.random.default_rng(0)
+    first, second = rng.integers(0, 5, size=(2, 60)).astype(float)
+    differences = (first - second)[first != second]
+    expected = wilcoxon(differences, method="asymptotic", correction=True).pvalue
+    assert signed_rank(first, second).p == pytest.approx(expected)
+    many = rng.normal(size=(2, 300))
+    assert signed_rank(*many).p == pytest.approx(wilcoxon(*many, method="exact").pvalue, abs=1e-3)
+
+
+def test_networks_that_err_alike_do_not_differ() -> None:
+    """No division by nothing, and no warning."""
+    assert signed_rank([1.0, 2.0], [1.0, 2.0]).p == mcnemar([True, False], [True, False]).p == 1.0
+
+
+def test_smaller_error_on_more_images_is_not_always_ahead() -> None:
+    """Ranks decide: better by a little on three images, worse by much on four."""
+    found = signed_rank([1.0, 1.0, 1.0, 9.0, 8.0, 7.0], [1.1, 1.2, 1.3, 1.0, 1.0, 1.0])
+    assert (found.first, found.second) == (3, 3)
+    assert found.lead < 0
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [([], []), ([1.0], [1.0, 2.0]), ([[1.0]], [[1.0]]), ([np.nan], [1.0]), ([1.0], [np.inf])]
+)
+def test_samples_that_do_not_pair_are_refused(first: list[float], second: list[float]) -> None:
+    """Other numbers of images, none, or no number."""
+    with pytest.raises(ValueError, match="expected"):
+        signed_rank(first, second)
+
+
+def test_resampled_means_by_hand() -> None:
+    """With one seed and one image there is one mean; with equal scores, too."""
+    rng = np.random.default_rng(0)
+    weights = image_weights(1, rng=rng, resamples=40)
+    assert set(resampled_means([[0.3]], weights, rng=rng)) == {0.3}
+    weights = image_weights(7, rng=rng, resamples=40)
+    assert set(weights.sum(axis=1)) == {7}
+    assert resampled_means(np.full((3, 7), 0.1), weights, rng=rng) == pytest.approx(0.1)
+
+
+def test_both_images_and_seeds_are_resampled() -> None:
+    """Where images alone differ, or seeds alone, the means spread as a mean of as many draws does."""
+    rng = np.random.default_rng(0)
+    images, seeds = np.tile(rng.normal(size=50), (20, 1)), np.tile(rng.normal(size=(20, 1)), (1, 50))
+    weights = image_weights(50, rng=rng)
+    for scores, count in ((images, 50), (seeds, 20)):
+        spread = resampled_means(scores, weights, rng=rng).std()
+        assert spread == pytest.approx(scores.std() / np.sqrt(count), rel=0.06)
+
+
+def test_networks_are_tested_on_the_same_images() -> None:
+    """What an image adds to both of them is no part of their difference."""
+    rng = np.random.default_rng(0)
+    hard, weights = rng.normal(size=50), image_weights(50, rng=rng)
+    x, y = np.tile(hard + 1, (5, 1)), np.tile(hard, (5, 1))
+    found = mean_difference(x, y, *(resampled_means(each, weights, rng=rng) for each in (x, y)))
+    assert (found.low, found.estimate, found.high) == pytest.approx((1, 1, 1))
+
+
+@given(st.integers(0, 99), st.sampled_from([1e-30, 1e-3, 1.0, 1e12]))
+def test_sums_are_exact_in_any_order(seed: int, size: float) -> None:
+    """Every mean is one of whole numbers, which a fraction gives to the last bit: so every CPU does."""
+    rng = np.random.default_rng(seed)
+    scores = size * rng.exponential(size=(4, 9))
+    weights = image_weights(9, rng=np.random.default_rng(1), resamples=39)
+    found = resampled_means(scores, weights, rng=np.random.default_rng(2))
+    backwards = resampled_means(scores[:, ::-1], weights[:, ::-1], rng=np.random.default_rng(2))
+    assert found.tobytes() == backwards.tobytes()
+    drawn = np.random.default_rng(2).integers(4, size=(39, 4))
+    exact = [
+        sum(Fraction(float(scores[s, i])) * int(w) for s in row for i, w in enumerate(weight)) / 36
+        for row, weight in zip(drawn.tolist(), weights, strict=True)
+    ]
+    assert found == pytest.approx([float(value) for value in exact], rel=1e-9)
+
+
+@pytest.mark.parametrize("scores", [[[0.1, 0.2]], [0.1, 0.2, 0.3], [[np.nan, 0.1, 0.2]], np.zeros((0, 3))])
+def test_scores_of_another_shape_are_refused(scores: list[list[float]]) -> None:
+    """One for each seed and image."""
+    weights = image_weights(3, rng=np.random.default_rng(0), resamples=39)
+    with pytest.raises(ValueError, match="expected"):
+        resampled_means(scores, weights, rng=np.random.default_rng(0))
+
+
+def test_average_and_squared_errors_by_hand() -> None:
+    """Of two seeds on two images and two outputs."""
+    mean = average([np.array([[1.0, 2.0], [3.0, 4.0]], np.float32), np.array([[3.0, 2.0], [3.0, 0.0]], np.float32)])
+    assert mean.tolist() == [[2.0, 2.0], [3.0, 2.0]]
+    assert squared_errors(mean, [[1.0, 2.0], [0.0, 2.0]]).tolist() == [0.5, 4.5]
