@@ -48,7 +48,7 @@ const placeName = (run) => (run.cells.length ? "niche" : "place");
 
 function instructionOf(run, candidate) {
     if (candidate.operator === "baseline") return "baseline";
-    return candidate.prompt === null ? "crossover" : run.instructions[candidate.prompt][0];
+    return candidate.prompt === null ? candidate.operator : run.instructions[candidate.prompt][0];
 }
 
 // Give a group of links one stop of the Tab key; arrow keys go to the nearest link in their direction, PageDown and
