@@ -82,7 +82,8 @@ def _plan(folder: Path, niches: int, candidates: int) -> Plan:
     """Return the plan of a search of the paper's, with 50 candidates a generation, generation 0 included."""
     size = ["search.candidates=50", "search.initial=49"]
     config = compose(["experiment=paper_force", "llm=grammar", f"store.root={folder}", *size])
-    plan = build_plan(config, load_task(config, facts_without_data(config)), Mode.record)
+    facts = facts_without_data(config)
+    plan = build_plan(config, load_task(config, facts), facts, Mode.record)
     centroids = np.random.default_rng(0).random((niches, 2))
     return replace(plan, networks=Tessellation(centroids), generations=candidates // 50 - 1)
 

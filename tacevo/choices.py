@@ -114,12 +114,16 @@ class PromptPolicy(StrEnum):
 
 
 class ParentPolicy(StrEnum):
-    """How parents are drawn: from the elites, or always the baseline."""
+    """Who the parents are: elites, or in controls other trained candidates, the baseline, or nobody (`none`)."""
 
     uniform = "uniform"
     best = "best"
     curiosity = "curiosity"
     baseline = "baseline"
+    trained = "trained"
+    best_k = "best_k"
+    tournament = "tournament"
+    none = "none"
 
 
 class OperatorScope(StrEnum):

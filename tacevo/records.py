@@ -68,6 +68,8 @@ class Operator(StrEnum):
     baseline = "baseline"
     mutation = "mutation"
     crossover = "crossover"
+    #: Drawn at random, without a parent.
+    sample = "sample"
 
 
 class Stage(StrEnum):

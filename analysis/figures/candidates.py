@@ -32,6 +32,7 @@ _OPERATORS: dict[Operator, tuple[str, str, Dashes]] = {
     Operator.baseline: (BLACK, "s", "-"),
     Operator.mutation: (BLUE, "o", "-"),
     Operator.crossover: (ORANGE, "D", "--"),
+    Operator.sample: (GREEN, "^", "-"),
 }
 
 #: How each network is drawn: colour, marker, dashes.

@@ -15,6 +15,7 @@ from tacevo.costs import Spending, total
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rounding import DIGITS
 from tacevo.search.archive import AddStatus
+from tacevo.search.budget import training_flops
 from tacevo.search.lines import CandidateLine, GenerationLine
 
 #: Confidence of every interval here.
@@ -267,6 +268,14 @@ def _wilson(found: int, tried: int) -> tuple[float, float]:
     """Return the ends of Wilson's (1927) score interval of found / tried."""
     low, high = proportion_confint(found, tried, alpha=1 - LEVEL, method="wilson")
     return round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
+
+
+def spent_on_training(run: Run) -> int:
+    """Return the FLOPs of a search's trainings, as its budget counts them (`tacevo.search.budget`)."""
+    trained = [
+        (one.evaluation, one.flops) for one in run.trained if one.evaluation is not None and one.flops is not None
+    ]
+    return training_flops(trained, images=run.facts.counts[0], epochs=run.config.training.epochs)
 
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:

@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from analysis.runs.dynamics import improvement, spending
+from analysis.runs.dynamics import improvement, spending, spent_on_training
 from analysis.runs.run import Run
 from analysis.statistics.effects import Effects, Interval, effects, median
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
@@ -40,7 +40,9 @@ class Metric(StrEnum):
     qd_score = "QD-score"
     coverage = "coverage"
     trainable = "trainable"
+    candidates = "candidates"
     evaluations = "evaluations"
+    training_flops = "training FLOPs (10^12)"
     tokens = "tokens"
     cost = "cost (USD)"
 
@@ -49,7 +51,9 @@ class Metric(StrEnum):
 FRACTIONS = frozenset([Metric.improvement, Metric.improvement_over_baseline, Metric.coverage, Metric.trainable])
 
 #: Metrics of which less is better; of what a search used, less is better only where it came as far.
-LESS_IS_BETTER = frozenset([Metric.best_fitness, Metric.evaluations, Metric.tokens, Metric.cost])
+LESS_IS_BETTER = frozenset(
+    [Metric.best_fitness, Metric.candidates, Metric.evaluations, Metric.training_flops, Metric.tokens, Metric.cost]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,8 +165,10 @@ def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
     """Summarise every arm, and compare it with the reference.
 
     The seed is that of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal
-    intervals, whatever other arms there are.
+    intervals, whatever other arms there are. A run that its FLOPs ended before others stays where it ended.
     """
+    longest = max(len(one.best) for one in outcomes)
+    outcomes = [_lasting(one, longest) for one in outcomes]
     names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != REFERENCE)
     summaries = {metric: _summaries(metric, names, outcomes, seed) for metric in Metric}
     return Ablation(
@@ -179,6 +185,12 @@ def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
     )
 
 
+def _lasting(one: Outcome, generations: int) -> Outcome:
+    """Return a run as if it had found nothing more in the generations that it did not have."""
+    missing = generations - len(one.best)
+    return replace(one, best=one.best + one.best[-1:] * missing, filled=one.filled + one.filled[-1:] * missing)
+
+
 def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
     found, spent = improvement(run), spending(run, run.candidates)
     return {
@@ -188,7 +200,9 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
         Metric.qd_score: end.qd_score,
         Metric.coverage: end.coverage,
         Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
+        Metric.candidates: len(run.candidates),
         Metric.evaluations: len({one.evaluation for one in run.candidates} - {None}),
+        Metric.training_flops: rounded(spent_on_training(run) / 1e12),
         Metric.tokens: None if spent is None else spent.input_tokens + spent.output_tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }

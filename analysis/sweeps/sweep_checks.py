@@ -77,7 +77,10 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
     yield "data", "fingerprint of the data", one.run.facts.fingerprint
     yield "data", "hash of the baseline's source", one.run.baseline.source
     yield "data", "task.loss", config.task.loss
-    yield "budget", "number of generations", one.run.generations[-1].generation
+    bound = config.search.training_flops
+    ended = config.search.generations if bound is not None else one.run.generations[-1].generation
+    yield "budget", "number of generations", ended
+    yield "budget", "search.training_flops", bound
     for key in ("candidates", "initial"):
         yield "budget", f"search.{key}", getattr(config.search, key)
     for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", "device"):

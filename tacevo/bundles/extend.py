@@ -15,7 +15,7 @@ from tacevo.config.checks import check_together
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
 from tacevo.config.recorded import read_recorded
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
@@ -57,8 +57,9 @@ def continue_run(
     )
     check_walls(published)
     recorded = read_recorded(run)
-    config = continued(recorded.config, overrides)
-    eras = _eras(recorded.eras, recorded.config.search.generations, mix_rules, view)
+    end = recorded.generations[-1].generation
+    config = continued(recorded.config, overrides, end=end)
+    eras = _eras(recorded.eras, end, mix_rules, view)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
     llm = require_means(config)
@@ -89,8 +90,8 @@ def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: 
     return (*eras, RulesLine(generation=generations + 1, rules=CURRENT))
 
 
-def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
-    """Lay overrides over a run's configuration.
+def continued(published: RunConfig, overrides: Sequence[str], *, end: int) -> RunConfig:
+    """Lay overrides over the configuration of a run that ended with generation `end`.
 
     Settings of a machine (store, run directory, tracking, workers, walls), and those of the model that do not decide
     its answers (server, price table, mode), are the defaults here and not those of the published run: a stranger's run
@@ -111,10 +112,20 @@ def continued(published: RunConfig, overrides: Sequence[str]) -> RunConfig:
         was, now = (json.dumps(value_at(identity(each), changed[0])) for each in (published, config))
         expected = f"{was}, the value of the published run, which is part of its identity"
         raise ConfigError(now, place=shown(changed[0]), expected=expected)
-    if config.search.generations <= published.search.generations:
-        expected = f"more than the {published.search.generations} that the run has"
-        raise ConfigError(f"{config.search.generations}", place="search.generations", expected=expected)
+    _check_longer(published.search, config.search, end)
     return config
+
+
+def _check_longer(was: SearchConfig, now: SearchConfig, end: int) -> None:
+    """Check that what ended a run, its FLOPs or its generations, does not end it there again."""
+    if end < was.generations and was.training_flops is not None:
+        if now.training_flops is not None and now.training_flops <= was.training_flops:
+            expected = f"more than the {was.training_flops:g} that ended the run, or null"
+            raise ConfigError(f"{now.training_flops:g}", place="search.training_flops", expected=expected)
+        was = replace(was, generations=end)
+    if now.generations <= was.generations:
+        expected = f"more than the {was.generations} that the run has"
+        raise ConfigError(f"{now.generations}", place="search.generations", expected=expected)
 
 
 def _laid(override: str, chosen: RunConfig, config: RunConfig) -> RunConfig:

@@ -26,6 +26,7 @@ from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, report
 from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import CandidateLine
+from tacevo.search.proposals import SAMPLING
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
@@ -193,6 +194,8 @@ def _instruction(task: Task, line: CandidateLine) -> str:
     """Return the instruction that the candidate was asked for with."""
     if line.operator is Operator.baseline:
         return "none; this is the task's baseline"
+    if line.operator is Operator.sample:
+        return SAMPLING
     if line.prompt is None:
         return task.crossover.strip()
     instruction = task.instructions[line.prompt]

@@ -162,7 +162,9 @@ def add_continue(parser: Parser) -> None:
         "of the published one. The published run and its stores are only read."
     )
     parser.add_argument("run", metavar="RUN", help="the directory of a run, or a file that `tacevo publish` wrote")
-    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; search.generations=N is needed")
+    parser.add_argument(
+        "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
+    )
     parser.add_argument(
         "--rules",
         choices=["current"],

@@ -15,6 +15,7 @@ from tacevo.choices import (
     Numerics,
     OperatorScope,
     ParentPolicy,
+    Provider,
     Scale,
 )
 from tacevo.config.schema import (
@@ -42,6 +43,7 @@ def check_together(config: RunConfig) -> None:
     _check_sampling(config.llm)
     _check_archive(config.archive)
     _check_proposals(config.proposals)
+    _check_parents(config)
     if config.training.device is Device.cuda:
         walls, numerics = config.sandbox.require, config.numerics.kind
         why = "with training.device=cuda, whose driver does not work in a sandbox"
@@ -125,10 +127,21 @@ def _check_archive(archive: ArchiveConfig) -> None:
 
 
 def _check_proposals(proposals: ProposalsConfig) -> None:
-    p_m = proposals.mutation_probability
-    crosses = proposals.parents is not ParentPolicy.baseline or p_m == 1
-    why = "with proposals.parents=baseline, where a crossover lacks a second parent"
+    p_m, parents = proposals.mutation_probability, proposals.parents
+    crosses = parents not in {ParentPolicy.baseline, ParentPolicy.none} or p_m == 1
+    why = f"with proposals.parents={parents}, where a crossover lacks a second parent"
     _require(crosses, "proposals.mutation_probability", f"1 {why}", p_m)
     drawn = proposals.operator_for is OperatorScope.generation or 0 < p_m < 1
     scope = f"generation with proposals.mutation_probability={p_m:g}"
     _require(drawn, "proposals.operator_for", scope, proposals.operator_for)
+
+
+def _check_parents(config: RunConfig) -> None:
+    """Check what the controls need: a provider that draws networks, and niches whose elites are counted."""
+    parents, provider, kind = config.proposals.parents, config.llm.provider, config.archive.kind
+    draws = parents is not ParentPolicy.none or provider is Provider.grammar
+    why = "which cannot draw a network at random: llm=grammar can"
+    _require(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
+    counts = parents is not ParentPolicy.best_k or kind is not ArchiveKind.best
+    why = "which has no niches to count elites in"
+    _require(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)

@@ -9,7 +9,7 @@ from tacevo.storage.canonical import content_hash
 def identity(config: RunConfig) -> dict[str, Json]:
     """Return the part of a configuration that decides a run's results, for its ledger.
 
-    The number of generations is left out, so that a longer run begins with the very lines of a shorter one;
+    What ends a run is left out (`length`), so that a longer run begins with the very lines of a shorter one;
     data enter by their fingerprint, task files by their text; where a run is computed and written, and how it
     is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
     stays the run it was.
@@ -40,7 +40,14 @@ def llm_identity(llm: LLMConfig) -> dict[str, Json]:
 def config_hash(config: RunConfig) -> str:
     """Hash what decides the results of a job: 64 hex digits.
 
-    Unlike a ledger's header it is known without the data, and holds the number of generations.
+    Unlike a ledger's header it is known without the data, and holds what ends the run.
     """
-    decisive: dict[str, Json] = {"config": identity(config), "generations": config.search.generations}
+    decisive: dict[str, Json] = {"config": identity(config), **length(config)}
     return content_hash({**decisive, "data": to_json(config.data), "task": to_json(config.task)})
+
+
+def length(config: RunConfig) -> dict[str, Json]:
+    """Return what decides where a run ends, and nothing before it; the FLOPs only where they are bounded."""
+    flops = config.search.training_flops
+    bound: dict[str, Json] = {} if flops is None else {"training_flops": flops}
+    return {"generations": config.search.generations, **bound}

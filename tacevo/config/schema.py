@@ -46,6 +46,9 @@ class SearchConfig(Record):
     candidates: Count
     #: Mutations of the baseline that start the archive, beside the baseline itself.
     initial: Natural
+    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.budget`) is the last; null for
+    #: `generations` alone.
+    training_flops: Positive | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +196,10 @@ class ProposalsConfig(Record):
     repair_attempts: Natural = 0
     #: What one draw of the operator holds for; the paper draws one for a whole generation.
     operator_for: OperatorScope = OperatorScope.generation
+    #: With `parents=tournament`: how many of the youngest trained candidates compete, and how many draws each parent
+    #: wins; the defaults are those of Real et al. 2019.
+    population: Count = 100
+    tournament: Count = 25
 
 
 @dataclass(frozen=True, kw_only=True)

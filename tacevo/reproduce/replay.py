@@ -63,7 +63,7 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
     config, task, facts = run.config, run.record.task, run.record.data
     for era in run.eras:
         check_known("core", era.rules.core, CORES, run.directory.path)
-    plan = build_plan(config, task, Mode.replay, seen=seen)
+    plan = build_plan(config, task, facts, Mode.replay, seen=seen)
 
     ledger = Ledger(run.ledger)
     ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))

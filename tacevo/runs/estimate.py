@@ -79,6 +79,7 @@ def describe(config: RunConfig) -> str:
     if found.samples:
         basis = f"answers are like the mean of the {found.samples} recorded ones of this model"
     repairs = ", and no answer is sent back for repair" if config.proposals.repair_attempts else ""
+    ends = ", and search.training_flops does not end the search early" if config.search.training_flops else ""
     header = ["input tokens", "output tokens", *(f"USD {each.value}" for each in deliveries(config.llm.provider))]
     likely = found.likely
     row = [f"{likely.input:,.0f}", f"{likely.output:,.0f}", *_costs(config, prices, likely)]
@@ -86,7 +87,7 @@ def describe(config: RunConfig) -> str:
         [
             f"{found.requests} requests to {config.llm.model}; the answers to {found.recorded} of generation 0 are "
             "recorded already.",
-            f"No request was sent. The table assumes that {basis}{repairs}.",
+            f"No request was sent. The table assumes that {basis}{repairs}{ends}.",
             "",
             table(header, [row]),
             "",

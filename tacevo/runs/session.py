@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tacevo.choices import Tracking
 from tacevo.config.compose import to_plain
+from tacevo.config.identity import length
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.costs import Spending, spending_on, total
@@ -99,9 +100,10 @@ def record(
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
-    plan, facts = build_plan(config, task, Mode.record), data.facts
+    facts = data.facts
+    plan = build_plan(config, task, facts, Mode.record)
     header = run_header(config, task, facts, plan, eras[0].rules)
-    decisive: list[Json] = [written(header), config.search.generations, *map(written, eras[1:])]
+    decisive: list[Json] = [written(header), *length(config).values(), *map(written, eras[1:])]
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
@@ -199,7 +201,7 @@ def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
             f"a longer run of {ledger.recorded} ledger lines",
             place=f"run.dir={directory.path}",
             expected=f"at most the {ledger.committed} ledger lines of this run",
-            remedy="raise search.generations, or choose another run.dir",
+            remedy="raise search.generations or search.training_flops, or choose another run.dir",
         )
 
 

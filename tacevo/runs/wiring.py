@@ -19,6 +19,7 @@ from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Notice, Run, Sandbox, Zygote
 from tacevo.search.algorithm import Plan
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
+from tacevo.search.budget import Budget
 from tacevo.search.descriptors import scaled
 from tacevo.search.development import Tools
 from tacevo.search.effects import LLM
@@ -35,7 +36,7 @@ from tacevo.typed import convert
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
-def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None = None) -> Plan:
+def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, seen: Seen | None = None) -> Plan:
     """Turn a configuration into the plan of a search; the centroids come from the store."""
     archive = config.archive
     bounds = _fixed_bounds(archive)
@@ -52,8 +53,18 @@ def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None =
         temperature_start=config.temperature.start,
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
+        budget=_budget(config, facts),
         axes=tuple(archive.axes),
     )
+
+
+def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
+    """Return the bound on a search's trainings, where the configuration has one."""
+    flops = config.search.training_flops
+    if flops is None:
+        return None
+    train, _, _ = facts.counts
+    return Budget(flops=flops, images=train, epochs=config.training.epochs)
 
 
 def build_settings(config: RunConfig) -> Settings:
@@ -64,6 +75,8 @@ def build_settings(config: RunConfig) -> Settings:
         mutation_probability=config.proposals.mutation_probability,
         parents=config.proposals.parents,
         best=config.proposals.best,
+        population=config.proposals.population,
+        tournament=config.proposals.tournament,
         prompts=config.prompts.policy,
         jitter=config.temperature.jitter,
         model=config.llm.model,

@@ -19,6 +19,7 @@ from typing import Protocol
 
 from tacevo.choices import Axis, PromptPolicy, Scale, TemperatureRule
 from tacevo.errors import ConfigError
+from tacevo.profile import Admitted
 from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.search.archive import (
     AddStatus,
@@ -30,10 +31,12 @@ from tacevo.search.archive import (
     coverage,
     qd_score,
 )
+from tacevo.search.budget import Budget
 from tacevo.search.descriptors import Descriptor, describe, scaled
 from tacevo.search.development import Outcome, Tools, begun, develop
 from tacevo.search.growing import Growing
 from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, with_training
+from tacevo.search.parents import pool_of_parents
 from tacevo.search.prompts import PromptArchive, Trial, curiosity
 from tacevo.search.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 from tacevo.search.temperature import next_temperature
@@ -59,6 +62,8 @@ class Plan:
     temperature_step: float
     #: How often an answer that the gate rejected is sent back.
     repairs: int = 0
+    #: What ends the search before generation G.
+    budget: Budget | None = None
     #: The axes of the network archive.
     axes: tuple[Axis, ...] = tuple(Axis)
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
@@ -100,14 +105,14 @@ class Observer(Protocol):
 def run_search(
     plan: Plan, tools: Tools, ledger: Ledger, observer: Observer, *, since: SearchState | None = None
 ) -> SearchState:
-    """Run a search from its beginning, or from a later state, to generation G.
+    """Run a search from its beginning, or from a later state, to generation G, or to the one that spends its budget.
 
     Raises:
         DivergenceError: the ledger holds a line that the search does not reproduce.
         CacheMissError: a store in replay mode lacks an answer.
     """
     state = since or SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
-    while state.generation <= plan.generations:
+    while state.generation <= plan.generations and not _is_spent(plan.budget, state):
         state = step(state, plan, tools, ledger, observer)
     return state
 
@@ -132,12 +137,12 @@ def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
     """Plan the next generation from the state."""
     if state.generation == 0:
         return plan_initial(plan.task, plan.settings, mutations=plan.initial, temperature=state.temperature)
-    elites = state.networks.archive.elites
+    settings, archive = plan.settings, state.networks.archive
     return plan_generation(
         plan.task,
-        plan.settings,
+        settings,
         generation=state.generation,
-        elites=[state.candidates[elites[niche].name] for niche in sorted(elites)],
+        elites=pool_of_parents(settings.parents, state.candidates, archive, population=settings.population),
         prompts=state.prompts,
         temperature=state.temperature,
     )
@@ -170,7 +175,7 @@ def commit(
     placed = Placed(elite=Elite(name=line.id, objective=-result.fitness), point=_point(descriptor, plan))
     networks, niche, status = state.networks.offer(plan.networks, placed)
     score = curiosity(result.fitness, inserted=status is not AddStatus.rejected)
-    candidates = _learned(state.candidates, outcome.proposal, admitted.source, result.fitness, score)
+    candidates = _learned(state.candidates, outcome.proposal, admitted, result.fitness, score)
     line = replace(with_training(line, result), niche=niche, status=status, curiosity=score)
     best = min(state.best, result.fitness)
     return _record_prompt(replace(state, networks=networks, candidates=candidates, best=best), plan, line, score)
@@ -212,6 +217,11 @@ def close(
     return replace(state, generation=state.generation + 1, temperature=temperature), line
 
 
+def _is_spent(budget: Budget | None, state: SearchState) -> bool:
+    """Return whether the generations so far, whole ones, have spent a budget."""
+    return budget is not None and budget.is_spent((one.source, one.flops) for one in state.candidates.values())
+
+
 def _check_baseline(outcome: Outcome, task: Task) -> None:
     """Refuse to search from a baseline that does not train."""
     result = outcome.result
@@ -244,10 +254,16 @@ def _point(descriptor: Descriptor, plan: Plan) -> tuple[float, ...]:
 
 
 def _learned(
-    candidates: Growing[str, Candidate], proposal: Proposal, source: str, fitness: float, score: float
+    candidates: Growing[str, Candidate], proposal: Proposal, admitted: Admitted, fitness: float, score: float
 ) -> Growing[str, Candidate]:
     """Add a candidate, and its curiosity to that of the parent that it is a mutation of."""
     for name in proposal.parents if proposal.operator is Operator.mutation else ():
         candidates = candidates.adding(name, candidates[name].with_child(score))
-    child = Candidate(id=proposal.id, source=source, fitness=fitness, curiosities=Fraction(score))
+    child = Candidate(
+        id=proposal.id,
+        source=admitted.source,
+        fitness=fitness,
+        flops=admitted.profile.flops,
+        curiosities=Fraction(score),
+    )
     return candidates.adding(child.id, child)

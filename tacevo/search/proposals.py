@@ -16,6 +16,9 @@ from tacevo.records import Contract, Message, Operator, Reason, Rejection, Reque
 from tacevo.search.prompts import PromptArchive, draw_pool, draw_prompt, draw_weighted
 from tacevo.search.temperature import clip
 
+#: What is asked for where a network has no parent.
+SAMPLING = "Draw a network at random."
+
 #: Rejections that no further turn can mend.
 _NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
 
@@ -28,6 +31,8 @@ class Candidate:
     source: str
     #: Validation loss; lower is better.
     fitness: float
+    #: Forward FLOPs of one image.
+    flops: int = 0
     #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
     curiosities: Fraction
     scores: int = 1
@@ -51,6 +56,9 @@ class Settings:
     mutation_probability: float
     parents: ParentPolicy
     best: int
+    #: With tournaments: how many of the youngest candidates compete, and how many draws a parent wins.
+    population: int
+    tournament: int
     prompts: PromptPolicy
     #: Half-width of the uniform noise on a request's temperature.
     jitter: float
@@ -71,9 +79,9 @@ class Proposal:
     generation: int
     slot: int
     operator: Operator
-    #: Ids of the parents: none for the baseline, one for a mutation, two for a crossover.
+    #: Ids of the parents: none for the baseline and a sample, one for a mutation, two for a crossover.
     parents: tuple[str, ...]
-    #: Index of the instruction; None for the baseline and for a crossover.
+    #: Index of the instruction; None for all but a mutation.
     prompt: int | None
     #: What the model is asked; None for the baseline.
     request: Request | None
@@ -113,15 +121,18 @@ def plan_generation(
 
     One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
     can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
-    to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it.
+    to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it. Without
+    parents (`none`) every slot asks for a network at random.
 
-    The generation is g >= 1, the temperature T_g. The elites, at least one, are in the order of their niches, and the
-    proposals in that of their slots.
+    The generation is g >= 1, the temperature T_g. The elites, at least one, are in the order of their niches, or what a
+    control has in their place (`tacevo.search.parents`); the proposals are in the order of their slots.
     """
     parents = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
+    if settings.parents is ParentPolicy.none:
+        return tuple(_sample(task, settings, slot) for slot in slots)
     return tuple(
         _mutation(task, settings, slot, parents, prompts)
         if len(parents) < 2 or _mutates(settings, slot)
@@ -131,12 +142,19 @@ def plan_generation(
 
 
 def draw_parents(
-    policy: ParentPolicy, elites: Sequence[Candidate], *, number: int, best: int, rng: np.random.Generator
+    policy: ParentPolicy,
+    elites: Sequence[Candidate],
+    *,
+    number: int,
+    best: int,
+    tournament: int,
+    rng: np.random.Generator,
 ) -> tuple[Candidate, ...]:
-    """Draw different elites as parents.
+    """Draw different elites, or members of a control's pool, as parents.
 
-    `uniform`, and `baseline`, whose pool is one: all alike. `best`: alike among the `best` fittest (at least as many
-    as are drawn). `curiosity`: in proportion to curiosity.
+    `best`: alike among the `best` fittest (at least as many as are drawn). `curiosity`: in proportion to curiosity.
+    `tournament`: the fittest of so many draws with replacement, the earlier in the pool on a tie (Real et al. 2019,
+    algorithm 1). Any other: all alike.
 
     Raises:
         ValueError: there are fewer elites than parents to draw.
@@ -148,8 +166,14 @@ def draw_parents(
         pool = sorted(pool, key=lambda elite: (elite.fitness, elite.id))[: max(best, number)]
     drawn: list[Candidate] = []
     for _ in range(number):
-        curious = policy is ParentPolicy.curiosity
-        index = draw_weighted([e.curiosity for e in pool], rng) if curious else int(rng.integers(len(pool)))
+        match policy:
+            case ParentPolicy.curiosity:
+                index = draw_weighted([elite.curiosity for elite in pool], rng)
+            case ParentPolicy.tournament:
+                entrants = [int(rng.integers(len(pool))) for _ in range(tournament)]
+                index = min(entrants, key=lambda entrant: (pool[entrant].fitness, entrant))
+            case _:
+                index = int(rng.integers(len(pool)))
         drawn.append(pool.pop(index))
     return tuple(drawn)
 
@@ -186,6 +210,11 @@ def crossover_text(first: str, second: str, instruction: str) -> str:
         f"First parent network:\n\n{_fenced(first)}\n\nSecond parent network:\n\n{_fenced(second)}\n\n"
         f"Instruction: {instruction}\n"
     )
+
+
+def sample_text(example: str) -> str:
+    """Write the user message that asks for a network without a parent; only the grammar is asked this."""
+    return f"Example, for its interface alone:\n\n{_fenced(example)}\n\nInstruction: {SAMPLING}\n"
 
 
 def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
@@ -276,9 +305,22 @@ def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Can
     )
 
 
+def _sample(task: Task, settings: Settings, slot: _Slot) -> Proposal:
+    return Proposal(
+        generation=slot.generation,
+        slot=slot.number,
+        operator=Operator.sample,
+        parents=(),
+        prompt=None,
+        request=_request(task, settings, slot, sample_text(task.baseline)),
+    )
+
+
 def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Candidate], number: int) -> tuple[Candidate, ...]:
     rng = stream(settings.seed, "parents", slot.generation, slot.number)
-    return draw_parents(settings.parents, elites, number=number, best=settings.best, rng=rng)
+    return draw_parents(
+        settings.parents, elites, number=number, best=settings.best, tournament=settings.tournament, rng=rng
+    )
 
 
 def _request(task: Task, settings: Settings, slot: _Slot, text: str) -> Request:

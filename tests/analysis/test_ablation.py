@@ -228,7 +228,7 @@ def test_unknown_values_are_left_out() -> None:
 
 
 def test_run_is_measured_by_hand() -> None:
-    """From 0.8 by 0.4 of generation 0 to 0.1; three sources, one trained twice; half of generation 1 trained."""
+    """From 0.8 by 0.4 of generation 0 to 0.1; three sources of 10 FLOPs, one twice; half of generation 1 trained."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
     slots = [
         trained(0, 0, 0.8, descriptors=(0.0, 1.0)),
@@ -245,7 +245,9 @@ def test_run_is_measured_by_hand() -> None:
         Metric.qd_score: pytest.approx(1 / 1.4 + 1 / 1.1),
         Metric.coverage: 1.0,
         Metric.trainable: 0.5,
+        Metric.candidates: 4,
         Metric.evaluations: 3,
+        Metric.training_flops: pytest.approx(3 * 10 * 8 * 1 / 1e12),
         Metric.tokens: 45,
         Metric.cost: 0.75,
     }
@@ -259,6 +261,17 @@ def test_spending_with_a_gap_is_unknown() -> None:
     unpriced = run(slots, lines, spent={"g01s00": Spending(answers=1, unpriced=1)})
     assert (values_of(gap)[Metric.tokens], values_of(gap)[Metric.cost]) == (None, None)
     assert (values_of(unpriced)[Metric.tokens], values_of(unpriced)[Metric.cost]) == (0, None)
+
+
+def test_run_that_ended_early_stays_where_it_ended() -> None:
+    """Curves by generation have a value of every seed, and the figures at the end are its own."""
+    jobs = [finished("none", 0, run_to(0.5, 0.4, 0.3)), finished("none", 1, run_to(0.6, 0.2))]
+    common = common_archive([job.run for job in jobs], jobs[0].run, np.array([[0.25, 0.5], [0.75, 0.5]]))
+    found = compare_arms([outcome(job, common) for job in jobs])
+    assert [one.best for one in found.outcomes] == [(0.5, 0.4, 0.3), (0.6, 0.2, 0.2)]
+    assert [len(one.filled) for one in found.outcomes] == [3, 3]
+    assert found.outcomes[1].filled[2] == found.outcomes[1].filled[1]
+    assert found.arms[0].metrics[Metric.candidates].values == {0: 3, 1: 2}
 
 
 def test_search_of_generation_0_has_no_trainable_share() -> None:

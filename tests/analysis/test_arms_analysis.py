@@ -120,15 +120,19 @@ def test_alarm_of_one_axis_names_that_axis() -> None:
 @pytest.mark.parametrize(
     "arm",
     [
-        pytest.param("no_qd", marks=pytest.mark.slow),
-        *(pytest.param(arm, marks=pytest.mark.long) for arm in ("arch_div_only", "random_parents_only_baseline")),
+        *(pytest.param(arm, marks=pytest.mark.slow) for arm in ("no_qd", "random_sampling")),
+        *(
+            pytest.param(arm, marks=pytest.mark.long)
+            for arm in ("arch_div_only", "random_parents_only_baseline", "drift", "best_k", "regularised_evolution")
+        ),
     ],
 )
 def test_every_command_reads_a_run_of_an_arm(arm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Search, replay, show, tables, figures and report all end well on a real run."""
-    sizes = ["search.generations=1", "search.candidates=2", "search.initial=1", f"ablation={arm}"]
+    """Search, replay, show, tables, figures and report all end well on a real run, which its budget ends."""
+    sizes = ["search.generations=9", "search.candidates=2", "search.initial=1", f"ablation={arm}"]
+    sizes.append("search.training_flops=2.2e9")  # three trainings of the baseline, so after generation 1 or 2
     run = str(tmp_path / "run")
     assert main(["search", *SMALLEST, UNTRACKED, *sizes, f"run.dir={run}", f"store.root={tmp_path / 'cache'}"]) == 0
     for command in ("replay", "show", "tables", "figures", "report"):
         assert main([command, run]) == 0
-    assert ("no network_map" in capsys.readouterr().err) == (arm != "random_parents_only_baseline")
+    assert ("no network_map" in capsys.readouterr().err) == (arm in {"no_qd", "arch_div_only"})

@@ -88,6 +88,17 @@ def test_another_number_of_generations_is_refused() -> None:
         beside(finished("a", 0, run_to(0.5, 0.4, 0.3)))
 
 
+def test_runs_that_one_budget_ended_may_differ_in_their_generations() -> None:
+    """What must be equal then is the budget, and the generations that there might have been."""
+    bound = {"search": {"training_flops": 1e9}}
+    longer = run_to(0.5, 0.4, 0.3)
+    jobs = [finished("none", 0, RUN, settings=bound), finished("a", 0, longer, settings=bound)]
+    check_sweep(sweep_of(jobs))
+    other = finished("a", 0, longer, settings={"search": {"training_flops": 2e9}})
+    with refused(IncomparableError, place="search.training_flops", got="2000000000.0 in a-seed0"):
+        check_sweep(sweep_of([jobs[0], other]))
+
+
 @pytest.mark.parametrize("package", CHECKED)
 def test_other_versions_are_refused(package: str) -> None:
     """Of all that can change a result."""

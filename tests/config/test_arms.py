@@ -5,6 +5,7 @@ settings leave a choice to be drawn.
 """
 
 import functools
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from tacevo.config.compose import compose
 from tacevo.config.folder import groups
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import facts_without_data
 from tacevo.errors import ConfigError
 from tacevo.records import Mode, written
 from tacevo.runs.wiring import build_plan, build_settings
@@ -40,8 +42,9 @@ REQUEST = ("id", "operator", "parents", "prompt", "request", "temperature")
 
 @functools.cache
 def arm(name: str, *overrides: str) -> RunConfig:
-    """Compose an arm, once for all tests."""
-    return compose([ASKED, f"ablation={name}", *overrides])
+    """Compose an arm, once for all tests; only the grammar draws the networks of `random_sampling`."""
+    asked = "llm=grammar" if name == "random_sampling" else ASKED
+    return compose([asked, f"ablation={name}", *overrides])
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +59,10 @@ def planned(config: RunConfig, folder: Path) -> Plan:
     search = replace(config.search, generations=6, candidates=6, initial=3)
     store = replace(config.store, root=str(folder))
     small = replace(config, archive=archive, search=search, store=store)
-    plan = build_plan(small, fakes.TASK, Mode.record)
+    plan = build_plan(small, fakes.TASK, facts_without_data(small), Mode.record)
     p_m = 1.0 if config.proposals.mutation_probability == 1 else 0.6
-    return replace(plan, settings=replace(plan.settings, mutation_probability=p_m))
+    sizes = replace(plan.settings, mutation_probability=p_m, population=10, tournament=3)
+    return replace(plan, settings=replace(sizes, model="m", llm=()))  # random_sampling is composed for another model
 
 
 @functools.cache
@@ -244,6 +248,66 @@ def test_best_of_n_mutates_the_baseline_alone(folder: Path) -> None:
     shared = [(one, other) for one, other in zip(lines, plain, strict=True) if other["operator"] == "mutation"]
     assert len({one["generation"] for one, _ in shared}) > 2
     assert all((one["prompt"], one["temperature"]) == (other["prompt"], other["temperature"]) for one, other in shared)
+
+
+@pytest.mark.parametrize("name", ["drift", "best_k", "regularised_evolution"])
+def test_control_differs_from_none_in_its_parents_alone(name: str, folder: Path) -> None:
+    """Operators, prompts and temperatures are those of `none`, slot by slot; the archive only measures."""
+    lines, recorder = searched(name, folder)
+    plain, _ = searched("none", folder)
+    fields = ("id", "operator", "prompt", "temperature")
+    assert [[line[key] for key in fields] for line in lines] == [[line[key] for key in fields] for line in plain]
+    assert any(line["parents"] != other["parents"] for line, other in zip(lines, plain, strict=True))
+    assert planned(arm(name), folder).networks.niches == planned(arm("none"), folder).networks.niches
+    assert recorder.states[-1].networks.bounds is not None
+
+
+def before_each_generation(recorder: fakes.Recorder) -> Iterator[tuple[list[CandidateLine], int, set[str]]]:
+    """Yield what was trained before each generation from 1 on, how many elites there were, and its parents."""
+    lines = [line for line in recorder.lines if isinstance(line, CandidateLine)]
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        if isinstance(line, GenerationLine) and line.generation < 6:
+            trained = [one for one in lines if one.generation <= line.generation and one.fitness is not None]
+            children = [one for one in lines if one.generation == line.generation + 1]
+            parents = {parent for child in children for parent in child.parents}
+            yield trained, len(state.networks.archive.elites), parents
+
+
+def test_drift_takes_losers_as_parents(folder: Path) -> None:
+    """Parents are trained candidates, also such as no archive took, and such as are worse than most."""
+    _, recorder = searched("drift", folder)
+    found = list(before_each_generation(recorder))
+    assert all(parents <= {one.id for one in trained} for trained, _, parents in found)
+    rejected = {one.id for trained, _, _ in found for one in trained if one.status is AddStatus.rejected}
+    assert rejected & set().union(*(parents for _, _, parents in found))
+
+
+def test_best_k_parents_are_as_many_of_the_fittest_as_there_are_elites(folder: Path) -> None:
+    """Whatever niche they lie in: some of them are no elites, and some elites are not among them."""
+    _, recorder = searched("best_k", folder)
+    for trained, elites, parents in before_each_generation(recorder):
+        limit = sorted({one.fitness or 0.0 for one in trained})[:elites][-1]
+        assert all((one.fitness or 0.0) <= limit for one in trained if one.id in parents)
+    assert recorder.lines != searched("none", folder)[1].lines
+
+
+def test_population_of_regularised_evolution_loses_its_oldest(folder: Path) -> None:
+    """Parents are among the ten youngest that were trained, so that even the best of all is left behind."""
+    _, recorder = searched("regularised_evolution", folder)
+    left = 0
+    for trained, _, parents in before_each_generation(recorder):
+        assert parents <= {one.id for one in trained[-10:]}
+        left += min(trained, key=lambda one: one.fitness or 0.0) not in trained[-10:]
+    assert left
+
+
+def test_random_sampling_has_no_parents(folder: Path) -> None:
+    """From generation 1 on, every slot asks for a network at random, at the temperature that it has in `none`."""
+    lines, _ = searched("random_sampling", folder)
+    plain, _ = searched("none", folder)
+    later = [(one, other) for one, other in zip(lines, plain, strict=True) if one["generation"] > 0]
+    assert {(one["operator"], tuple(one["parents"]), one["prompt"]) for one, _ in later} == {("sample", (), None)}
+    assert all(one["temperature"] == other["temperature"] for one, other in later)
 
 
 def test_operator_per_candidate_mixes_a_generation(folder: Path) -> None:

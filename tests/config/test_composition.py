@@ -42,6 +42,10 @@ ARMS = {
     "random_parents_only_baseline": {"proposals.parents", "proposals.mutation_probability"},
     "mutation_only": {"proposals.mutation_probability"},
     "crossover_per_candidate": {"proposals.operator_for"},
+    "drift": {"proposals.parents"},
+    "best_k": {"proposals.parents"},
+    "random_sampling": {"proposals.parents", "proposals.mutation_probability"},
+    "regularised_evolution": {"proposals.parents"},
     "arch_div_only": {"archive.axes"},
     "eff_ratio_only": {"archive.axes"},
     "linear_eff_ratio": {"archive.eff_ratio_scale"},
@@ -105,7 +109,8 @@ def test_every_arm_is_there() -> None:
 )
 def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: str) -> None:
     """An ablation on top of an experiment changes what the ablation is about, and nothing else."""
-    chosen = ["llm=anthropic", f"experiment={experiment}"]
+    provider = "grammar" if ablation == "random_sampling" else "anthropic"  # only the grammar draws networks
+    chosen = [f"llm={provider}", f"experiment={experiment}"]
     if ablation == "linear_eff_ratio":  # the paper's experiments have the linear axis without it
         chosen.append("archive.eff_ratio_scale=log")
     config = composed(*chosen, f"ablation={ablation}")
@@ -335,7 +340,7 @@ def test_configuration_of_an_older_run_is_read() -> None:
     """A run.json from before there were prices, budgets, repairs and axes stands for a run without them."""
     plain: Any = to_plain(composed())
     later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
-    later |= {"repair_attempts", "operator_for", "axes"}
+    later |= {"repair_attempts", "operator_for", "axes", "population", "tournament", "training_flops"}
     older = {
         group: {key: value for key, value in settings.items() if key not in later}
         if isinstance(settings, dict)

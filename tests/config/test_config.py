@@ -22,6 +22,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "search.generations": [-1],
     "search.candidates": [0],
     "search.initial": [-1],
+    "search.training_flops": [0.0, -1.0, NAN, INF],
     "task.class_name": ["", "2D", "a b", "a.b"],
     "task.output_argument": ["", "n-outputs"],
     "task.outputs": [0, -3],
@@ -53,6 +54,8 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "temperature.jitter": [-0.1, 1.1, NAN],
     "proposals.mutation_probability": [-0.1, 1.1, NAN],
     "proposals.best": [0],
+    "proposals.population": [0],
+    "proposals.tournament": [0],
     "proposals.repair_attempts": [-1],
     "training.epochs": [0],
     "training.batch_size": [1],
@@ -89,6 +92,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "search.generations": [0],
     "search.candidates": [1],
     "search.initial": [0],
+    "search.training_flops": [None, 1e-9],
     "data.image_size": [16, 33, 256],
     "llm.slip_rate": [0.0, 1.0],
     "llm.budget_usd": [0.0],
@@ -157,6 +161,13 @@ def test_ends_of_a_range_are_possible(key: str, value: Any) -> None:
         (["archive.kept=0"], "archive.kept", "an integer of at least 1"),
         (["archive.kind=best", "archive.axes=[arch_div]"], "archive.axes", "with archive.kind=best"),
         (["proposals.parents=baseline"], "proposals.mutation_probability", "1 with proposals.parents=baseline"),
+        (["proposals.parents=none"], "proposals.mutation_probability", "1 with proposals.parents=none"),
+        (
+            ["llm=anthropic", "ablation=random_sampling"],
+            "proposals.parents",
+            "another one with llm=anthropic, which cannot draw a network at random: llm=grammar can",
+        ),
+        (["archive.kind=best", "ablation=best_k"], "proposals.parents", "another one with archive.kind=best"),
         *(
             (
                 ["proposals.operator_for=candidate", f"proposals.mutation_probability={p_m}"],
@@ -207,6 +218,8 @@ DECIDES: dict[str, Any] = {
     "proposals.mutation_probability": 0.5,
     "proposals.parents": "best",
     "proposals.best": 5,
+    "proposals.population": 10,
+    "proposals.tournament": 5,
     "proposals.repair_attempts": 1,
     "proposals.operator_for": "candidate",
     "training.epochs": 4,
@@ -234,6 +247,7 @@ DECIDES_WHEN_HOSTED: dict[str, Any] = {
 #: Another possible value of each setting that only says where a run is computed, watched and written, and how long.
 DECIDES_NOTHING: dict[str, Any] = {
     "search.generations": 40,
+    "search.training_flops": 1e15,
     "llm.mode": "replay",
     "llm.base_url": "http://localhost:1",
     "llm.concurrency": 16,

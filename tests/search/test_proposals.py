@@ -62,6 +62,8 @@ SETTINGS = Settings(
     mutation_probability=0.85,
     parents=ParentPolicy.uniform,
     best=2,
+    population=3,
+    tournament=2,
     prompts=PromptPolicy.uniform,
     jitter=0.1,
     model="grammar-1",
@@ -70,6 +72,7 @@ SETTINGS = Settings(
 )
 ALWAYS = replace(SETTINGS, mutation_probability=1.0)
 NEVER = replace(SETTINGS, mutation_probability=0.0)
+RANDOM = replace(ALWAYS, parents=ParentPolicy.none)
 ELITES = [
     Candidate(
         id=f"g00s{number:02d}",
@@ -123,7 +126,7 @@ def productive_archive() -> PromptArchive:
     return PromptArchive().record(Tessellation([(0.5, 0.5)]), trial, prompts=5, name="x")[0]
 
 
-@pytest.mark.parametrize(("name", "settings"), [("mutation", ALWAYS), ("crossover", NEVER)])
+@pytest.mark.parametrize(("name", "settings"), [("mutation", ALWAYS), ("crossover", NEVER), ("sample", RANDOM)])
 def test_request_is_golden(name: str, settings: Settings) -> None:
     """Every character and figure of a request is as recorded."""
     golden = (GOLDEN / f"request_{name}.txt").read_text(encoding="utf-8")
@@ -227,13 +230,14 @@ def test_parents_come_in_both_orders() -> None:
 def test_more_parents_than_elites_are_refused() -> None:
     """Drawing two of one is an error."""
     with pytest.raises(ValueError, match="drawing 2 parents needs as many elites; got 1"):
-        draw_parents(ParentPolicy.uniform, ELITES[:1], number=2, best=1, rng=stream(0))
+        draw_parents(ParentPolicy.uniform, ELITES[:1], number=2, best=1, tournament=1, rng=stream(0))
 
 
 def first_parents(policy: ParentPolicy, best: int = 2) -> Counter[str]:
     """Count whom a policy draws."""
     rng = stream(0, "parents")
-    return Counter(draw_parents(policy, ELITES, number=1, best=best, rng=rng)[0].id for _ in range(GENERATIONS))
+    drawn = (draw_parents(policy, ELITES, number=1, best=best, tournament=2, rng=rng) for _ in range(GENERATIONS))
+    return Counter(parent.id for (parent,) in drawn)
 
 
 def test_uniform_parents_are_all_alike() -> None:
@@ -251,15 +255,42 @@ def test_best_parents_are_the_fittest() -> None:
 
 def test_best_is_at_least_as_many_as_are_drawn() -> None:
     """A crossover with `best=1` takes the two fittest."""
-    pair = draw_parents(ParentPolicy.best, ELITES, number=2, best=1, rng=stream(0))
+    pair = draw_parents(ParentPolicy.best, ELITES, number=2, best=1, tournament=1, rng=stream(0))
     assert {parent.id for parent in pair} == {"g00s01", "g00s02"}
 
 
 def test_equally_fit_elites_rank_by_id() -> None:
     """A tie for the last place among the best is decided by the id, not by the order of niches."""
     tied = [replace(elite, fitness=0.5) for elite in reversed(ELITES)]
-    (parent,) = draw_parents(ParentPolicy.best, tied, number=1, best=1, rng=stream(0))
+    (parent,) = draw_parents(ParentPolicy.best, tied, number=1, best=1, tournament=1, rng=stream(0))
     assert parent.id == "g00s00"
+
+
+def test_tournament_is_won_by_the_fittest_of_its_draws() -> None:
+    """Of two draws with replacement the r-th fittest of four wins 7, 5, 3 and 1 times of 16."""
+    drawn = first_parents(ParentPolicy.tournament)
+    shares = {"g00s01": 7 / 16, "g00s02": 5 / 16, "g00s00": 3 / 16, "g00s03": 1 / 16}
+    assert all(agrees(drawn[name], share) for name, share in shares.items())
+
+
+def test_tie_of_a_tournament_is_won_by_the_earlier_one() -> None:
+    """The order of the pool decides, whoever is drawn first."""
+    tied = [replace(elite, fitness=0.5) for elite in ELITES[:2]]
+    many = [
+        draw_parents(ParentPolicy.tournament, tied, number=1, best=1, tournament=30, rng=stream(0, n))[0].id
+        for n in range(20)
+    ]
+    assert set(many) == {"g00s00"}
+
+
+def test_sample_asks_for_no_parent_and_for_another_network_in_every_slot() -> None:
+    """All slots ask the same question, which shows the baseline; their draw numbers differ."""
+    proposals = planned(RANDOM)
+    assert {(one.operator, one.parents, one.prompt) for one in proposals} == {(Operator.sample, (), None)}
+    requests = requests_of(proposals)
+    (text,) = {request.messages[0].content for request in requests}
+    assert TASK.baseline.strip() in text
+    assert len({request.draw for request in requests}) == len(requests)
 
 
 def test_curious_parents_come_in_proportion() -> None:

@@ -14,10 +14,11 @@ import fakes
 import pytest
 from refusals import refused
 
-from tacevo.choices import PromptPolicy, TemperatureRule
+from tacevo.choices import ParentPolicy, PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.budget import Budget, training_flops
 from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, line_kind
 from tacevo.storage.ledger import Ledger, read_lines
 
@@ -52,7 +53,18 @@ def test_same_seed_gives_the_same_digest_and_another_seed_another() -> None:
     assert first != run(fakes.plan(seed=1))[0]
 
 
-def test_many_workers_with_uneven_delays_give_the_digest_of_one() -> None:
+#: Ends the search of `fakes.plan(generations=9)` after some of its generations.
+BUDGET = Budget(flops=1e6, images=10, epochs=2)
+
+#: Searches with parents of every kind, and one that its budget ends.
+PLANS = {
+    **{parents.value: fakes.plan(generations=2, parents=parents) for parents in ParentPolicy},
+    "budget": replace(fakes.plan(generations=9), budget=BUDGET),
+}
+
+
+@pytest.mark.parametrize("plan", PLANS.values(), ids=PLANS)
+def test_many_workers_with_uneven_delays_give_the_digest_of_one(plan: Plan) -> None:
     """Work that finishes in any order is committed in slot order."""
     delays = random.Random(0)  # delays of a test; the order of threads is not reproducible anyway
 
@@ -61,13 +73,14 @@ def test_many_workers_with_uneven_delays_give_the_digest_of_one() -> None:
         return fakes.evaluate(source)
 
     with ThreadPoolExecutor(8) as executor:
-        many, _ = run(fakes.plan(), executor=executor, evaluate=slow)
-    assert many == run(fakes.plan())[0]
+        many, _ = run(plan, executor=executor, evaluate=slow)
+    assert many == run(plan)[0]
 
 
-def test_run_killed_at_any_training_continues_to_the_same_bytes(tmp_path: Path) -> None:
-    """Whenever it stops, the same command ends with the ledger of an uninterrupted run."""
-    plan = fakes.plan(generations=2)
+@pytest.mark.parametrize(("name", "step"), [(name, 1 if name == "uniform" else 6) for name in PLANS])
+def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step: int, tmp_path: Path) -> None:
+    """Whenever it stops, the same command ends with the ledger of an uninterrupted run; `step` thins the stops."""
+    plan = PLANS[name]
     whole = tmp_path / "whole.jsonl"
     trainings: list[str] = []
 
@@ -76,7 +89,7 @@ def test_run_killed_at_any_training_continues_to_the_same_bytes(tmp_path: Path) 
         return fakes.evaluate(source)
 
     run(plan, whole, evaluate=counted)
-    for last in range(len(trainings)):
+    for last in range(0, len(trainings), step):
         path = tmp_path / f"killed{last}.jsonl"
         left = iter(range(last))
 
@@ -100,6 +113,27 @@ def test_longer_run_begins_with_the_lines_of_a_shorter_one(tmp_path: Path) -> No
     digest, _ = run(fakes.plan(generations=4), path)
     assert path.read_bytes().startswith(short)
     assert digest == run(fakes.plan(generations=4))[0]
+
+
+def test_budget_ends_a_search_with_the_generation_that_spends_it(tmp_path: Path) -> None:
+    """Not earlier and not later; a run with more of it begins with the same lines."""
+    path = tmp_path / "ledger.jsonl"
+    plan = PLANS["budget"]
+    _, recorder = run(plan, path)
+    ended = generations(recorder)
+    assert 0 < ended[-1].generation < plan.generations
+
+    def spent(before: int) -> int:
+        lines = [line for line in candidates(recorder) if line.fitness is not None and line.generation < before]
+        trained = [(line.evaluation or "", line.flops or 0) for line in lines]
+        assert len(dict(trained)) < len(trained)  # some networks came twice
+        return training_flops(trained, images=BUDGET.images, epochs=BUDGET.epochs)
+
+    assert spent(ended[-1].generation) < BUDGET.flops <= spent(ended[-1].generation + 1)
+    short = path.read_bytes()
+    run(replace(plan, budget=replace(BUDGET, flops=2 * BUDGET.flops)), path)
+    assert path.read_bytes().startswith(short)
+    assert len(path.read_bytes()) > len(short)
 
 
 def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:

@@ -76,9 +76,12 @@ def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -
     assert "expected a run of the job none-seed0; got another configuration's run" in status.reason
 
 
-@pytest.mark.parametrize("change", ["seed=1", "search.generations=1", "data.images=50", "task.baseline=other.py"])
+@pytest.mark.parametrize(
+    "change",
+    ["seed=1", "search.generations=1", "search.training_flops=1e12", "data.images=50", "task.baseline=other.py"],
+)
 def test_hash_follows_what_decides_results(change: str) -> None:
-    """The generations and the data count, which a ledger's identity has by other means."""
+    """What ends the search and the data count, which a ledger's identity has by other means."""
     assert config_hash(composed(*SHARED, change)) != config_hash(composed(*SHARED))
 
 

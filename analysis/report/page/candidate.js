@@ -106,7 +106,8 @@ function nichesHeld(run, one) {
 
 function requestOf(run, one) {
     if (one.operator === "baseline") return h("p", null, "The task's baseline; no model was asked for it.");
-    const text = one.prompt === null ? run.crossover : run.instructions[one.prompt][1];
+    const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
+    const text = one.prompt === null ? fixed : run.instructions[one.prompt][1];
     const temperature = one.temperature_sent
         ? `Temperature ${number(one.temperature)}.`
         : `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`;

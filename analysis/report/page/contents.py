@@ -42,7 +42,7 @@ class Candidate:
     slot: int
     operator: Operator
     parents: tuple[str, ...]
-    #: Number of its instruction in `RunContents.instructions`; None for the baseline and for crossovers.
+    #: Number of its instruction in `RunContents.instructions`; None for all but mutations.
     prompt: int | None
     #: The temperature that was planned, and whether the request was sent with it.
     temperature: float | None

@@ -49,7 +49,7 @@ function lineTo(run, id) {
                             .join(", ")}`
                       : ""
               }`
-            : "baseline";
+            : instructionOf(run, one);
         items.unshift(
             h("li", null, h("span", { class: "edge" }, by), linkTo(run, one.id), ` ${lossWords(one)}`),
         );

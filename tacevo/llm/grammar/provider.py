@@ -18,11 +18,12 @@ from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.reading import UnreadableError
 from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
-from tacevo.llm.grammar.variations import warm
+from tacevo.llm.grammar.variations import wander, warm
 from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens
 from tacevo.llm.recording import Keep, unkept
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
+from tacevo.search.proposals import sample_text
 from tacevo.storage.canonical import content_hash
 
 #: What every completion names as its model; it changes whenever equal requests may get other answers.
@@ -35,7 +36,7 @@ _INSTRUCTION = re.compile(r"^Instruction: (.*)\Z", re.DOTALL | re.MULTILINE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrammarLLM:
-    """Answers mutation and crossover requests with source text from the grammar."""
+    """Answers requests for mutations, crossovers and samples with source text from the grammar."""
 
     #: Probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
     slip_rate: float
@@ -53,7 +54,8 @@ def answer(request: Request, *, slip_rate: float) -> Completion:
     rate), so runs that differ in it alone share their proper answers.
 
     Args:
-        request: its first message holds one parent and an instruction for a mutation, two for a crossover.
+        request: its first message holds one parent and an instruction for a mutation, two for a crossover; for a sample
+            it is `sample_text`, to the letter.
         slip_rate: probability of a fault, in [0, 1].
 
     Returns:
@@ -75,9 +77,12 @@ def _child(request: Request, rng: np.random.Generator) -> Network:
     """Make the network that a request asks for."""
     content = request.messages[0].content if request.messages else ""
     instruction = _INSTRUCTION.search(content)
-    parents = [parse(source) for source in _PARENT.findall(content)]
+    sources = _PARENT.findall(content)
+    parents = [parse(source) for source in sources]
     if instruction is None or len(parents) not in {1, 2}:
         raise UnreadableError(f"one or two parents and an instruction were expected; found {len(parents)} parents")
+    if content == sample_text(sources[0]):
+        return wander(parents[0], rng)
     if len(parents) == 1:
         return transform(parents[0], instruction[1], rng, request.temperature)
     return warm(cross(parents[0], parents[1], instruction[1], rng), request.temperature, rng)

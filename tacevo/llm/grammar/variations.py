@@ -20,6 +20,9 @@ Variation = Callable[[Network, np.random.Generator], Network]
 
 _MOST_EDITS = 4
 
+#: The most edits between the start of a random walk and the network that it draws.
+_FARTHEST = 24
+
 
 def pick(rng: np.random.Generator, options: Sequence[_Option]) -> _Option:
     """Choose one of several options, each with equal probability."""
@@ -50,6 +53,17 @@ def warm(network: Network, temperature: float, rng: np.random.Generator) -> Netw
     for _ in range(_MOST_EDITS):
         if rng.random() < temperature / 2:
             network = vary(network, SMALL_EDITS, rng)
+    return network
+
+
+def wander(network: Network, rng: np.random.Generator) -> Network:
+    """Draw a network at random: a walk of 1 to 24 small edits from the given one, each number of them as likely.
+
+    The edits are those of a search, so that a control without selection differs from it in the selection. Networks
+    whose parts are all drawn by themselves are mostly beyond the bounds, and large (docs/grammar.md).
+    """
+    for _ in range(int(rng.integers(1, _FARTHEST + 1))):
+        network = vary(network, SMALL_EDITS, rng)
     return network
 
 

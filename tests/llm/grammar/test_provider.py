@@ -8,11 +8,15 @@ import pytest
 import yaml
 from grammar_strategies import build, train_a_step
 
+from tacevo.llm.grammar import provider
+from tacevo.llm.grammar.bounds import fit
+from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.provider import MODEL, GrammarLLM
 from tacevo.randomness import stream
 from tacevo.records import Completion, Message, Request
 from tacevo.search.effects import LLM
+from tacevo.search.proposals import SAMPLING, sample_text
 from tacevo.storage.canonical import content_hash
 
 LIBRARY = Path(__file__).parents[3] / "conf" / "library"
@@ -128,6 +132,34 @@ def test_unreadable_request_gets_words_and_no_code(content: str, said: str) -> N
     assert "```" not in answer.text
     assert "nn.Module" not in answer.text
     assert answer.stop_reason == "end_turn"
+
+
+def test_samples_are_different_networks_whatever_the_temperature() -> None:
+    """Every draw walks from the baseline by itself; most end at another network, some near and some far from it."""
+    requests = [_request(sample_text(BASELINE), temperature=0.0, draw=draw) for draw in range(40)]
+    networks = [parse(_source(answer)) for answer in _answers(requests)]
+    start = parse(BASELINE)
+    assert len({str(network) for network in networks}) > 35
+    assert start not in networks
+    assert {network.signature for network in networks} == {start.signature}
+    assert len({len(network.blocks) for network in networks}) > 3
+    for network in networks:
+        assert fit(network) == network
+
+
+def test_only_the_whole_message_asks_for_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same words as an instruction of somebody's library ask for a mutation, as every instruction does."""
+    drawn: list[Network] = []
+
+    def wandered(network: Network, rng: object) -> Network:
+        drawn.append(network)
+        return network
+
+    monkeypatch.setattr(provider, "wander", wandered)
+    _answers([_request(_mutation(BASELINE, SAMPLING)), _request(_crossover(BASELINE, RELATIVE, SAMPLING))])
+    assert not drawn
+    _answers([_request(sample_text(BASELINE))])
+    assert drawn == [parse(BASELINE)]
 
 
 def test_request_without_messages_gets_words() -> None:

@@ -1,0 +1,51 @@
+"""Who may be a parent: the elites, or what a control puts in their place. Pure.
+
+The controls tell apart what makes a search succeed, at one budget: variation alone (`trained`), selection without
+niches (`best_k`), and a search that is known to work without either archive or niches (`tournament`). Their archives
+are the same as any other's, but only measure.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from tacevo.choices import ParentPolicy
+from tacevo.search.archive import Archive
+from tacevo.search.proposals import Candidate
+
+
+def pool_of_parents(
+    policy: ParentPolicy, candidates: Mapping[str, Candidate], elites: Archive, *, population: int
+) -> Sequence[Candidate]:
+    """Return the candidates that the parents of a generation are drawn from; `draw_parents` then draws.
+
+    `trained`: all. `best_k`: the `fittest` of all, as many as there are elites. `tournament`: the last `population`
+    ones, so that a candidate leaves when it is the oldest, however fit it is (regularised evolution, Real, Aggarwal,
+    Huang and Le 2019, arXiv:1802.01548). Any other: the elites, in the order of their niches.
+
+    Args:
+        policy: of the parents.
+        candidates: every trained candidate by id, in the order of their slots; at least one.
+        elites: the network archive.
+        population: >= 1.
+    """
+    everyone = tuple(candidates.values())
+    match policy:
+        case ParentPolicy.trained:
+            return everyone
+        case ParentPolicy.best_k:
+            return fittest(everyone, len(elites.elites))
+        case ParentPolicy.tournament:
+            return everyone[-population:]
+        case _:
+            return tuple(candidates[elites.elites[niche].name] for niche in sorted(elites.elites))
+
+
+def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...]:
+    """Return the candidates of least loss, best first, at most `count`.
+
+    Of several exactly as fit only the first one counts, as in an archive without niches (`archive.Places`): a network
+    that comes twice is one network.
+    """
+    first: dict[float, Candidate] = {}
+    for candidate in candidates:
+        first.setdefault(candidate.fitness, candidate)
+    return tuple(first[fitness] for fitness in sorted(first)[:count])
