@@ -158,7 +158,7 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
     verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
     ending = "; p is Holm's." if verdicts else "."
     words = (
-        f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
+        f"Test results of {study.seeds} training seeds of each network ({_data_of(study)}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
@@ -171,6 +171,10 @@ def study_pictures(study: Study, comparisons: Comparisons | None) -> tuple[Pictu
         draw = partial(confusion_matrices, study)
         pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
+
+
+def _data_of(study: Study) -> str:
+    return f"{study.task}, on other data: {study.where}" if study.where else study.task
 
 
 def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:

@@ -100,7 +100,7 @@ class Subject:
         count, candidates = sum(map(len, self.studies)), sum(len(run.candidates) for run in self.runs)
         studies = "1 study" if count == 1 else f"{count} studies"
         sizes = f"{counted(candidates, 'candidate')}, {studies}"
-        answers = dict.fromkeys(origin_of_answers(run.config) for run in self.runs)
+        answers = dict.fromkeys(map(origin_of_answers, self.runs))
         data = dict.fromkeys(origin_of_data(run.config) for run in self.runs)
         if self.jobs:
             arms = ", ".join(dict.fromkeys(job.arm for job in self.jobs))
@@ -113,8 +113,11 @@ class Subject:
         return " ".join([what, *answers, *data, digest])
 
 
-def origin_of_answers(config: RunConfig) -> str:
+def origin_of_answers(run: RecordedRun) -> str:
     """Say what answered the requests, and plainly where that was no language model."""
+    config = run.config
+    if all(line.request is None for line in run.candidates):
+        return "No model was asked: the networks were given."
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
     return f"Answers by the language model {config.llm.model} (llm={config.llm.provider})."

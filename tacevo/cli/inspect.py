@@ -193,6 +193,8 @@ def _instruction(task: Task, line: CandidateLine) -> str:
     """Return the instruction that the candidate was asked for with."""
     if line.operator is Operator.baseline:
         return "none; this is the task's baseline"
+    if line.operator is Operator.given:
+        return f"none; this network was given, as {task.given[line.slot - 1].name}"
     if line.prompt is None:
         return task.crossover.strip()
     instruction = task.instructions[line.prompt]

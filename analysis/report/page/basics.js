@@ -47,7 +47,7 @@ function lossWords(one) {
 const placeName = (run) => (run.cells.length ? "niche" : "place");
 
 function instructionOf(run, candidate) {
-    if (candidate.operator === "baseline") return "baseline";
+    if (["baseline", "given"].includes(candidate.operator)) return candidate.operator;
     return candidate.prompt === null ? "crossover" : run.instructions[candidate.prompt][0];
 }
 
