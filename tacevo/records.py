@@ -66,6 +66,8 @@ class Operator(StrEnum):
     """How a candidate was asked for."""
 
     baseline = "baseline"
+    #: A network of the user's, which no model was asked for.
+    given = "given"
     mutation = "mutation"
     crossover = "crossover"
     #: Drawn at random, without a parent.
@@ -247,6 +249,15 @@ class Instruction(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Given(Record):
+    """A network that stands in generation 0 because a user gave it."""
+
+    #: Different from `baseline` and from all others.
+    name: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Task(Record):
     """A task as data: its contract and the texts that ask for networks."""
 
@@ -260,6 +271,8 @@ class Task(Record):
     instructions: tuple[Instruction, ...]
     #: The fixed instruction of every crossover.
     crossover: str
+    #: What generation 0 holds beside the baseline, in place of mutations of it; empty where it holds those.
+    given: tuple[Given, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

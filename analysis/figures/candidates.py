@@ -30,6 +30,7 @@ Dashes = Literal["-", "--"]
 #: How each operator is drawn: colour, marker, dashes.
 _OPERATORS: dict[Operator, tuple[str, str, Dashes]] = {
     Operator.baseline: (BLACK, "s", "-"),
+    Operator.given: (GREEN, "^", "-"),
     Operator.mutation: (BLUE, "o", "-"),
     Operator.crossover: (ORANGE, "D", "--"),
     Operator.sample: (GREEN, "^", "-"),

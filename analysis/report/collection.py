@@ -13,6 +13,7 @@ from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
 from analysis.studies.scores import Study
 from analysis.studies.study import load_study
+from analysis.studies.transfer import transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
@@ -28,6 +29,7 @@ from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
 from analysis.tables.motifs import anatomies_table, motifs_table
 from analysis.tables.noise import noise_tables
+from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError
 from tacevo.profile import Profile
 from tacevo.studies.directory import studies_of
@@ -114,6 +116,8 @@ def collect(path: Path, store: Path | None = None) -> Collection:
 
 def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
     """Compare a study; where that fails, return the reason."""
+    if len(study.networks) == 1:  # a baseline alone, as was asked for
+        return None, []
     try:
         return compare(study), []
     except RunError as error:
@@ -130,10 +134,16 @@ def _on_images(study: Study, path: Path, store: Path) -> tuple[ImageFindings | N
 
 
 def with_one_study(found: Collection) -> Collection:
-    """Keep the largest study of a run: the most epochs, then seeds, then networks; never the better results."""
+    """Keep the largest study of a run: the most epochs, then seeds, then networks; never the better results.
+
+    One on the run's data goes before those on other data.
+    """
     largest = sorted(
         found.studies,
-        key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
+        key=lambda one: (
+            *(not one.study.other_data, one.study.recipe.epochs, one.study.seeds),
+            *(len(one.study.networks), one.name),
+        ),
     )
     passed_over = {one.name for one in largest[:-1]}
     return replace(
@@ -162,11 +172,14 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
     if profiles is not None:
         anatomies = read_anatomies(run, profiles)
         tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
+    across = transfers((compared.study, compared.comparisons) for compared in found.studies)
     for compared in found.studies:
-        of_study = (
-            *study_tables(compared.study, compared.comparisons),
+        is_alone = not any(one.has(compared.study) for one in across)
+        of_study = [
+            *study_tables(compared.study, compared.comparisons, is_alone=is_alone),
             *image_tables(compared.study, compared.images),
-        )
+        ]
+        of_study += [table for one in across if one.data[0].study is compared.study for table in transfer_tables(one)]
         tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
     for one in found.reestimates:
         tables += [replace(table, name=f"{table.name}_{one.name}") for table in noise_tables(one, run.task)]

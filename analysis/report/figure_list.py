@@ -159,7 +159,7 @@ def study_pictures(study: Study, comparisons: Comparisons | None, images: ImageF
     verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
     ending = "; p is Holm's." if verdicts else "."
     words = (
-        f"Test results of {study.seeds} training seeds of each network ({study.task}). Points are seeds, boxes "
+        f"Test results of {study.seeds} training seeds of each network ({_data_of(study)}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
@@ -180,6 +180,10 @@ def study_pictures(study: Study, comparisons: Comparisons | None, images: ImageF
         draw = partial(reliability, study.task, images.calibrations)
         pictures.append(Picture(name=f"reliability_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
+
+
+def _data_of(study: Study) -> str:
+    return f"{study.task}, on other data: {study.where}" if study.where else study.task
 
 
 def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:

@@ -280,6 +280,6 @@ def spent_on_training(run: Run) -> int:
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:
     """Add up what the answers of some slots cost; None where one is unknown, because a sum with gaps would mislead."""
-    asked = [candidate.id for candidate in slots if candidate.operator is not Operator.baseline]
+    asked = [candidate.id for candidate in slots if candidate.request is not None]
     known = [run.spent[name] for name in asked if name in run.spent]
     return total(known) if len(known) == len(asked) else None

@@ -9,17 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ArchiveKind, Scale
-from tacevo.config.identity import identity
+from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Operator, Task, to_json
+from tacevo.records import DataFacts, Task, to_json
 from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
 from tacevo.search.files import EliteEntry, TrialEntry, check_references, read_archives, read_finished
 from tacevo.search.lines import CandidateLine, GenerationLine, Line, RulesLine, RunLine, eras_of
 from tacevo.search.unsent import not_sent
-from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.typed import convert
@@ -81,8 +80,8 @@ class Run:
 
     @property
     def answered(self) -> tuple[CandidateLine, ...]:
-        """The candidates that a model was asked for: all but the baseline."""
-        return tuple(candidate for candidate in self.candidates if candidate.operator is not Operator.baseline)
+        """The candidates that a model was asked for: all but the baseline and given networks."""
+        return tuple(candidate for candidate in self.candidates if candidate.request is not None)
 
     @property
     def not_sent(self) -> Mapping[str, str]:
@@ -171,7 +170,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
 
 def _check_description(path: Path, config: RunConfig, task: Task, header: RunLine) -> None:
     """Check that run.json has the configuration and the task of the ledger's first line."""
-    if to_json(identity(config)) != header.config or content_hash(to_json(task)) != header.task:
+    if to_json(identity(config)) != header.config or task_hash(task) != header.task:
         raise RunError(
             "another one",
             place=f"{path}/run.json",

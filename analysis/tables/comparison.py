@@ -1,6 +1,7 @@
 """The tables of a study: scores, metrics, verdicts and effect sizes."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,16 +22,26 @@ from tacevo.rounding import rounded
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
+#: What a reader of a study on one data set has to know.
+ONE_SPLIT = (
+    "One split of one data set: another split, sensor or light may turn a verdict. `tacevo study run=RUN "
+    "data.split_seed=N` studies the same networks on another."
+)
 
-def study_tables(study: Study, found: Comparisons | None) -> tuple[Table, ...]:
+
+def study_tables(study: Study, found: Comparisons | None, *, is_alone: bool = False) -> tuple[Table, ...]:
     """Return all tables of a study.
 
-    Without comparisons, where it cannot be compared, these are the tables of its scores only.
+    Without comparisons, where it cannot be compared, these are the tables of its scores only. `is_alone`: its networks
+    were studied on these data only, which the tables of scores and verdicts then warn of.
     """
-    described = scores_table(study), metrics_table(study)
+    warning = (ONE_SPLIT,) if is_alone else ()
+    scores = scores_table(study)
+    described = replace(scores, notes=(*scores.notes, *warning)), metrics_table(study)
     if found is None:
         return described
-    compared = verdicts_table(study, found), effects_table(study, found)
+    verdicts = verdicts_table(study, found)
+    compared = replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, found)
     return (*described, *compared, outputs_table(study, found)) if found.outputs else (*described, *compared)
 
 
@@ -260,9 +271,10 @@ def _scale_note(study: Study) -> tuple[str, ...]:
 
 
 def _training(study: Study) -> str:
+    other = f" On other data than the run's: {study.where}." if study.where else ""
     return (
         f"{counted(study.seeds, 'training seed')} of each network, {study.recipe.epochs} epochs, weights of the best "
-        "validation epoch."
+        f"validation epoch.{other}"
     )
 
 

@@ -92,7 +92,8 @@ class Subject:
         task = self.first.record.task.name
         if self.jobs:
             return f"TacEvo sweep of {counted(len(self.jobs), 'run')}: architecture searches, task {task}"
-        return f"TacEvo run {self.first.record.name}: architecture search, task {task}"
+        what = "architecture search" if _asked(self.first) else "given networks"
+        return f"TacEvo run {self.first.record.name}: {what}, task {task}"
 
     @property
     def description(self) -> str:
@@ -100,24 +101,33 @@ class Subject:
         count, candidates = sum(map(len, self.studies)), sum(len(run.candidates) for run in self.runs)
         studies = "1 study" if count == 1 else f"{count} studies"
         sizes = f"{counted(candidates, 'candidate')}, {studies}"
-        answers = dict.fromkeys(origin_of_answers(run.config) for run in self.runs)
+        answers = dict.fromkeys(map(origin_of_answers, self.runs))
         data = dict.fromkeys(origin_of_data(run.config) for run in self.runs)
         if self.jobs:
             arms = ", ".join(dict.fromkeys(job.arm for job in self.jobs))
             seeds = ", ".join(map(str, sorted({job.seed for job in self.jobs})))
             what, which = "A sweep of finished architecture searches", f"arms {arms}, seeds {seeds}"
         else:
-            what, which = "A finished architecture search", f"seed {self.first.config.seed}"
+            what = "A finished architecture search" if _asked(self.first) else "A run of given networks"
+            which = f"seed {self.first.config.seed}"
         what += f" for tactile perception: task {self.first.record.task.name}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
         return " ".join([what, *answers, *data, digest])
 
 
-def origin_of_answers(config: RunConfig) -> str:
+def origin_of_answers(run: RecordedRun) -> str:
     """Say what answered the requests, and plainly where that was no language model."""
+    config = run.config
+    if not _asked(run):
+        return "No model was asked: the networks were given."
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
     return f"Answers by the language model {config.llm.model} (llm={config.llm.provider})."
+
+
+def _asked(run: RecordedRun) -> bool:
+    """Return whether a run asked for networks, or only recorded those that it was given."""
+    return any(line.request is not None for line in run.candidates)
 
 
 def origin_of_data(config: RunConfig) -> str:

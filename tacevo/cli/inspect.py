@@ -196,6 +196,8 @@ def _instruction(task: Task, line: CandidateLine) -> str:
         return "none; this is the task's baseline"
     if line.operator is Operator.sample:
         return SAMPLING
+    if line.operator is Operator.given:
+        return f"none; this network was given, as {task.given[line.slot - 1].name}"
     if line.prompt is None:
         return task.crossover.strip()
     instruction = task.instructions[line.prompt]

@@ -2,17 +2,21 @@
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose_noise, compose_study
+from tacevo.config.given import compose_given, gives_networks
 from tacevo.runs.progress import Progress
+from tacevo.studies.given import record_given
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
-    "run": "the directory of a finished run; required",
+    "run": "the directory of a finished run, whose networks are studied; or",
+    "networks": "files of networks, directories and patterns of such; none for the baseline of task= alone",
     "elites": "how many elites, best first, beside the baseline (4)",
     "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); the first unless set",
     "seeds": "training seeds of each network (20)",
@@ -41,6 +45,13 @@ examples:
   tacevo study run=runs/NAME
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
   tacevo study run=runs/NAME margins.regression.value=0.05
+  tacevo study run=runs/NAME data.split_seed=7        # the same networks on other data: any setting of data
+  tacevo study networks=library/force/published task=force data.image_size=64
+  tacevo study networks=[a.py,b.py] task=grating data=tacverse data.root=DIR
+  tacevo study task=hardness                          # the baseline alone
+
+Beside networks= and task=, settings of `tacevo search` hold for the run that the networks are recorded in: task, data,
+training, numerics, gate, sandbox, seed, experiment, tracking and run.dir.
 
 """
 
@@ -59,8 +70,8 @@ store, divide the work."""
 def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
     parser.description = (
-        "Train the baseline and the best elites of a finished run fully, each with the same training seeds, and "
-        "measure\nthem on the test images. The exit status is 1 if a training did not finish."
+        "Train the baseline and the best elites of a finished run, or networks of your own, fully, each with the same\n"
+        "training seeds, and measure them on the test images. The exit status is 1 if a training did not finish."
     )
     _finish(parser, SETTINGS, _EPILOG)
     parser.set_defaults(command=_study)
@@ -90,9 +101,15 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
 
 
 def _study(options: argparse.Namespace) -> int:
-    config = compose_study(options.overrides)
-    with Progress() as view:
-        studied = study(config, view)
+    if gives_networks(options.overrides):
+        config, run, files = compose_given(options.overrides)
+        with Progress() as view:
+            studied = study(replace(config, run=str(record_given(run, files, view))), view)
+    else:
+        data = [override for override in options.overrides if override.startswith(("data=", "data."))]
+        config = compose_study([override for override in options.overrides if override not in data])
+        with Progress() as view:
+            studied = study(config, view, data)
     return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")
 
 

@@ -50,9 +50,52 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     return _checked(plain)
 
 
-def compose_study(overrides: Sequence[str]) -> StudyConfig:
-    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`."""
-    return _compose_command("study", StudyConfig, overrides)
+def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConfig:
+    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`.
+
+    A study of given networks, or of a baseline alone, names no run.
+    """
+    config = _compose_command("study", StudyConfig, overrides)
+    if config.run is not None and config.networks:
+        expected = "none beside run=, whose own networks are studied"
+        raise ConfigError(", ".join(config.networks), place="networks", expected=expected)
+    if config.run is None and not given:
+        raise ConfigError(
+            "none",
+            place="run",
+            expected="the directory of a finished run, as in run=runs/NAME",
+            remedy="or name a task, as in task=force, and networks=FILE to study networks of your own",
+        )
+    return config
+
+
+def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Lay settings of data, such as `data.split_seed=7` or `data=tacverse`, over the configuration of a run.
+
+    Another source brings what its file sets, and its split; else the run's settings hold.
+
+    Raises:
+        ConfigError: as `compose`; or the images would have another size than the run's networks are for.
+    """
+    _check_settings(overrides)
+    choices = [override for override in overrides if override.startswith("data=")]
+    plain = to_plain(config)
+    with _hydra([*groups(), *keys()], overrides, "study"):
+        if choices:
+            usual, chosen = (_plain(hydra_compose("config", overrides=each).data) for each in ([], choices))
+            own = {key: chosen[key] for key in chosen if key in {"source", "split"} or chosen[key] != usual[key]}
+            plain["data"] = to_json(config.data) | own
+        ConfigStore.instance().store(name="recorded", node=plain)
+        others = [override for override in overrides if override not in choices]
+        plain = _plain(hydra_compose("recorded", overrides=others))
+    found = _checked(plain)
+    if found.data.image_size != config.data.image_size:
+        raise ConfigError(
+            str(found.data.image_size),
+            place="data.image_size",
+            expected=f"{config.data.image_size}, which the run's networks are for",
+        )
+    return found
 
 
 def compose_noise(overrides: Sequence[str]) -> NoiseConfig:

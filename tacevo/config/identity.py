@@ -2,7 +2,7 @@
 
 from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind
 from tacevo.config.schema import LLMConfig, RunConfig
-from tacevo.records import Json, to_json, written
+from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
 
 
@@ -29,6 +29,11 @@ def identity(config: RunConfig) -> dict[str, Json]:
         "gate": written(config.gate),
         "numerics": config.numerics.kind.value,
     }
+
+
+def task_hash(task: Task) -> str:
+    """Hash a task's texts, for a ledger: 64 hex digits; given networks enter only where there are any."""
+    return content_hash(written(task))
 
 
 def llm_identity(llm: LLMConfig) -> dict[str, Json]:

@@ -1,15 +1,25 @@
 """What a user may set for a study or a noise run; see `tacevo.config.schema`."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from annotated_types import Gt, Lt
+from pydantic import BeforeValidator
 
 from tacevo.choices import ChosenBy, MarginKind
 from tacevo.config.ranges import Count, Memory, Positive, Text, is_a
 from tacevo.config.schema import ExecutorConfig
 from tacevo.records import Record
 from tacevo.rounding import rounded
+
+
+def _is_none_or_text(value: str | None) -> bool:
+    return value != ""
+
+
+def _as_tuple(value: Any) -> Any:
+    """Take one path for a list of one."""
+    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
 
 def _is_all_or_count(value: int | str) -> bool:
@@ -49,11 +59,13 @@ class MarginsConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class StudyConfig(Record):
-    """The full training of a run's best networks and its baseline, each with several seeds."""
+    """The full training of a baseline and other networks, each with several seeds."""
 
     executor: ExecutorConfig
-    #: The directory of a finished run.
-    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
+    #: The directory of a finished run; None where the networks are given.
+    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_none_or_text)]
+    #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
+    networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Count
     #: What `best` means.

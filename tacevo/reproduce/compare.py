@@ -270,7 +270,8 @@ def _overlap(one: Compared, other: Compared) -> Overlap:
 
 def _kind_of_study(scores: Scores) -> str:
     elites = len(scores.header.networks) - 1
-    return f"{elites} elites, {scores.header.seeds} seeds, {scores.header.recipe.epochs} epochs"
+    where = f", {scores.header.where}" if scores.header.where else ""
+    return f"{elites} elites, {scores.header.seeds} seeds, {scores.header.recipe.epochs} epochs{where}"
 
 
 def _study(name: str, one: Scores, other: Scores) -> StudyAgreement:

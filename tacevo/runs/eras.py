@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 
-from tacevo.config.identity import identity
+from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import RunConfig
-from tacevo.records import DataFacts, Task, to_json
+from tacevo.records import DataFacts, Task
 from tacevo.rules import Rules
 from tacevo.search.algorithm import Observer, Plan, SearchState, run_search
 from tacevo.search.archive import Places, coverage, qd_score
@@ -22,7 +22,7 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rule
     return RunLine(
         schema=1,
         config=identity(config),
-        task=content_hash(to_json(task)),
+        task=task_hash(task),
         data=facts,
         centroids=content_hash([networks, plan.prompts.centroids.tolist()]),
         rules=rules,

@@ -6,8 +6,9 @@ Paths keep their last part, so that a reader sees which file it was.
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 
+from tacevo.config.schema import DataConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Json
+from tacevo.records import Json, to_json
 
 #: Stands for a directory without a name of its own, such as `.`.
 _NAMELESS = "data"
@@ -58,6 +59,19 @@ def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
             shortened = {name: _shortened(f"{group}.{name}", value) for name, value in settings.items()}
             published[group] = {**shortened, **_ANYWHERE.get(group, {})}
     return published
+
+
+def other_settings(own: DataConfig, other: DataConfig) -> tuple[tuple[str, Json], ...]:
+    """Return (name, value) of the settings of data that differ from a run's, as they are published.
+
+    The place of the data is left out: it is that of one machine, and the data may move.
+    """
+    before, after = to_json(own), to_json(other)
+    return tuple(
+        (name, _shortened(f"data.{name}", value))
+        for name, value in after.items()
+        if name != "root" and value != before[name]
+    )
 
 
 def _shortened(key: str, value: Json) -> Json:

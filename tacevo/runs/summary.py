@@ -31,7 +31,7 @@ def summarise(
     """
     candidates = {line.id: line for line in lines if isinstance(line, CandidateLine)}
     generations = [line for line in lines if isinstance(line, GenerationLine)]
-    parts = [f"# {run.name}", _headline(run, config, len(candidates), len(generations)), *_rules(lines)]
+    parts = [f"# {run.name}", _headline(run, config, candidates.values(), len(generations)), *_rules(lines)]
     parts += _not_sent(candidates.values())
     if generations and elites:
         parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
@@ -40,12 +40,14 @@ def summarise(
     return "\n\n".join(parts) + "\n"
 
 
-def _headline(run: RunRecord, config: RunConfig, candidates: int, generations: int) -> str:
+def _headline(run: RunRecord, config: RunConfig, candidates: Collection[CandidateLine], generations: int) -> str:
     train, validation, test = run.data.counts
     size = run.data.image_size
+    unasked = generations > 0 and all(line.request is None for line in candidates)
+    answers = "no model was asked" if unasked else f"requests answered by {config.llm.model}"
     return (
-        f"Task {run.task.name}, seed {config.seed}, requests answered by {config.llm.model}, "
-        f"{config.numerics.kind} numerics. {candidates} candidates in {generations} generations "
+        f"Task {run.task.name}, seed {config.seed}, {answers}, "
+        f"{config.numerics.kind} numerics. {len(candidates)} candidates in {generations} generations "
         f"(the first is generation 0). Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and "
         f"{test} test images of {size} x {size} pixels; the test images play no part in a search."
     )
@@ -59,7 +61,7 @@ def _rules(lines: Sequence[Line]) -> list[str]:
 
 def _not_sent(lines: Collection[CandidateLine]) -> list[str]:
     """Say which sampling settings the model refuses, where it refuses any, and what that makes of T."""
-    said = not_sent([line.dropped for line in lines if line.operator is not Operator.baseline])
+    said = not_sent([line.dropped for line in lines if line.request is not None])
     planned = ["T, and the temperatures of the prompt archive, are what was planned."] if TEMPERATURE in said else []
     return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
 
@@ -91,9 +93,10 @@ def _fitness(line: CandidateLine) -> float:
 def _stages(lines: Collection[CandidateLine]) -> str:
     """Count where first answers were rejected, corrected or not; what is left at the end is the paper's rate.
 
-    The baseline is not an answer, so it is not counted, as in `analysis.runs.dynamics.gate_stages`.
+    The baseline and given networks are not answers, so they are not counted, as in
+    `analysis.runs.dynamics.gate_stages`.
     """
-    answers = [line.repairs[0] if line.repairs else line for line in lines if line.operator is not Operator.baseline]
+    answers = [line.repairs[0] if line.repairs else line for line in lines if line.request is not None]
     left = len(answers)
     reasons = Counter((first.stage, first.reason) for first in answers if first.stage and first.reason)
     rows = []
@@ -150,7 +153,7 @@ def _costs(
         tokens = [f"{part.input_tokens:,}", f"{part.output_tokens:,}"]
         rows.append([str(line.generation), str(part.answers), *tokens, usd(part)])
     header = ["generation", "answers", "input tokens", "output tokens", "cost"]
-    asked = sum(line.operator is not Operator.baseline for line in candidates.values())
+    asked = sum(line.request is not None for line in candidates.values())
     missing = asked - sum(part.answers > 0 for part in known.values())
     gap = f" The cost of {missing} candidates is not in timings.jsonl." if missing else ""
     whole = f"{in_words(run)} (input + output), by the prices of the day each was recorded.{gap}"

@@ -121,7 +121,7 @@ def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer:
     """Run one generation: plan, complete, admit, evaluate, commit."""
     before, lines = state, []
     for outcome in develop(propose(state, plan), tools, repairs=plan.repairs):
-        _check_baseline(outcome, plan.task)
+        _check_given(outcome, plan.task)
         observer.developed(outcome)
         state, line = commit(state, plan, outcome, tools.evaluation_key)
         lines.append(line)
@@ -222,13 +222,16 @@ def _is_spent(budget: Budget | None, state: SearchState) -> bool:
     return budget is not None and budget.is_spent((one.source, one.flops) for one in state.candidates.values())
 
 
-def _check_baseline(outcome: Outcome, task: Task) -> None:
-    """Refuse to search from a baseline that does not train."""
-    result = outcome.result
-    if outcome.proposal.operator is Operator.baseline and isinstance(result, Rejection):
+def _check_given(outcome: Outcome, task: Task) -> None:
+    """Refuse a baseline, or another network of the user's, that does not train."""
+    proposal, result = outcome.proposal, outcome.result
+    if proposal.request is None and isinstance(result, Rejection):
+        is_baseline = proposal.operator is Operator.baseline
         raise ConfigError(
             f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
-            place=f"task.baseline of task {task.name}",
+            place=f"task.baseline of task {task.name}"
+            if is_baseline
+            else f"networks, {task.given[proposal.slot - 1].name}",
             expected="a network that trains",
         )
 

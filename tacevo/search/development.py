@@ -47,7 +47,7 @@ class Outcome:
     """What became of a proposal."""
 
     proposal: Proposal
-    #: The last answer; None for the baseline, which no model was asked for.
+    #: The last answer; None for the baseline and for a given network, which no model was asked for.
     completion: Completion | None
     #: None where the gate rejected the answer.
     admitted: Admitted | None

@@ -63,12 +63,12 @@ class CandidateLine(Record):
     id: str
     operator: Operator
     parents: tuple[str, ...]
-    #: Number of the instruction; None for the baseline and for crossovers.
+    #: Number of the instruction; None for crossovers, and where no model was asked.
     prompt: int | None
-    #: SHA-256 of the request, and the temperature that it asks for; None for the baseline.
+    #: SHA-256 of the request, and the temperature that it asks for; None of the baseline and of a given network.
     request: str | None
     temperature: float | None
-    #: SHA-256 of what the model said; None for the baseline.
+    #: SHA-256 of what the model said; None where none was asked.
     answer: str | None
     dropped: tuple[str, ...] = ()
     repairs: tuple[RepairedAnswer, ...] = ()

@@ -83,9 +83,9 @@ class Proposal:
     parents: tuple[str, ...]
     #: Index of the instruction; None for all but a mutation.
     prompt: int | None
-    #: What the model is asked; None for the baseline.
+    #: What the model is asked; None for the baseline and for a given network.
     request: Request | None
-    #: The source, where it is given: the baseline's.
+    #: The source, where no model is asked for it.
     source: str = ""
 
     @property
@@ -97,9 +97,13 @@ class Proposal:
 def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature: float) -> tuple[Proposal, ...]:
     """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive).
 
-    It comes before Algorithm 1's loop, whose line 4 draws the pools, so it draws from the whole library.
+    It comes before Algorithm 1's loop, whose line 4 draws the pools, so it draws from the whole library. Networks that
+    the task gives stand in place of the mutations.
     """
-    baseline = _baseline(task)
+    baseline = _without_request(0, Operator.baseline, task.baseline)
+    if task.given:
+        sources = [given.source for given in task.given]
+        return (baseline, *(_without_request(slot, Operator.given, source) for slot, source in enumerate(sources, 1)))
     library = tuple(range(len(task.instructions)))
     slots = [
         _Slot(generation=0, number=number, temperature=temperature, prompts=library)
@@ -257,15 +261,15 @@ class _Slot:
     prompts: tuple[int, ...]
 
 
-def _baseline(task: Task) -> Proposal:
-    return Proposal(
-        generation=0, slot=0, operator=Operator.baseline, parents=(), prompt=None, request=None, source=task.baseline
-    )
+def _without_request(slot: int, operator: Operator, source: str) -> Proposal:
+    """Return a network of generation 0 that no model is asked for."""
+    return Proposal(generation=0, slot=slot, operator=operator, parents=(), prompt=None, request=None, source=source)
 
 
 def _founder(task: Task) -> Candidate:
     """Return the baseline as a parent, without competitors that its figures could matter to."""
-    return Candidate(id=_baseline(task).id, source=task.baseline, fitness=0.0, curiosities=Fraction(1))
+    baseline = _without_request(0, Operator.baseline, task.baseline)
+    return Candidate(id=baseline.id, source=baseline.source, fitness=0.0, curiosities=Fraction(1))
 
 
 def _mutates(settings: Settings, slot: _Slot) -> bool:

@@ -7,6 +7,7 @@ Both are written whole, so that several processes may end the same study at once
 """
 
 import contextlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,7 +22,10 @@ from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, Stu
 from tacevo.typed import parse
 
 #: What `name_study` returns, as a regular expression.
-NAME = r"(?:elites|noise)\d+-seeds\d+-epochs\d+-[0-9a-f]{8}"
+NAME = r"(?:elites|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
+
+#: Characters of a directory's name that say what other data a study is about, at most.
+_LONGEST_WHERE = 40
 
 
 _CONTINUES = "the command that began it, `tacevo study` or `tacevo noise`, continues it; or delete it"
@@ -149,7 +153,9 @@ class StudyDirectory:
 def name_study(header: StudyHeader) -> str:
     """Name the directory of a study after what it is; see `NAME`."""
     what, short = "elites" if header.terms else "noise", content_hash(written(header))[:8]
-    return f"{what}{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}-{short}"
+    where = re.sub(r"[^A-Za-z0-9._]+", "-", header.where)[:_LONGEST_WHERE].strip("-")
+    parts = [f"{what}{len(header.networks) - 1}", f"seeds{header.seeds}", f"epochs{header.recipe.epochs}", where, short]
+    return "-".join(part for part in parts if part)
 
 
 def studies_of(run: Path) -> list[StudyDirectory]:

@@ -53,8 +53,15 @@ class Design(Record):
     networks: tuple[Network, ...]
     #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
     chosen_by: str = ""
+    #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.
+    other_data: tuple[tuple[str, FreeJson], ...] = ()
     #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
+
+    @property
+    def where(self) -> str:
+        """What other data than the run's the study is about, as `split_seed=7`; empty where it is the run's."""
+        return ", ".join(f"{name}={value}" for name, value in self.other_data)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,6 +38,19 @@ def networks_of(
     return baseline, *(_studied(f"variant {number}", lines[name]) for number, name in enumerate(best, start=1))
 
 
+def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) -> tuple[Network, ...]:
+    """Return the baseline and all given networks, by their names and in their order.
+
+    Args:
+        candidates: lines of a finished run, the baseline's first, and then those of the given networks.
+        names: of the given networks, at least one.
+
+    Raises:
+        RunError: one of them was not trained.
+    """
+    return tuple(_studied(name, line) for name, line in zip(("baseline", *names), candidates, strict=False))
+
+
 def _studied(name: str, line: CandidateLine | None) -> Network:
     if line is None or line.source is None or line.fitness is None or line.parameters is None or line.flops is None:
         raise RunError(

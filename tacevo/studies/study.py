@@ -1,4 +1,4 @@
-"""`tacevo study` and `tacevo noise`: the baseline and the best elites of a run, trained with several seeds.
+"""`tacevo study` and `tacevo noise`: the baseline and other networks of a run, trained with several seeds.
 
 A study trains them fully and tests them. A noise run trains them as the search did, which gives their fitness under
 other seeds, and sees no test image. Each has seeds of its own, so elites that a noise run chose are studied by fresh
@@ -13,23 +13,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ChosenBy
+from tacevo.config.compose import compose_data
 from tacevo.config.recorded import RecordedRun, doubting, read_recorded
-from tacevo.config.schema import ExecutorConfig, RunConfig
+from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError, RunError
 from tacevo.randomness import derived_seed
-from tacevo.records import Kind, Limits, Mode, Rejection, Training
+from tacevo.records import DataFacts, Kind, Limits, Mode, Rejection, Training
 from tacevo.rules import CURRENT, STUDY
-from tacevo.runs.datasets import load_same, source_of
+from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
+from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.confinement import require
 from tacevo.storage.store import Seen, sweep_stores
 from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
-from tacevo.studies.networks import networks_of
+from tacevo.studies.networks import given_networks, networks_of
 from tacevo.studies.noise import estimates_of, noise_digest
 from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted
@@ -83,14 +85,21 @@ class _Plan:
     jobs: tuple[_Job, ...]
 
 
-def study(config: StudyConfig, view: Progress) -> Studied:
+def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Studied:
     """Study a finished run, or resume a study that was begun under the same configuration.
+
+    Args:
+        config: of the study; it names the run.
+        view: shows how far the study is.
+        data: settings of other data than the run's to study its networks on, such as `data.split_seed=7`.
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     run = read_recorded(Path(config.run or ""), config.store.root)
+    elsewhere = compose_data(run.config, data).data if data else None
+    by_noise = config.choose is ChosenBy.reestimated and not run.record.task.given
     plan = _plan(
         run,
         elites=config.elites,
@@ -98,10 +107,11 @@ def study(config: StudyConfig, view: Progress) -> Studied:
         epochs=config.epochs,
         limits=Limits(seconds=config.seconds, memory_mib=config.memory_mib),
         terms=_stated(config, run.record.data.kind),
-        chosen_by=noise_digest(run) if config.choose is ChosenBy.reestimated else "",
+        chosen_by=noise_digest(run) if by_noise else "",
         rules=STUDY,
     )
-    return _carry_out(plan, config.elites, config.executor, view)
+    searched = any(line.request is not None for line in run.candidates)
+    return _carry_out(plan, config.elites if searched else 0, config.executor, view, elsewhere)
 
 
 def estimate_noise(path: Path, config: NoiseConfig, view: Progress) -> Studied:
@@ -127,18 +137,24 @@ def estimate_noise(path: Path, config: NoiseConfig, view: Progress) -> Studied:
     return _carry_out(plan, elites or 0, config.executor, view)
 
 
-def _carry_out(plan: _Plan, wanted: int, executor: ExecutorConfig, view: Progress) -> Studied:
-    """Train all that a plan asks for, and write it down; `wanted` elites were asked for."""
-    run, task, facts = replace(plan.config, executor=executor), plan.run.record.task, plan.run.record.data
+def _carry_out(
+    plan: _Plan, wanted: int, executor: ExecutorConfig, view: Progress, elsewhere: DataConfig | None = None
+) -> Studied:
+    """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
+    run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
     require(run.sandbox.require)
     check_machine(run.numerics.kind, run.training.device)
     catalogue = source_of(run).catalogue()
-    data = load_same(run, facts, view, catalogue=catalogue)
+    if elsewhere is None:
+        data = load_same(run, plan.header.data, view, catalogue=catalogue)
+    else:
+        data = load_data(run, view, catalogue=catalogue)
+        plan = _moved(plan, elsewhere, data.facts)
     sweep_stores(Path(run.store.root))
     directory = StudyDirectory(plan.run.directory.path / "studies" / name_study(plan.header))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    with Workbench(run, task, facts, Mode.record, data=data) as bench:
+    with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data) as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
@@ -187,6 +203,8 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
         chosen_by=recorded.chosen_by,
         rules=recorded.rules,
     )
+    if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
+        plan = replace(plan, header=replace(plan.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{directory.path}/study.json"
     if not describes(recorded, plan.header):
         raise DivergenceError(
@@ -197,7 +215,7 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
-    with Workbench(plan.config, run.record.task, run.record.data, Mode.replay, seen=seen) as bench:
+    with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, seen=seen) as bench:
         evaluator = _evaluator(bench, plan.header, recorded.scale)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = directory.compare(plan.header, _rows(plan, evaluator, verdicts))
@@ -234,8 +252,11 @@ def _plan(
     training = replace(run.config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
     config = replace(run.config, training=training)
     archive, _ = run.read_archives()
-    estimates = estimates_of(run, chosen_by) if chosen_by else None
-    networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites, estimates)
+    if given := run.record.task.given:
+        networks = given_networks(run.candidates, [network.name for network in given])
+    else:
+        estimates = estimates_of(run, chosen_by) if chosen_by else None
+        networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites, estimates)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,
@@ -261,11 +282,21 @@ def _plan(
     return _Plan(run=run, config=config, header=header, jobs=tuple(jobs))
 
 
+def _moved(plan: _Plan, data: DataConfig, facts: DataFacts) -> _Plan:
+    """Return the plan on other data, of the size and kind of the run's; they may turn out to be the run's own."""
+    if facts.fingerprint == plan.run.record.data.fingerprint:
+        return plan
+    differing = other_settings(plan.config.data, data) or (("fingerprint", facts.fingerprint[:12]),)
+    return replace(plan, header=replace(plan.header, data=facts, other_data=differing))
+
+
 def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     what = "study" if plan.header.terms else "noise run"
     view.say(f"{what}: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks, terms, seeds = plan.header.networks, plan.header.terms, plan.header.seeds
+    if plan.header.other_data:
+        view.say(f"on other data than the run's: {plan.header.where}")
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if len(networks) <= wanted:
         view.say(f"the archive has {len(networks) - 1} elites with a source of their own, fewer than elites={wanted}")

@@ -31,7 +31,7 @@ def subject(*, provider: str, source: str) -> Subject:
         versions={"tacevo": "0.1.0", "python": "3.11", "torch": "2.13", "numpy": "2.4"},
         machine={"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
     )
-    ledger: Sealed[Line] = Sealed(lines=(candidate("g00s00"),) * 86, hashes=("d" * 64,))
+    ledger: Sealed[Line] = Sealed(lines=(candidate("g00s00"), *(candidate("g00s01"),) * 85), hashes=("d" * 64,))
     run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger, eras=())
     return Subject(runs=(run,), studies=({"s": "e" * 64, "t": "f" * 64},))
 
@@ -49,6 +49,16 @@ def test_model_is_named() -> None:
     text = subject(provider="anthropic", source="csv").description
     assert "Answers by the language model model-1 (llm=anthropic)." in text
     assert "no LLM" not in text
+
+
+def test_given_networks_are_not_passed_off_as_found() -> None:
+    """Neither title nor description speaks of a search where no model was asked."""
+    searched = subject(provider="grammar", source="simulated")
+    ledger = replace(searched.first.ledger, lines=searched.first.ledger.lines[:1])
+    given = replace(searched, runs=(replace(searched.first, ledger=ledger),))
+    for text in (given.title, given.description):
+        assert "search" not in text
+    assert "No model was asked: the networks were given." in given.description
 
 
 def test_simulated_images_come_with_their_command() -> None:

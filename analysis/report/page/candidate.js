@@ -106,6 +106,7 @@ function nichesHeld(run, one) {
 
 function requestOf(run, one) {
     if (one.operator === "baseline") return h("p", null, "The task's baseline; no model was asked for it.");
+    if (one.operator === "given") return h("p", null, "A network that was given; no model was asked for it.");
     const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
     const text = one.prompt === null ? fixed : run.instructions[one.prompt][1];
     const temperature = one.temperature_sent

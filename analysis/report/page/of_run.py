@@ -151,11 +151,12 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     if again is not None:
         words, reference, median = again
         losses += f"; {words}: {shown(median)} against the baseline's {shown(reference)}"
+    model = f"Model: {config.llm.model}, provider: {config.llm.provider}" if run.answered else "No model was asked"
     size = f"{counted(len(run.candidates), 'candidate')} in {counted(len(run.generations), 'generation')}"
     images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
     return (
         f"Task: {run.task}. {size}, seed {config.seed}{losses}.",
-        f"Model: {config.llm.model}, provider: {config.llm.provider}. Data source: {config.data.source}, {images}.",
+        f"{model}. Data source: {config.data.source}, {images}.",
         f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {eras_in_words(run.eras)}.",
     )
 

@@ -1,0 +1,101 @@
+"""The same networks, studied alike on several data sets: another split, sensor or light, or recordings."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from analysis.statistics.noise import agreement
+from analysis.studies.comparison import Comparisons, Verdict
+from analysis.studies.scores import LOWER_IS_BETTER, Study
+from tacevo.records import to_json
+from tacevo.rounding import rounded
+from tacevo.storage.canonical import content_hash
+from tacevo.studies.lines import Design
+
+#: What the run's own data are called beside other data.
+OWN = "the run's"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What became of one network on one data set."""
+
+    median: float
+    #: By the median, 1 is best; equal medians share the lower number.
+    rank: int
+    #: Corrected over the variants of this data set; None of the baseline, and where nothing could be compared.
+    p_holm: float | None
+    verdict: Verdict | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnData:
+    """All networks on one data set."""
+
+    #: How the data differ from the run's, or `OWN`.
+    where: str
+    study: Study
+    #: By the networks' names, in their order.
+    results: Mapping[str, Result]
+    #: Kendall's tau-b of its medians with those of the first data set; None of the first, and without two that differ.
+    agreement: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transfer:
+    """Studies that differ in their data only."""
+
+    #: Two at least, that of the run's data first.
+    data: tuple[OnData, ...]
+
+    def has(self, study: Study) -> bool:
+        """Return whether a study is one of them."""
+        return any(on.study is study for on in self.data)
+
+
+def transfers(studies: Iterable[tuple[Study, Comparisons | None]]) -> tuple[Transfer, ...]:
+    """Find the studies of a run that differ in their data only, with the comparison of each where it has one."""
+    groups: dict[str, list[tuple[Study, Comparisons | None]]] = {}
+    for study, found in studies:
+        shared = {field.name: to_json(getattr(study, field.name)) for field in fields(Design)}
+        del shared["data"], shared["other_data"]
+        groups.setdefault(content_hash(shared), []).append((study, found))
+    return tuple(map(_transfer, (group for group in groups.values() if len(group) > 1)))
+
+
+def _transfer(group: list[tuple[Study, Comparisons | None]]) -> Transfer:
+    ordered = sorted(group, key=lambda pair: (bool(pair[0].other_data), pair[0].where))
+    first = _medians(ordered[0][0])
+    return Transfer(
+        data=tuple(
+            OnData(
+                where=study.where or OWN,
+                study=study,
+                results=_results(study, found),
+                agreement=agreement(list(first.values()), list(_medians(study).values())) if number else None,
+            )
+            for number, (study, found) in enumerate(ordered)
+        ),
+    )
+
+
+def _results(study: Study, found: Comparisons | None) -> dict[str, Result]:
+    medians = _medians(study)
+    sign = 1 if LOWER_IS_BETTER[study.primary] else -1
+    compared = {one.network: one for one in (() if found is None else found.variants)}
+    return {
+        name: Result(
+            median=median,
+            rank=1 + sum(sign * other < sign * median for other in medians.values()),
+            p_holm=compared[name].p_holm if name in compared else None,
+            verdict=compared[name].verdict if name in compared else None,
+        )
+        for name, median in medians.items()
+    }
+
+
+def _medians(study: Study) -> dict[str, float]:
+    return {
+        network.name: rounded(float(np.median(study.values(network.name, study.primary)))) for network in study.networks
+    }

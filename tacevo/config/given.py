@@ -1,0 +1,127 @@
+"""Networks that a user gives: their files, and the run that a study of them is about."""
+
+import glob
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from tacevo.choices import ArchiveKind, Axis, PromptPolicy
+from tacevo.config.checks import check_together
+from tacevo.config.compose import compose, compose_study
+from tacevo.config.folder import conf_root
+from tacevo.config.schema import RunConfig, SearchConfig
+from tacevo.config.study import StudyConfig
+from tacevo.errors import ConfigError
+
+#: Settings of a study, by their first part; `run` is the directory of another one's run.
+_OF_A_STUDY = {field.name for field in fields(StudyConfig)} - {"run"}
+
+#: Settings of the run, by their first part: how given networks are trained, judged and recorded. Both have the last
+#: two.
+_OF_A_RUN = {
+    *("task", "data", "training", "numerics", "gate", "sandbox", "seed", "experiment", "tracking", "run"),
+    *("executor", "store"),
+}
+
+#: Settings of a study that choose among elites.
+_CHOOSING = ("elites", "choose")
+
+#: What a network may be called, since tables, figures and file names bear its name.
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkFile:
+    """The file of a given network."""
+
+    path: Path
+    #: The file's name without its ending.
+    name: str
+    text: str
+
+
+def gives_networks(overrides: Sequence[str]) -> bool:
+    """Return whether the settings of a study are about given networks, or about a task's baseline alone."""
+    keys = {override.partition("=")[0] for override in overrides}
+    return "run" not in keys and any(key == "networks" or _group(key) in {"task", "experiment"} for key in keys)
+
+
+def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tuple[NetworkFile, ...]]:
+    """Compose a study of given networks, and the run that they stand in: one of generation 0, which keeps them all.
+
+    Args:
+        overrides: those of a study, such as `networks=DIR` and `seeds=5`, and those of a run, such as `task=force`.
+
+    Raises:
+        ConfigError: as `tacevo.config.compose.compose`; a setting is that of a search; or the files are not networks of
+            different names.
+    """
+    keys = {override: override.partition("=")[0] for override in overrides}
+    for override, key in keys.items():
+        if key in _CHOOSING:
+            raise ConfigError(override, place=key, expected="no choice of elites: every given network is studied")
+        if _group(key) not in _OF_A_STUDY | _OF_A_RUN:
+            known = ", ".join(sorted(_OF_A_RUN - _OF_A_STUDY))
+            raise ConfigError(override, place=key, expected=f"a setting of a study, or of its run: of {known}")
+    of_study = [override for override, key in keys.items() if _group(key) in _OF_A_STUDY]
+    of_run = [override for override, key in keys.items() if _group(key) in _OF_A_RUN]
+    study = compose_study(of_study, given=True)
+    files = tuple(_files(study.networks))
+    chosen = compose(["llm=grammar", *of_run])  # it is asked nothing, but some experiments want a model to be named
+    return study, _run_of(chosen, len(files)), files
+
+
+def _run_of(chosen: RunConfig, networks: int) -> RunConfig:
+    """Turn a configuration into that of a run that holds the baseline and so many other networks."""
+    config = replace(
+        chosen,
+        search=SearchConfig(generations=0, candidates=1, initial=networks),
+        archive=replace(chosen.archive, kind=ArchiveKind.best, kept=networks + 1, axes=tuple(Axis)),
+        prompts=replace(chosen.prompts, policy=PromptPolicy.none, pool=None),
+    )
+    check_together(config)
+    return config
+
+
+def _group(key: str) -> str:
+    return key.partition(".")[0]
+
+
+def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
+    """Read the files that paths, directories and patterns name, in this order.
+
+    Raises:
+        ConfigError: nothing is there, a file is not text, or two files have one name.
+    """
+    known: dict[str, Path] = {"baseline": Path("the task's baseline, which every study has")}
+    for path in (path for name in names for path in _paths(name)):
+        label = path.stem
+        if _NAME.fullmatch(label) is None:
+            expected = "a file name of up to 40 letters, digits, spaces, '.', '_' and '-': it is the network's name"
+            raise ConfigError(repr(label), place=f"networks, {path}", expected=expected, remedy="rename the file")
+        if label in known:
+            expected = "files of different names, which are the networks' names"
+            raise ConfigError(f"{known[label]} and {path}", place="networks", expected=expected, remedy="rename one")
+        known[label] = path
+        try:
+            yield NetworkFile(path=path, name=label, text=path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(str(error), place=f"networks, {path}", expected="a network: text in UTF-8") from error
+
+
+def _paths(name: str) -> list[Path]:
+    """List the files behind a name: a file, those of a directory, or those of a pattern, by name.
+
+    A relative name is looked up here and then in conf/, so that the shipped networks are found from anywhere.
+    """
+    for root in (Path(), conf_root()):
+        path = root / name
+        pattern = f"{glob.escape(str(path))}/*.py" if path.is_dir() else str(path)
+        if found := sorted(Path(match) for match in glob.glob(pattern)):
+            return found
+    raise ConfigError(
+        f"{name}, where there is none",
+        place="networks",
+        expected="a file of a network, a directory of .py files, or a pattern such as 'nets/*.py'",
+    )

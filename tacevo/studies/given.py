@@ -1,0 +1,67 @@
+"""Given networks, recorded as a run: generation 0 is the baseline and these, each past the gate and trained once.
+
+So whatever is made of a run is made of them: replays, studies, tables, figures, reports and bundles.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from tacevo.config.given import NetworkFile
+from tacevo.config.schema import RunConfig
+from tacevo.config.tasks import load_task
+from tacevo.errors import ConfigError
+from tacevo.gate.admission import Gate
+from tacevo.records import Completion, Given, Mode, Rejection, Task
+from tacevo.rules import CURRENT
+from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
+from tacevo.runs.session import record, require_means
+from tacevo.runs.wiring import Workbench, start_zygote
+
+
+def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress) -> Path:
+    """Record given networks as a run, or find the one that was recorded under the same configuration.
+
+    Returns:
+        The directory of the run.
+
+    Raises:
+        ConfigError: the gate rejects a file, or a training of it fails; two files hold one network.
+        TacevoError: as `tacevo.runs.session.search`; what was computed so far is kept.
+    """
+    llm = require_means(config)
+    with start_zygote(config) as zygote:
+        data = load_data(config, view)
+        task = load_task(config, data.facts)
+        # All of them are judged before the first is trained; the run recalls these verdicts.
+        with Workbench(config, task, data.facts, Mode.record) as bench:
+            gate = bench.gate(CURRENT)
+            given = tuple(bench.executor.map(lambda file: _admitted(gate, file), files))
+        _check_different(task, given)
+        return record(config, replace(task, given=given), data, view, zygote=zygote, llm=llm).directory
+
+
+def _admitted(gate: Gate, file: NetworkFile) -> Given:
+    """Put a file through the gate, as if a model had answered with it."""
+    answer = Completion(text=file.text, model="", stop_reason="end_turn", input_tokens=0, output_tokens=0)
+    verdict = gate.admit(answer)
+    if isinstance(verdict, Rejection):
+        raise ConfigError(
+            f"one that is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}",
+            place=f"networks, {file.path}",
+            expected="a network that the gate admits",
+        )
+    return Given(name=file.name, source=verdict.source)
+
+
+def _check_different(task: Task, given: Sequence[Given]) -> None:
+    """Refuse a network that is there twice: its seeds would be counted twice."""
+    known = {task.baseline: "baseline"}
+    for network in given:
+        if network.source in known:
+            expected = "different networks"
+            raise ConfigError(
+                f"{known[network.source]} and {network.name} are one", place="networks", expected=expected
+            )
+        known[network.source] = network.name

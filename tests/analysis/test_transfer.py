@@ -1,0 +1,137 @@
+"""Promise: studies that differ in their data only become one table of transfer, and one that stands alone says so."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from hand_runs import closed, run, trained
+from studies import around, study_of
+
+from analysis.report.collection import Collection, Compared, tables_of, with_one_study
+from analysis.runs.niches import Niches
+from analysis.studies.comparison import Verdict, compare
+from analysis.studies.scores import Study
+from analysis.studies.transfer import OWN, transfers
+from analysis.table import Percent
+from analysis.tables.comparison import ONE_SPLIT
+from analysis.tables.transfer import counts_table, transfer_table, transfer_tables
+from tacevo.records import Kind
+
+NICHES = np.array([[0.3, 0.5], [0.7, 0.5]])
+
+#: Two variants, of which the first is better than the baseline and the second worse; and the other way round.
+ONE = {
+    "baseline": around(0.02, step=0.0001),
+    "a": around(0.01, step=0.0001),
+    "b": around(0.04, step=0.0001),
+}
+OTHER = {"baseline": ONE["baseline"], "a": ONE["b"], "b": ONE["a"]}
+
+
+def elsewhere(values: Mapping[str, Sequence[float]], split: int, **changes: Any) -> Study:
+    """Make a study on another split than the run's."""
+    study = study_of(values)
+    data = replace(study.data, fingerprint=f"{split:064d}")
+    return replace(study, data=data, other_data=(("split_seed", split),), **changes)
+
+
+def both() -> list[tuple[Study, None]]:
+    """Return the study of a run's data and one of another split, the other one first."""
+    return [(elsewhere(OTHER, 7), None), (study_of(ONE), None)]
+
+
+def collection(*studies: Study) -> Collection:
+    """Return a run with these studies."""
+    compared = [
+        Compared(name=f"study{number}", study=study, comparisons=compare(study))
+        for number, study in enumerate(studies, start=1)
+    ]
+    searched = run([trained(0, 0, 0.5)], [closed(0, 0.5)], elites=[])
+    niches = Niches(networks=NICHES, prompts=NICHES)
+    return Collection(run=searched, niches=niches, studies=tuple(compared), reestimates=(), left_out=())
+
+
+def test_ranks_and_verdicts_are_those_of_each_data_set() -> None:
+    """The run's own data come first; by hand, the variants change places on the other split."""
+    studies = [study for study, _ in both()]
+    (found,) = transfers((study, compare(study)) for study in studies)
+    first, second = found.data
+    assert (first.where, second.where) == (OWN, "split_seed=7")
+    assert {name: one.rank for name, one in first.results.items()} == {"baseline": 2, "a": 1, "b": 3}
+    assert {name: one.rank for name, one in second.results.items()} == {"baseline": 2, "a": 3, "b": 1}
+    assert [one.verdict for one in first.results.values()] == [None, Verdict.better, Verdict.worse]
+    assert [one.verdict for one in second.results.values()] == [None, Verdict.worse, Verdict.better]
+    assert (first.agreement, second.agreement) == (None, -1)
+
+
+def test_table_is_network_by_data_set() -> None:
+    """A row for each pair, and the counts of a network over all data sets."""
+    studies = [study for study, _ in both()]
+    (found,) = transfers((study, compare(study)) for study in studies)
+    rows = [(*row[:3], *row[3:5], row[6]) for row in transfer_table(found).rows]
+    assert rows == [
+        (OWN, 1, "baseline", 0.02, 2, None),
+        (OWN, 1, "a", 0.01, 1, "better"),
+        (OWN, 1, "b", 0.04, 3, "worse"),
+        ("split_seed=7", 1, "baseline", 0.02, 2, None),
+        ("split_seed=7", 1, "a", 0.04, 3, "worse"),
+        ("split_seed=7", 1, "b", 0.01, 1, "better"),
+    ]
+    assert "split_seed=7 \N{MINUS SIGN}1.00" in transfer_table(found).notes[-1]
+    assert counts_table(found).columns[4:] == ("better", "worse", "equivalent", "undecided")
+    assert counts_table(found).rows == (
+        ("baseline", 2, 2, 2, None, None, None, None),
+        ("a", 2, 1, 3, 1, 1, 0, 0),
+        ("b", 2, 1, 3, 1, 1, 0, 0),
+    )
+
+
+def test_accuracy_is_better_where_it_is_larger() -> None:
+    """Ranks follow the metric; shares are percentages, and a tie shares the lower number."""
+    values = {"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}
+    own = study_of(values, kind=Kind.classification)
+    moved = replace(own, data=replace(own.data, fingerprint="e" * 64), other_data=(("light", "dim"),))
+    (found,) = transfers([(own, None), (moved, None)])
+    assert [one.rank for one in found.data[1].results.values()] == [2, 2, 1]
+    assert transfer_table(found).rows[2][3] == Percent(0.75)
+
+
+def test_baseline_alone_has_nothing_to_count() -> None:
+    """Its scores on each data set are a table all the same."""
+    alone = {"baseline": ONE["baseline"]}
+    (found,) = transfers([(study_of(alone), None), (elsewhere(alone, 1), None)])
+    (table,) = transfer_tables(found)
+    assert len(table.rows) == 2
+
+
+def test_studies_that_differ_otherwise_are_not_set_beside_each_other() -> None:
+    """Other networks, seeds or epochs: a difference could be theirs."""
+    own = study_of(ONE)
+    fewer = {name: values for name, values in OTHER.items() if name != "b"}
+    longer = replace(own.recipe, epochs=own.recipe.epochs + 1)
+    for other in (elsewhere(fewer, 7), elsewhere(OTHER, 7, recipe=longer), elsewhere(OTHER, 7, chosen_by="0" * 64)):
+        assert transfers([(own, None), (other, None)]) == ()
+
+
+def test_warning_of_one_split_goes_with_a_second_one() -> None:
+    """It stands in scores and verdicts of each study whose networks have one data set only."""
+    warned = {table.name for table in tables_of(collection(study_of(ONE)), None) if ONE_SPLIT in table.notes}
+    assert warned == {"scores_force_study1", "verdicts_force_study1"}
+    tables = tables_of(collection(study_of(ONE), elsewhere(OTHER, 7)), None)
+    assert not [table.name for table in tables if ONE_SPLIT in table.notes]
+    assert {"transfer_force_study1", "transfer_counts_force_study1"} <= {table.name for table in tables}
+
+
+def test_study_on_other_data_says_so() -> None:
+    """In the notes of its scores and metrics."""
+    tables = {table.name: table for table in tables_of(collection(elsewhere(ONE, 7)), None)}
+    for name in ("scores_force_study1", "metrics_force_study1"):
+        assert "On other data than the run's: split_seed=7." in " ".join(tables[name].notes)
+
+
+def test_paper_takes_the_study_of_the_runs_own_data() -> None:
+    """However large that on other data is."""
+    large = elsewhere(OTHER, 7, recipe=replace(study_of(ONE).recipe, epochs=500))
+    kept = with_one_study(collection(study_of(ONE), large))
+    assert [compared.name for compared in kept.studies] == ["study1"]

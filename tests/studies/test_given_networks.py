@@ -1,0 +1,202 @@
+"""Promise: given networks are studied as those of a search are, on the run's data and on other data."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from refusals import refused
+from smallest import SMALLEST, UNTRACKED, Once
+
+from tacevo.choices import ArchiveKind
+from tacevo.cli.app import main
+from tacevo.config.recorded import read_recorded
+from tacevo.errors import CacheMissError, DivergenceError, TacevoError
+from tacevo.records import Operator
+from tacevo.runs.progress import Progress
+from tacevo.studies.directory import StudyDirectory, studies_of
+from tacevo.studies.study import replay_studies
+
+pytestmark = pytest.mark.timeout(300)
+
+#: A network that trains in no time; `{}` is its width.
+NETWORK = """\
+import torch
+import torch.nn as nn
+
+
+class ImageRegressionCNN(nn.Module):
+    def __init__(self, in_channels=3, num_outputs=3):
+        super().__init__()
+        self.conv = nn.Conv2d(in_channels, {}, 3, stride=4)
+        self.head = nn.Linear({}, num_outputs)
+
+    def forward(self, x):
+        return self.head(torch.relu(self.conv(x)).mean((2, 3)))
+"""
+
+SETTINGS = [*SMALLEST[:3], UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
+
+GIVEN = ["networks=[wide.py,narrow.py]", *SETTINGS]
+
+
+@pytest.fixture(scope="session")
+def given_study(once: Once) -> Path:
+    """Return a directory with a run of two given networks, and its studies on two splits; no test may change it."""
+
+    def study(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            for name, width in (("wide", 8), ("narrow", 2)):
+                Path(f"{name}.py").write_text(NETWORK.format(width, width))
+            assert main(["study", *GIVEN]) == 0
+            assert main(["study", "run=run", "seeds=2", "epochs=1", "data.split_seed=7"]) == 0
+
+    return once("given", study)
+
+
+@pytest.fixture
+def here(given_study: Path, place: Path) -> Path:
+    """Work in a copy of it."""
+    shutil.copytree(given_study, place, dirs_exist_ok=True)
+    return place
+
+
+def study_on(where: str) -> StudyDirectory:
+    """Return the study of the run that is on these data."""
+    (found,) = (directory for directory in studies_of(Path("run")) if directory.read().where == where)
+    return found
+
+
+def test_every_given_network_is_studied_under_its_name(here: Path) -> None:
+    """In the order in which they were named, whatever their fitness; none competes for a niche."""
+    run = read_recorded(Path("run"))
+    assert [(line.operator, line.request) for line in run.candidates] == [
+        (Operator.baseline, None),
+        (Operator.given, None),
+        (Operator.given, None),
+    ]
+    assert run.config.archive.kind is ArchiveKind.best
+    networks = study_on("").read().networks
+    assert [(network.name, network.id) for network in networks] == [
+        ("baseline", "g00s00"),
+        ("wide", "g00s01"),
+        ("narrow", "g00s02"),
+    ]
+    assert networks[1].parameters > networks[2].parameters
+
+
+def test_other_split_is_another_study_of_the_same_networks(here: Path) -> None:
+    """Named by what differs; training seeds and networks are equal, data and trainings are not."""
+    own, other = study_on("").read_scores(), study_on("split_seed=7").read_scores()
+    assert "-split_seed-7-" in study_on("split_seed=7").path.name
+    assert own.header.data.fingerprint != other.header.data.fingerprint
+    assert (own.header.networks, own.header.recipe) == (other.header.networks, other.header.recipe)
+    assert not {row.evaluation for row in own.rows} & {row.evaluation for row in other.rows}
+
+
+def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They find run and study again, also by the pattern that names the same files."""
+    before = {path: path.read_bytes() for path in here.glob("run/studies/*/*")}
+    for command in (GIVEN, ["run=run", "seeds=2", "epochs=1", "data.split_seed=7"]):
+        assert main(["study", *command]) == 0
+        assert "(6 of 6 trainings recorded already)" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in here.glob("run/studies/*/*")} == before
+
+
+def test_settings_that_lead_to_the_runs_data_are_its_study(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The content decides, and not how it was asked for."""
+    assert main(["study", "run=run", "seeds=2", "epochs=1", "data.split_seed=0"]) == 0
+    assert "(6 of 6 trainings recorded already)" in capsys.readouterr().err
+    assert len(studies_of(Path("run"))) == 2
+
+
+def test_replay_compares_run_and_both_studies_without_data(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From the stores alone, without the files that were given."""
+    shutil.rmtree("cache/data")
+    for file in here.glob("*.py"):
+        file.unlink()
+    assert main(["replay", "run"]) == 0
+    assert capsys.readouterr().out.count("every score is as recorded") == 2
+
+
+def test_published_run_of_given_networks_is_verified(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One file holds networks, studies and tables; it says that no model was asked."""
+    assert main(["publish", "run", "-o", "given.zip", "--author", "A. Nyone"]) == 0
+    assert main(["replay", "given.zip"]) == 0
+    assert main(["tables", "given.zip", "-o", "tables"]) == 1  # two seeds are too few for verdicts
+    output = capsys.readouterr().out
+    assert "transfer_force" in " ".join(path.name for path in Path("tables").iterdir())
+    assert "split_seed=7" in output
+    assert "No model was asked: the networks were given." in " ".join(summary_of(here).split())
+
+
+def summary_of(folder: Path) -> str:
+    """Read the README of the bundle."""
+    shutil.unpack_archive(folder / "given.zip", folder / "bundle")
+    return (folder / "bundle" / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("edit", "error"),
+    [
+        (lambda record: record.update(other_data=[]), DivergenceError),
+        (lambda record: record.update(other_data=[["split_seed", 8]]), DivergenceError),
+        (lambda record: record["data"].update(fingerprint="0" * 64), CacheMissError),
+    ],
+)
+def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError], here: Path) -> None:
+    """A study cannot be moved to other data, or made that of the run's, by its description."""
+    directory = study_on("split_seed=7")
+    record = json.loads((directory.path / "study.json").read_text())
+    edit(record)  # type: ignore[operator]
+    (directory.path / "study.json").write_text(json.dumps(record))
+    with refused(error):
+        replay_studies(read_recorded(Path("run")), Progress())
+
+
+@pytest.mark.parametrize(
+    ("source", "where", "got"),
+    [
+        ("class Other: pass\n", "networks, bad.py", "extract, no_class"),
+        (NETWORK.format(2, 2).replace("import torch\n", "import torch\nimport os\n"), "networks, bad.py", "policy"),
+        (NETWORK.format(2, 3), "networks, bad.py", "probe, forward_failed"),
+        (NETWORK.format(8, 8), "networks", "wide and bad are one"),
+    ],
+)
+def test_bad_network_is_refused_before_anything_is_trained(
+    source: str, where: str, got: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The error names the file and the gate's reason, and the good ones are kept."""
+    Path("bad.py").write_text(source)
+    evaluations = len(list(here.glob("cache/evaluations/*/*")))
+    assert main(["study", "networks=[wide.py,bad.py]", *SETTINGS[:-2], "run.dir=other", "store.root=cache"]) == 2
+    error = capsys.readouterr().err
+    assert where in error
+    assert got in error
+    assert not Path("other").exists()
+    assert len(list(here.glob("cache/evaluations/*/*"))) == evaluations
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["run=run", "data=numpy", "data.root=two.npz"], "task.outputs: expected 2, as the data set has (a, b); got 3"),
+        (["run=run", "data=numpy", "data.root=classes.npz"], "task.kind: expected classification"),
+        (["run=run", "data.image_size=16"], "data.image_size: expected 32, which the run's networks are for; got 16"),
+        (["run=run", "networks=wide.py"], "networks"),
+        (["run=run", "task=grating"], "task: not a setting"),
+    ],
+)
+def test_data_that_do_not_fit_are_refused(
+    settings: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And nothing is begun."""
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 256, (40, 32, 32, 3), dtype=np.uint8)
+    np.savez("two.npz", images=images, labels=rng.random((40, 2)), names=["a", "b"])
+    np.savez("classes.npz", images=images, labels=np.arange(40) % 3)
+    assert main(["study", *settings]) == 2
+    assert message in capsys.readouterr().err
+    assert len(studies_of(Path("run"))) == 2
