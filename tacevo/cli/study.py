@@ -1,4 +1,4 @@
-"""The commands `tacevo study` and `tacevo noise`."""
+"""The commands `tacevo study`, of a run or of the jobs of a sweep, and `tacevo noise`."""
 
 import argparse
 from collections.abc import Mapping
@@ -6,14 +6,17 @@ from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose_noise, compose_study
+from tacevo.config.study import StudyConfig
 from tacevo.runs.progress import Progress
+from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
-    "run": "the directory of a finished run; required",
-    "elites": "how many elites, best first, beside the baseline (4)",
+    "run": "the directory of a finished run",
+    "sweep": "or that of a sweep: a study of each finished job, with its best elite",
+    "elites": "how many elites of run=, best first, beside the baseline (4)",
     "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); the first unless set",
     "seeds": "training seeds of each network (20)",
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
@@ -24,6 +27,7 @@ SETTINGS = {
     "margins.regression.kind": "relative (to the baseline's median), or absolute; the first unless set",
     "margins.classification.value": "the same for the test accuracy (0.01)",
     "margins.classification.kind": "absolute (in the metric itself), or relative; the first unless set",
+    "plan": "the plan.json that it follows, which is kept in it (none)",
     "executor.workers": "trainings at once (2)",
     "store.root": "the directory of the stores (that of the run)",
 }
@@ -41,6 +45,7 @@ examples:
   tacevo study run=runs/NAME
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
   tacevo study run=runs/NAME margins.regression.value=0.05
+  tacevo study sweep=sweeps/NAME seeds=5      for `tacevo ablations`, which compares arms by these test scores
 
 """
 
@@ -60,7 +65,8 @@ def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
     parser.description = (
         "Train the baseline and the best elites of a finished run fully, each with the same training seeds, and "
-        "measure\nthem on the test images. The exit status is 1 if a training did not finish."
+        "measure\nthem on the test images; or do so with the best elite of every job of a sweep. The exit status is 1 "
+        "if a\ntraining or a job did not finish."
     )
     _finish(parser, SETTINGS, _EPILOG)
     parser.set_defaults(command=_study)
@@ -91,9 +97,21 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
 
 def _study(options: argparse.Namespace) -> int:
     config = compose_study(options.overrides)
+    if config.sweep is not None:
+        return _study_sweep(Path(config.sweep), config)
     with Progress() as view:
         studied = study(config, view)
     return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")
+
+
+def _study_sweep(sweep: Path, config: StudyConfig) -> int:
+    with Progress() as view:
+        studied = study_sweep(sweep, config, view)
+    statuses = [_report(one, "study", "raise seconds= or memory_mib=") for one in studied.studies]
+    for job in studied.unfinished:
+        print(f"not studied, for it is not finished: {job}")
+    print(f"compare: tacevo ablations {sweep}")
+    return DIFFERENT if studied.unfinished else max(statuses)
 
 
 def _noise(options: argparse.Namespace) -> int:

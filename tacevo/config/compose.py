@@ -4,7 +4,7 @@ import contextlib
 import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import TypeVar, cast
 
 from hydra import compose as hydra_compose
@@ -51,8 +51,26 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 
 
 def compose_study(overrides: Sequence[str]) -> StudyConfig:
-    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`."""
-    return _compose_command("study", StudyConfig, overrides)
+    """Compose the configuration of a study from overrides such as `run=runs/NAME`.
+
+    That of a sweep's jobs has one elite.
+
+    Raises:
+        ConfigError: as `compose`; or there is neither a run nor a sweep, or both; or elites or a plan beside a sweep.
+    """
+    config = _compose_command("study", StudyConfig, overrides)
+    if (config.run is None) == (config.sweep is None):
+        expected = "the directory of a finished run, as in run=runs/NAME, or of a sweep, as in sweep=sweeps/NAME"
+        raise ConfigError("neither" if config.run is None else "both", place="run", expected=expected)
+    if config.sweep is None:
+        return config
+    if any(override.startswith("elites=") for override in overrides):
+        expected = "no value with sweep=: the jobs of a sweep are compared by the best elite of each"
+        raise ConfigError(str(config.elites), place="elites", expected=expected)
+    if config.plan is not None:
+        remedy = "a sweep states its plan when it begins: `tacevo search -m ... --plan FILE`"
+        raise ConfigError(config.plan, place="plan", expected="no value with sweep=", remedy=remedy)
+    return replace(config, elites=1)
 
 
 def compose_noise(overrides: Sequence[str]) -> NoiseConfig:

@@ -16,6 +16,10 @@ def _is_all_or_count(value: int | str) -> bool:
     return value == "all" or (isinstance(value, int) and value >= 1)
 
 
+def _is_named(value: str | None) -> bool:
+    return value != ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyStoreConfig(Record):
     """Where trainings are recorded."""
@@ -52,8 +56,10 @@ class StudyConfig(Record):
     """The full training of a run's best networks and its baseline, each with several seeds."""
 
     executor: ExecutorConfig
-    #: The directory of a finished run.
-    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
+    #: The directory of a finished run; None where a sweep is named.
+    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
+    #: The directory of a sweep, of each of whose jobs the best elite is studied; None where a run is named.
+    sweep: Annotated[str | None, is_a("the directory of a sweep, as in sweep=sweeps/NAME", _is_named)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Count
     #: What `best` means.
@@ -67,6 +73,8 @@ class StudyConfig(Record):
     #: Level of the tests, which Holm's correction keeps over all variants.
     alpha: Annotated[float, Gt(0), Lt(1)]
     margins: MarginsConfig
+    #: The plan.json that it follows; it is kept in the study.
+    plan: Annotated[str | None, is_a("the file of a plan, as in plan=build/plan/plan.json", _is_named)]
     store: StudyStoreConfig
 
 

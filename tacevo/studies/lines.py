@@ -12,6 +12,7 @@ from annotated_types import Ge
 from tacevo.choices import Device, Numerics
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
+from tacevo.storage.plan import Plan
 from tacevo.studies.terms import Terms
 from tacevo.typed import FreeJson
 
@@ -53,6 +54,8 @@ class Design(Record):
     networks: tuple[Network, ...]
     #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
     chosen_by: str = ""
+    #: None where nothing was planned.
+    plan: Plan | None = None
     #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
 

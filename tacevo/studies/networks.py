@@ -1,11 +1,13 @@
-"""Which networks a study is about; pure."""
+"""Which networks a study is about, and what they are chosen by; pure."""
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from statistics import median
 
 from tacevo.errors import RunError
 from tacevo.search.archive import best_of_their_own
 from tacevo.search.lines import CandidateLine
-from tacevo.studies.lines import Network
+from tacevo.studies.lines import Network, Row, ScoreLine
 
 
 def networks_of(
@@ -36,6 +38,14 @@ def networks_of(
     entries = [(fitness[name], name, network.source) for name, network in offered.items() if name in fitness]
     best = best_of_their_own(entries, baseline.source)[:count]
     return baseline, *(_studied(f"variant {number}", lines[name]) for number, name in enumerate(best, start=1))
+
+
+def median_losses(rows: Iterable[Row]) -> dict[str, float]:
+    """Return the median validation loss of the networks of a noise run, by id; none of one whose training failed."""
+    losses: dict[str, list[float]] = {}
+    for row in rows:
+        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}
 
 
 def _studied(name: str, line: CandidateLine | None) -> Network:
