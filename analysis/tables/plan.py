@@ -15,17 +15,14 @@ _VALUES = {Measure.mse: "test MSE", Measure.accuracy: "test accuracy", Measure.f
 
 def plan_table(planned: Planned) -> Table:
     """Show what each way needs and costs."""
-    pilot, wish = planned.pilot, planned.wish
+    pilot, wish, cells = planned.pilot, planned.wish, _cells(planned.ways[0], planned)
     value, scale = _VALUES[pilot.metric], "" if pilot.metric is Measure.accuracy else "the logarithm of a "
     return Table(
         name=f"plan_{pilot.kind}_{pilot.task}",
         caption=f"Seeds that find {_effect(pilot.metric, wish.effect)} with a chance of {shown(Percent(wish.power))} "
         f"({pilot.task}, {pilot.kind}).",
-        columns=(
-            *("spread", "it is", "training seeds of a job", "seeds", "chance"),
-            *("searches", "full trainings", "epochs", "hours", "plan"),
-        ),
-        rows=tuple(_row(way, way == planned.chosen) for way in planned.ways),
+        columns=tuple(cells),
+        rows=tuple(tuple(_cells(way, planned).values()) for way in planned.ways),
         notes=(
             f"Seeds: the fewest that find the effect so often in {TRIALS:,} simulated cases, by two-sided Mann-Whitney "
             f"tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of the family one differs. "
@@ -61,17 +58,21 @@ def counts(numbers: Sequence[int]) -> Cell:
     return found[0] if found[0] == found[-1] else f"{found[0]} to {found[-1]}"
 
 
-def _row(way: Way, is_chosen: bool) -> tuple[Cell, ...]:
-    found = way.needed.seeds is not None
-    return (
-        way.spread,
-        "the upper limit" if way.cautious else "the pilot's",
-        way.retraining,
-        way.needed.seeds if found else f"more than {MOST}",
-        Percent(way.needed.chance),
-        *((way.searches, way.trainings, way.epochs, way.hours) if found else (None,) * 4),
-        "chosen" if is_chosen else None,
-    )
+def _cells(way: Way, planned: Planned) -> dict[str, Cell]:
+    """Return a row by the names of its columns; those of searches are a sweep's."""
+    found, is_sweep = way.needed.seeds is not None, planned.pilot.kind == "sweep"
+    return {
+        "spread": way.spread,
+        "it is": "the upper limit" if way.cautious else "the pilot's",
+        **({"training seeds of a job": way.retraining} if is_sweep else {}),
+        "seeds": way.needed.seeds if found else f"more than {MOST}",
+        "chance": Percent(way.needed.chance),
+        **({"searches": way.searches if found else None} if is_sweep else {}),
+        "full trainings": way.trainings if found else None,
+        "epochs": way.epochs if found else None,
+        "hours": way.hours if found else None,
+        "plan": "chosen" if way == planned.chosen else None,
+    }
 
 
 def _effect(metric: Measure, effect: float) -> str:

@@ -1,5 +1,6 @@
 """Promise: a plan is the cheapest cautious way to find an effect, and its costs can be counted by hand."""
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -40,6 +41,7 @@ STUDY = Pilot(
     runs=("a",),
 )
 SWEEP = replace(STUDY, kind="sweep", within=0.2, tested=0.05, search_epochs=1000)
+PLANNED = functools.cache(functools.partial(plan, SWEEP, WISH))
 
 
 def test_costs_of_a_study_by_hand() -> None:
@@ -58,7 +60,7 @@ def test_costs_of_a_study_by_hand() -> None:
 
 def test_costs_of_a_sweep_by_hand() -> None:
     """Three arms: so many searches, and a training of each job's network and of the baseline with each seed."""
-    planned = plan(SWEEP, WISH)
+    planned = PLANNED()
     assert [way.retraining for way in planned.ways] == [*RETRAININGS, *RETRAININGS]
     for way in planned.ways:
         seeds, number = way.needed.seeds or 0, way.retraining or 0
@@ -73,7 +75,7 @@ def test_costs_of_a_sweep_by_hand() -> None:
 
 def test_plan_holds_what_was_chosen() -> None:
     """All that the choice followed from, and what came out."""
-    planned = plan(SWEEP, WISH)
+    planned = PLANNED()
     written, chosen = planned.plan, planned.chosen
     assert written is not None
     assert chosen is not None
@@ -104,9 +106,9 @@ def test_accuracy_has_an_effect_in_its_own_unit() -> None:
 
 def test_table_marks_the_plan() -> None:
     """One row of all."""
-    table = plan_table(plan(SWEEP, WISH))
+    table = plan_table(PLANNED())
     assert [row[-1] for row in table.rows].count("chosen") == 1
-    assert table.rows[0][4] == Percent(plan(SWEEP, WISH).ways[0].needed.chance)
+    assert table.rows[0][4] == Percent(PLANNED().ways[0].needed.chance)
 
 
 def test_pilot_of_a_study_pools_its_networks() -> None:
