@@ -175,6 +175,24 @@ class ChosenBy(StrEnum):
     reestimated = "reestimated"
 
 
+class Primary(StrEnum):
+    """What the arms of a sweep are compared by first; all other metrics are secondary."""
+
+    #: Of each job's best network, trained again with fresh seeds.
+    test_score = "test_score"
+    best_fitness = "best_fitness"
+    qd_score = "qd_score"
+    coverage = "coverage"
+
+
+class Varied(StrEnum):
+    """A setting that each job of a sweep may take from its seed."""
+
+    contacts = "data.seed"
+    sensor = "data.sensor_seed"
+    splitting = "data.split_seed"
+
+
 class MarginKind(StrEnum):
     """What an equivalence margin counts in: parts of the baseline's median, or the unit of the metric."""
 

@@ -42,6 +42,8 @@ _LEGEND, _HANDLE, _NAME = 130, 8, 28
 
 #: What final values are drawn of: the words below, and what values are multiplied by.
 _ENDS = {
+    Metric.test_mse: ("test MSE", 1),
+    Metric.test_accuracy: ("test accuracy (%)", 100),
     Metric.best_fitness: ("best validation loss", 1),
     Metric.qd_score: ("QD-score (common archive)", 1),
     Metric.coverage: ("coverage (common archive, %)", 100),
@@ -71,8 +73,8 @@ def curves(found: Ablation) -> Figure:
             _band(axes, values[name], look, name)
         count_along(axes, "generation")
     on_loss_axis(panels[0], [value for one in found.outcomes for value in one.best])
-    for axes, (label, _) in zip(panels, _ENDS.values(), strict=True):
-        axes.set_ylabel(label)
+    for axes, metric in zip(panels, (Metric.best_fitness, Metric.qd_score, Metric.coverage), strict=True):
+        axes.set_ylabel(_ENDS[metric][0])
     for axes in panels[1:]:
         axes.set_ylim(bottom=0)
     handles, labels = panels[0].get_legend_handles_labels()
@@ -85,8 +87,10 @@ def final_values(found: Ablation) -> Figure:
     """Draw where every run ended, arm by arm, over boxes of quartiles; the dotted line is the reference's median."""
     names = [fill(arm.name, _NAME) for arm in found.arms]
     lines = max(name.count("\n") for name in names)
-    figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=3)
-    for axes, (metric, (label, factor)) in zip(panels, _ENDS.items(), strict=True):
+    shown = [metric for metric in _ENDS if metric in found.metrics]
+    figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=len(shown))
+    for axes, metric in zip(panels, shown, strict=True):
+        label, factor = _ENDS[metric]
         samples = [factor * np.array(list(arm.metrics[metric].values.values())) for arm in found.arms]
         positions = range(len(samples))
         axes.boxplot(samples, positions=positions, orientation="horizontal", widths=0.66, whis=(0, 100), **BOXES)

@@ -25,7 +25,6 @@ from analysis.runs.run import Run
 from analysis.studies.comparison import Comparisons
 from analysis.studies.images import ImageFindings
 from analysis.studies.scores import Study
-from analysis.sweeps.sweep import REFERENCE
 from analysis.table import PValue
 from analysis.tables.ablation import common_note
 from tacevo.choices import PromptPolicy
@@ -75,6 +74,8 @@ def pictures_of(found: Collection) -> tuple[Picture, ...]:
 def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
     task, note = collected.sweep.task, common_note(collected.niches_of)
+    reference = collected.found.reference
+    dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(
             name=f"ablation_curves_{task}",
@@ -83,8 +84,7 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
         ),
         Picture(
             name=f"ablation_finals_{task}",
-            caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds, "
-            f"the dotted line is the median of {REFERENCE}. {note}",
+            caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds{dotted}. {note}",
             draw=partial(final_values, collected.found),
         ),
     )

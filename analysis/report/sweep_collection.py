@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from analysis.runs.niches import load_niches
 from analysis.runs.run import Run
-from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.studies.scores import PRIMARY
+from analysis.sweeps.ablation import TESTS, Ablation, Metric, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive, extents
 from analysis.sweeps.sweep import REFERENCE, Finished, Sweep, load_sweep
 from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
-from tacevo.errors import IncomparableError
+from tacevo.choices import Primary
+from tacevo.errors import ConfigError, IncomparableError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,32 +32,59 @@ class SweepCollection:
     extents: tuple[Extent, ...]
 
 
-def collect_sweep(path: Path, store: Path | None) -> SweepCollection:
+def collect_sweep(path: Path, store: Path | None, reference: str | None = None) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
         path: the directory of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
+        reference: the arm to compare with; None for the one that the sweep states, or else `none`.
 
     Raises:
+        ConfigError: the reference is not an arm of the sweep.
         IncomparableError: its jobs cannot be compared, or none has niches over both descriptors.
         RunError: it does not hold a sweep with a finished job, or one of them was edited.
     """
     sweep = load_sweep(path)
     check_sweep(sweep)
-    measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks)
+    _check_arm(sweep, reference)
+    wanted = reference or sweep.terms.reference or REFERENCE
+    measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks, wanted)
     runs = [one.run for one in sweep.finished]
     common = common_archive(runs, measure.run, centroids)
-    found = compare_arms([outcome(one, common) for one in sweep.finished])
+    found = compare_arms([outcome(one, common) for one in sweep.finished], wanted=wanted, primary=primary_metric(sweep))
     return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name, extents=extents(runs, common))
 
 
-def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) -> tuple[Finished, NDArray[np.float64]]:
-    """Choose the job in whose niches all are measured: the first that has some over both descriptors, `none` first.
+def primary_metric(sweep: Sweep) -> Metric | None:
+    """Return what the arms are compared by first; None where the sweep states nothing of it.
+
+    Once it states how its jobs are tested, that is the test score, unless it stated another metric when it began.
+    """
+    stated = sweep.terms.primary
+    if stated is None:
+        if sweep.terms.retraining is None:
+            return None
+        stated = Primary.test_score
+    return TESTS[PRIMARY[sweep.finished[0].run.facts.kind]] if stated is Primary.test_score else Metric[stated.name]
+
+
+def _check_arm(sweep: Sweep, reference: str | None) -> None:
+    arms = {one.job.arm for one in sweep.finished} | {one.job.arm for one in sweep.missing}
+    if reference is not None and reference not in arms:
+        expected = f"one of the arms: {', '.join(map(repr, sorted(arms)))}"
+        raise ConfigError(repr(reference), place="--reference", expected=expected)
+
+
+def measuring(
+    sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]], wanted: str = REFERENCE
+) -> tuple[Finished, NDArray[np.float64]]:
+    """Choose the job in whose niches all are measured: the first with some over both descriptors, the reference first.
 
     Args:
         sweep: the sweep.
         centroids_of: gives the centroids of a run's network archive, shape (niches, axes), in [0, 1].
+        wanted: the reference arm.
 
     Returns:
         The job, and its centroids.
@@ -63,7 +92,7 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
     Raises:
         IncomparableError: no job has such niches.
     """
-    for one in sorted(sweep.finished, key=lambda one: one.job.arm != REFERENCE):
+    for one in sorted(sweep.finished, key=lambda one: one.job.arm != wanted):
         centroids = centroids_of(one.run)
         if len(centroids) and centroids.shape[1] == 2:
             return one, centroids
@@ -71,7 +100,7 @@ def measuring(sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]]) 
         "none",
         place=str(sweep.path),
         expected="a finished job with an archive over both descriptors, in whose niches all runs are measured",
-        remedy=f"add the arm {REFERENCE} to the sweep",
+        remedy=f"add the arm {wanted} to the sweep",
     )
 
 

@@ -21,7 +21,7 @@ class Detectable:
     shift: float
 
 
-def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | None:
+def detectable(seeds: int, others: int | None = None, *, alpha: float, power: float = 0.8) -> Detectable | None:
     """Return the smallest effect that a two-sided Mann-Whitney test detects.
 
     Noether approximates the deviation of U by the one it has without any effect. Of a shifted normal distribution a
@@ -29,7 +29,8 @@ def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | 
     more, and the power be lower.
 
     Args:
-        seeds: in each of the two samples, at least 2.
+        seeds: in the first sample, at least 2.
+        others: in the second sample, at least 2; None for as many.
         alpha: level of the test, in (0, 1); divided by the number of variants for Holm's first step, the strictest.
         power: wanted chance of detection, in (0, 1).
 
@@ -41,11 +42,12 @@ def detectable(seeds: int, *, alpha: float, power: float = 0.8) -> Detectable | 
     Raises:
         ValueError: an argument is out of its range.
     """
-    if seeds < 2 or not 0 < alpha < 1 or not 0 < power < 1:
-        raise ValueError(f"power needs seeds >= 2, alpha and power in (0, 1); got {seeds}, {alpha}, {power}")
+    second = seeds if others is None else others
+    if min(seeds, second) < 2 or not 0 < alpha < 1 or not 0 < power < 1:
+        raise ValueError(f"power needs seeds >= 2, alpha and power in (0, 1); got {seeds}, {second}, {alpha}, {power}")
     quantile = NormalDist().inv_cdf
-    # N = (sum of both quantiles)² / (12 c (1 - c) (A12 - 1/2)²), with N = 2 seeds and c = 1/2.
-    effect = 0.5 + (quantile(1 - alpha / 2) + quantile(power)) / math.sqrt(6 * seeds)
+    # N = (sum of both quantiles)² / (12 c (1 - c) (A12 - 1/2)²), with N of both samples and c the part of the first.
+    effect = 0.5 + (quantile(1 - alpha / 2) + quantile(power)) / math.sqrt(12 * seeds * second / (seeds + second))
     if effect >= 1:
         return None
     shift = math.sqrt(2) * quantile(effect)

@@ -13,7 +13,6 @@ import numpy as np
 
 from analysis.statistics.effects import Effects, effects
 from analysis.statistics.equivalence import Equivalence, equivalence
-from analysis.statistics.power import Detectable, detectable
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.scores import LOWER_IS_BETTER, Study
@@ -64,10 +63,6 @@ class Comparisons:
     seeds: int
     terms: Terms
     baseline_median: float
-    #: The smallest effect that one test at alpha detects with a power of 80 %; None without such an effect.
-    detectable: Detectable | None
-    #: The same for the strictest step of Holm's correction, at alpha divided by the number of variants.
-    detectable_holm: Detectable | None
     #: In the order of the study; one family.
     variants: tuple[VariantComparison, ...]
     #: The same on each output of a regression of several, by its name; one family over variants and outputs. An output
@@ -88,17 +83,15 @@ def compare(study: Study, *, seed: int = 0) -> Comparisons:
         RunError: there is no variant, the margin is 0, or there are so few seeds that no outcome at all could be
             significant.
     """
-    metric, alpha = study.primary, study.terms.alpha
+    metric = study.primary
     _check_size(study)
-    baseline, *variants = study.networks
+    baseline = study.networks[0]
     outputs = _outputs(study)
     return Comparisons(
         metric=metric,
         seeds=study.seeds,
         terms=study.terms,
         baseline_median=rounded(float(np.median(study.values(baseline.name, metric)))),
-        detectable=detectable(study.seeds, alpha=alpha),
-        detectable_holm=detectable(study.seeds, alpha=alpha / len(variants)),
         variants=_compared(study, [metric], seed)[0],
         outputs=dict(zip(outputs, _compared(study, [f"{metric}_{name}" for name in outputs], seed), strict=True)),
         late={network.name: _late(study, network.name) for network in study.networks},

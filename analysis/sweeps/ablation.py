@@ -1,4 +1,4 @@
-"""The arms of a sweep: what each run came to, what an arm came to over its seeds, and how it differs from `none`.
+"""The arms of a sweep: what each run came to, what an arm came to over its seeds, how it differs from the reference.
 
 Every arm is compared with the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
 Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
@@ -34,6 +34,8 @@ FEWEST_SEEDS = 2
 class Metric(StrEnum):
     """What a run is measured by; the values are what a table says."""
 
+    test_mse = "test MSE"
+    test_accuracy = "test accuracy"
     best_fitness = "best fitness"
     improvement = "improvement over generation 0"
     improvement_over_baseline = "improvement over the baseline"
@@ -47,12 +49,23 @@ class Metric(StrEnum):
     cost = "cost (USD)"
 
 
+#: Of the network that a job found, trained again (`analysis.sweeps.tested`), by the metric of the task.
+TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
+
 #: Metrics that are fractions.
-FRACTIONS = frozenset([Metric.improvement, Metric.improvement_over_baseline, Metric.coverage, Metric.trainable])
+FRACTIONS = frozenset(
+    [
+        *(Metric.test_accuracy, Metric.improvement, Metric.improvement_over_baseline),
+        *(Metric.coverage, Metric.trainable),
+    ]
+)
 
 #: Metrics of which less is better; of what a search used, less is better only where it came as far.
 LESS_IS_BETTER = frozenset(
-    [Metric.best_fitness, Metric.candidates, Metric.evaluations, Metric.training_flops, Metric.tokens, Metric.cost]
+    [
+        *(Metric.test_mse, Metric.best_fitness, Metric.candidates, Metric.evaluations, Metric.training_flops),
+        *(Metric.tokens, Metric.cost),
+    ]
 )
 
 
@@ -104,6 +117,8 @@ class Contrast:
     comparability: Comparability
     #: Runs of the arm that are not the reference's of the same seed, whether their value is known or not.
     differing: int
+    #: Known values of the runs that differ: the arm's, and the reference's.
+    sizes: tuple[int, int]
     paired: Paired
     #: These are None unless the arms are `comparable`.
     test: MannWhitney | None
@@ -140,8 +155,14 @@ class Arm:
 class Ablation:
     """A sweep, compared."""
 
-    #: The arm that others are compared with; None where it has no finished run.
+    #: The arm that others are compared with; None where `wanted` has no finished run.
     reference: str | None
+    #: The arm that they are to be compared with.
+    wanted: str
+    #: What they are compared by first; None where the sweep does not state it.
+    primary: Metric | None
+    #: Those that are shown: a test score only where a run has one.
+    metrics: tuple[Metric, ...]
     #: The reference first.
     arms: tuple[Arm, ...]
     outcomes: tuple[Outcome, ...]
@@ -154,25 +175,41 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
         job=one.job.name,
         arm=one.job.arm,
         seed=one.job.seed,
-        values=_values(one.run, places[-1]),
+        values={**_values(one.run, places[-1]), **_test_scores(one)},
         best=tuple(line.best for line in one.run.generations),
         filled=places,
         slots=tuple(map(_slot, one.run.candidates)),
     )
 
 
-def compare_arms(outcomes: Sequence[Outcome], *, seed: int = 0) -> Ablation:
+def compare_arms(
+    outcomes: Sequence[Outcome], *, wanted: str = REFERENCE, primary: Metric | None = None, seed: int = 0
+) -> Ablation:
     """Summarise every arm, and compare it with the reference.
 
-    The seed is that of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal
-    intervals, whatever other arms there are. A run that its FLOPs ended before others stays where it ended.
+    A run that its FLOPs ended before others stays where it ended.
+
+    Args:
+        outcomes: of the runs.
+        wanted: the arm to compare with.
+        primary: the metric that the sweep states.
+        seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
+            whatever other arms there are.
     """
     longest = max(len(one.best) for one in outcomes)
     outcomes = [_lasting(one, longest) for one in outcomes]
-    names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != REFERENCE)
-    summaries = {metric: _summaries(metric, names, outcomes, seed) for metric in Metric}
+    names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != wanted)
+    summaries = {metric: _summaries(metric, names, outcomes, wanted, seed) for metric in Metric}
+    tests = frozenset(TESTS.values())
     return Ablation(
-        reference=REFERENCE if REFERENCE in names else None,
+        reference=wanted if wanted in names else None,
+        wanted=wanted,
+        primary=primary,
+        metrics=tuple(
+            metric
+            for metric in Metric
+            if metric not in tests or any(found.values for found in summaries[metric].values())
+        ),
         arms=tuple(
             Arm(
                 name=name,
@@ -208,6 +245,11 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
     }
 
 
+def _test_scores(one: Finished) -> dict[Metric, float | None]:
+    found = {} if one.tested is None else {TESTS[one.tested.metric]: one.tested.value}
+    return {metric: found.get(metric) for metric in TESTS.values()}
+
+
 def _slot(candidate: CandidateLine) -> CandidateLine:
     """Leave out what changes no network: texts of requests and answers, and what the prompt archive recorded."""
     return replace(
@@ -222,13 +264,16 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
     )
 
 
-def _summaries(metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], seed: int) -> dict[str, Summary]:
+def _summaries(
+    metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], reference: str, seed: int
+) -> dict[str, Summary]:
     """Summarise all arms in one metric."""
     samples = {name: _known(metric, name, outcomes) for name in names}
     contrasts: dict[str, Contrast] = {}
-    if REFERENCE in samples:
-        same = {name: _same_runs(name, outcomes) for name in names if name != REFERENCE}
-        contrasts = _contrasts(metric, samples, same, Counter(one.arm for one in outcomes), seed)
+    if reference in samples:
+        same = {name: _same_runs(name, outcomes, reference) for name in names if name != reference}
+        runs = Counter(one.arm for one in outcomes)
+        contrasts = _contrasts(metric, samples, reference=reference, same=same, runs=runs, seed=seed)
     return {
         name: Summary(
             values=sample,
@@ -246,15 +291,17 @@ def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, 
     return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
 
 
-def _same_runs(name: str, outcomes: Sequence[Outcome]) -> frozenset[int]:
+def _same_runs(name: str, outcomes: Sequence[Outcome], reference: str) -> frozenset[int]:
     """Find the seeds of which an arm's run is the reference's, candidate by candidate."""
-    reference = {one.seed: one.slots for one in outcomes if one.arm == REFERENCE}
-    return frozenset(one.seed for one in outcomes if one.arm == name and one.slots == reference.get(one.seed))
+    theirs = {one.seed: one.slots for one in outcomes if one.arm == reference}
+    return frozenset(one.seed for one in outcomes if one.arm == name and one.slots == theirs.get(one.seed))
 
 
 def _contrasts(
     metric: Metric,
     samples: Mapping[str, Mapping[int, float]],
+    *,
+    reference: str,
     same: Mapping[str, Set[int]],
     runs: Mapping[str, int],
     seed: int,
@@ -266,14 +313,15 @@ def _contrasts(
 
     Args:
         metric: what the samples are of.
-        samples: by arm and seed, those of the reference among them.
+        samples: by arm and seed.
+        reference: the arm to compare with.
         same: by every other arm, the seeds of which its run is the reference's.
         runs: by arm, how many it has; some may have no known value.
         seed: of the bootstrap.
     """
     ours = {name: _without(samples[name], seeds) for name, seeds in same.items()}
-    theirs = {name: _without(samples[REFERENCE], seeds) for name, seeds in same.items()}
-    enough = {name: min(len(samples[name]), len(samples[REFERENCE])) >= FEWEST_SEEDS for name in same}
+    theirs = {name: _without(samples[reference], seeds) for name, seeds in same.items()}
+    enough = {name: min(len(samples[name]), len(samples[reference])) >= FEWEST_SEEDS for name in same}
     kinds = {
         name: _comparability(ours[name], theirs[name]) if enough[name] else Comparability.too_few_seeds for name in same
     }
@@ -286,6 +334,7 @@ def _contrasts(
         name: Contrast(
             comparability=kind,
             differing=runs[name] - len(same[name]),
+            sizes=(len(ours[name]), len(theirs[name])),
             paired=_paired(metric, ours[name], theirs[name]),
             test=tests.get(name),
             p_holm=p_holm[name] if name in tests else None,

@@ -1,16 +1,17 @@
 """A sweep as records: its finished runs by arm and seed, and what is missing of it."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.runs.run import Run, load_run
+from analysis.sweeps.tested import JobScore, job_score
 from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
 from tacevo.search.files import finished_digest
-from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms, name_arm
 
-#: The arm that all others are compared with: the search as it is.
+#: The arm that all others are compared with unless the sweep states another: the search as it is.
 REFERENCE = "none"
 
 
@@ -20,6 +21,8 @@ class Finished:
 
     job: Job
     run: Run
+    #: None where it was not tested as its sweep states.
+    tested: JobScore | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +42,9 @@ class Sweep:
     #: At least one.
     finished: tuple[Finished, ...]
     missing: tuple[Missing, ...]
+    terms: SweepTerms = UNSTATED
+    #: Finished jobs that were not tested as the sweep states, where it states that.
+    untested: tuple[Missing, ...] = ()
 
     @property
     def task(self) -> str:
@@ -71,7 +77,21 @@ def load_sweep(path: Path) -> Sweep:
             expected="a finished job",
             remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
-    return Sweep(path=path, finished=tuple(finished), missing=tuple(missing))
+    terms = directory.read_terms()
+    sweep = Sweep(path=path, finished=tuple(finished), missing=tuple(missing), terms=terms)
+    return sweep if terms.retraining is None else _with_tests(sweep, terms.retraining)
+
+
+def _with_tests(sweep: Sweep, stated: Retraining) -> Sweep:
+    """Read the test scores of the finished jobs, and why others have none."""
+    finished, untested = [], []
+    for one in sweep.finished:
+        try:
+            finished.append(replace(one, tested=job_score(one.run, stated)))
+        except RunError as error:
+            finished.append(one)
+            untested.append(Missing(job=one.job, reason=str(error)))
+    return replace(sweep, finished=tuple(finished), untested=tuple(untested))
 
 
 def _absence(directory: SweepDirectory, job: Job) -> str | None:

@@ -45,7 +45,8 @@ def check_sweep(sweep: Sweep) -> None:
     Raises:
         IncomparableError: two jobs differ in their data, budget, rules or versions, or in the niches of archives that
             are otherwise alike, or two runs of an arm in more than their seed, or jobs in temperatures that the model
-            refuses; the message names the jobs, the field and both values.
+            refuses; the message names the jobs, the field and both values. Where the data follow from the seed, those
+            of one seed are compared.
     """
     first = sweep.finished[0]
     for other in sweep.finished[1:]:
@@ -53,6 +54,8 @@ def check_sweep(sweep: Sweep) -> None:
         for (kind, field, one), (_, _, two) in zip(_terms(first), _terms(other), strict=True):
             if one != two:
                 _reject(sweep, kind, field, (first, one), (other, two))
+    vary = sweep.terms.vary
+    _compare_with_first(sweep, lambda one: str(one.job.seed) if vary else "", _data_fields, "data")
     _compare_with_first(sweep, _kind_of_archive, _archive_fields, "archive")
     _compare_with_first(sweep, lambda one: one.job.arm, arm_settings, "arm")
 
@@ -74,7 +77,6 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
     """List what must be equal in all jobs: what it belongs to, its name, its value."""
     config = one.run.config
     yield "data", "task.name", one.run.task
-    yield "data", "fingerprint of the data", one.run.facts.fingerprint
     yield "data", "hash of the baseline's source", one.run.baseline.source
     yield "data", "task.loss", config.task.loss
     bound = config.search.training_flops
@@ -93,6 +95,10 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
 
 def _kind_of_archive(one: Finished) -> str:
     return canonical({key: value for key, value in to_json(one.run.config.archive).items() if key not in _SIZES})
+
+
+def _data_fields(one: Finished) -> Json:
+    return {"fingerprint of the data": one.run.facts.fingerprint}
 
 
 def _archive_fields(one: Finished) -> Json:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, median_confidence
@@ -11,6 +12,7 @@ from analysis.sweeps.ablation import (
     FEWEST_SEEDS,
     FRACTIONS,
     LESS_IS_BETTER,
+    TESTS,
     Ablation,
     Arm,
     Comparability,
@@ -18,21 +20,34 @@ from analysis.sweeps.ablation import (
     Metric,
 )
 from analysis.sweeps.common_archive import Extent
+from analysis.sweeps.pilots import sweep_pilot
 from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
 from analysis.sweeps.sweep_checks import arm_settings
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
-from analysis.tables.comparison import between
+from analysis.tables.comparison import between, power_note
+from analysis.tables.plan import counts, planned_table
+from tacevo.choices import ChosenBy
+from tacevo.errors import RunError
 from tacevo.storage.canonical import leaves
+from tacevo.storage.plan import Plan
 from tacevo.text import counted, listed
 
 #: What a contrast has, in the order of its columns.
 _TESTED = ("U", "p", "p, Holm", "method", "A12", "Cliff's delta")
+
+#: What the network that a job found is best by.
+_CHOSEN = {ChosenBy.fitness: "fitness", ChosenBy.reestimated: "fitness in a noise run"}
 
 #: Said of what answers cost.
 _SHARED = "Arms share recorded answers, so that a sweep paid less than the sum of its runs."
 
 #: What a metric counts, where its name does not say it.
 _MEANINGS = {
+    **dict.fromkeys(
+        TESTS.values(),
+        "Of the network with the best fitness that a run found, the baseline among them, trained again with fresh "
+        "seeds and tested: the median over these seeds.",
+    ),
     Metric.best_fitness: "Fitness is a validation loss in the units of training.",
     Metric.improvement: "The part of generation 0's best fitness that is gone at the end.",
     Metric.improvement_over_baseline: "The part of the baseline's fitness that is gone at the end.",
@@ -51,8 +66,42 @@ def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table,
 
     `archive` is what is to be said of the common archive.
     """
-    metrics = (metric_table(sweep, found, metric, archive) for metric in Metric)
-    return arms_table(sweep, found, archive), settings_table(sweep), *metrics, runs_table(sweep, found, archive)
+    metrics = (metric_table(sweep, found, metric, archive) for metric in found.metrics)
+    plan = sweep.terms.plan
+    planned = () if plan is None else (_planned_table(sweep, found, plan),)
+    return (
+        arms_table(sweep, found, archive),
+        *planned,
+        settings_table(sweep),
+        *metrics,
+        runs_table(sweep, found, archive),
+    )
+
+
+def _planned_table(sweep: Sweep, found: Ablation, plan: Plan) -> Table:
+    stated = sweep.terms.retraining
+    table = planned_table(
+        sweep.task,
+        plan,
+        [
+            ("jobs of each arm", plan.seeds, counts([len(arm.seeds) for arm in found.arms])),
+            ("arms beside the reference", plan.comparisons, len(found.arms) - 1),
+            ("alpha", plan.alpha, ALPHA),
+            ("training seeds of a job", plan.retraining, None if stated is None else stated.seeds),
+            ("epochs of these", plan.epochs, None if stated is None else stated.epochs),
+            ("jobs with a test score", None, sum(one.tested is not None for one in sweep.finished)),
+            ("spread", plan.spread, _spread(sweep)),
+        ],
+    )
+    return replace(table, name=f"ablation_{table.name}")
+
+
+def _spread(sweep: Sweep) -> float | None:
+    """Return how the jobs of the arms spread; None where no arm has two."""
+    try:
+        return sweep_pilot([sweep]).spread.deviation
+    except RunError:
+        return None
 
 
 def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
@@ -60,14 +109,21 @@ def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     return Table(
         name=f"ablation_{sweep.task}",
         caption=f"The arms ({sweep.task}).",
-        columns=("arm", "seeds", *(metric.value for metric in Metric)),
-        rows=tuple((arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in Metric)) for arm in found.arms),
+        columns=("arm", "seeds", *(metric.value for metric in found.metrics)),
+        rows=tuple(
+            (arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in found.metrics)) for arm in found.arms
+        ),
         notes=(
-            _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in Metric]),
+            *_primary_note(sweep, found),
+            _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in found.metrics]),
             archive,
-            *(f"{metric.value}: {words[0].lower()}{words[1:]}" for metric, words in _MEANINGS.items()),
-            *_reference_note(found),
-            *_missing_note(sweep.missing),
+            *(
+                f"{metric.value}: {words[0].lower()}{words[1:]}"
+                for metric, words in _MEANINGS.items()
+                if metric in found.metrics
+            ),
+            *_reference_note(sweep, found),
+            *_missing_note(sweep),
         ),
     )
 
@@ -104,13 +160,14 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
         ),
         rows=tuple(_row(arm, metric) for arm in found.arms),
         notes=(
+            *_rank_note(sweep, found, metric),
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
             _median_note([len(arm.metrics[metric].values) for arm in found.arms], _pairs(found, metric)),
             *_test_notes(found, metric),
-            *_reference_note(found),
-            *_missing_note(sweep.missing),
+            *_reference_note(sweep, found),
+            *_missing_note(sweep),
         ),
     )
 
@@ -120,12 +177,12 @@ def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     return Table(
         name=f"ablation_runs_{sweep.task}",
         caption=f"The runs ({sweep.task}).",
-        columns=("run", "arm", "seed", *(metric.value for metric in Metric)),
+        columns=("run", "arm", "seed", *(metric.value for metric in found.metrics)),
         rows=tuple(
-            (one.job, one.arm, one.seed, *(_value(metric, one.values[metric]) for metric in Metric))
+            (one.job, one.arm, one.seed, *(_value(metric, one.values[metric]) for metric in found.metrics))
             for one in found.outcomes
         ),
-        notes=(archive, *_missing_note(sweep.missing)),
+        notes=(archive, *_missing_note(sweep)),
     )
 
 
@@ -233,23 +290,24 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     contrasts = {arm.name: contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None}
     if not contrasts:
         return []
+    reference = found.wanted
     family = sum(contrast.comparability is not Comparability.too_few_seeds for contrast in contrasts.values())
     same = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.identical]
     few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
     notes = [
-        f"Runs that differ: those that are not the run of {REFERENCE} of the same seed, candidate by candidate. All "
+        f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
         "further columns are of these runs, as far as their values are known: what is one and the same run in both "
         "arms shows nothing of the arm.",
-        f"p: two-sided Mann-Whitney U of an arm's runs against those of {REFERENCE}; corrected over "
+        f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
         f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
         f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
         f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
-        f"A12: the chance that a run of the arm has more than one of {REFERENCE}. Differences are arm less "
-        f"{REFERENCE}; by seed: of the runs that share a seed, and so their streams.",
+        f"A12: the chance that a run of the arm has more than one of {reference}. Differences are arm less "
+        f"{reference}; by seed: of the runs that share a seed, and so their streams.",
     ]
     if same:
         notes.append(
-            f"Identical: {listed(same)}. No run of such an arm differs from that of {REFERENCE} of the same seed, or "
+            f"Identical: {listed(same)}. No run of such an arm differs from that of {reference} of the same seed, or "
             "those that do have the same values: there is nothing to test. In Holm's correction it counts as p = 1."
         )
     if few:
@@ -257,20 +315,75 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
             f"Too few runs differ: {listed(few)}. A test needs two in either arm. In Holm's correction such an arm "
             "counts as p = 1."
         )
+    sizes = {contrast.sizes: None for contrast in contrasts.values() if contrast.test is not None}
+    notes += [
+        power_note(
+            f"{counted(ours, 'run')} of an arm and {theirs} of {reference}", ours, theirs, alpha=ALPHA, family=family
+        )
+        for ours, theirs in sizes
+    ]
     return [*notes, *caution_notes((name, contrast.cautions) for name, contrast in contrasts.items())]
 
 
-def _reference_note(found: Ablation) -> list[str]:
-    if found.reference is not None:
-        return []
-    return [f"There is no test: the sweep has no finished run of the arm {REFERENCE}, which others are compared with."]
+def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:
+    """Say whether a metric is the primary one; nothing where the sweep states none."""
+    if found.primary is None or metric is found.primary:
+        return _primary_note(sweep, found)
+    words = f"Secondary metric; the primary one is {found.primary.value}."
+    if metric is Metric.best_fitness:
+        words += (
+            " The lowest of many fitnesses is a noisy minimum: each is one draw, so an arm that draws more often may "
+            "have a lower one for that reason alone."
+        )
+    return [words]
 
 
-def _missing_note(missing: Sequence[Missing]) -> list[str]:
-    if not missing:
+def _primary_note(sweep: Sweep, found: Ablation) -> list[str]:
+    """Name the primary metric, and say when it was stated and what is missing of it."""
+    if found.primary is None:
         return []
-    names = listed(one.job.name for one in missing)
-    return [
-        f"Missing, {counted(len(missing), 'job')}: {names}. Once they are finished, the family of Holm's "
-        "correction may be larger, and every value of the common archive may change.",
-    ]
+    when = (
+        "before its jobs were tested, after their searches"
+        if sweep.terms.primary is None
+        else "when it began, before anything was trained"
+    )
+    notes = [f"Primary metric: {found.primary.value}, as the sweep stated {when}; all others are secondary."]
+    stated = sweep.terms.retraining
+    if found.primary in TESTS.values() and stated is None:
+        notes.append(f"No job has a {found.primary.value} yet: `tacevo study sweep=` trains and tests what they found.")
+    if stated is not None:
+        notes.append(
+            f"Tested: the network with the best {_CHOSEN[stated.choose]}, trained for {stated.epochs} epochs with "
+            f"{counted(stated.seeds, 'fresh seed')}."
+        )
+    return notes
+
+
+def _reference_note(sweep: Sweep, found: Ablation) -> list[str]:
+    """Say that the reference was named afterwards, or that there is none."""
+    stated = sweep.terms.reference
+    if found.reference is None:
+        return [
+            f"There is no test: the sweep has no finished run of the arm {found.wanted}, which others are compared "
+            "with."
+        ]
+    if found.reference != (stated or REFERENCE):
+        other = f"the arm {stated}" if stated else "no other than an arm called none"
+        return [f"The reference {found.reference} was named for this comparison; the sweep itself states {other}."]
+    return []
+
+
+def _missing_note(sweep: Sweep) -> list[str]:
+    notes = []
+    if sweep.missing:
+        notes.append(
+            f"Missing, {counted(len(sweep.missing), 'job')}: {_names(sweep.missing)}. Once they are finished, the "
+            "family of Holm's correction may be larger, and every value of the common archive may change."
+        )
+    if sweep.untested:
+        notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {_names(sweep.untested)}.")
+    return notes
+
+
+def _names(missing: Sequence[Missing]) -> str:
+    return listed(one.job.name for one in missing)

@@ -7,7 +7,7 @@ import numpy as np
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval
-from analysis.statistics.power import Detectable
+from analysis.statistics.power import detectable
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
@@ -15,10 +15,13 @@ from analysis.studies.metrics import SHARES, metric_name, named_metrics
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import trivial_metrics, trivial_score
 from analysis.studies.warnings import caution_notes
+from analysis.sweeps.pilots import spread_of
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.tables.plan import planned_table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.rounding import rounded
+from tacevo.storage.plan import Plan
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
@@ -37,12 +40,31 @@ def study_tables(study: Study, found: Comparisons | None, *, is_alone: bool = Fa
     """
     warning = (ONE_SPLIT,) if is_alone else ()
     scores = scores_table(study)
-    described = replace(scores, notes=(*scores.notes, *warning)), metrics_table(study)
-    if found is None:
-        return described
-    verdicts = verdicts_table(study, found)
-    compared = replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, found)
-    return (*described, *compared, outputs_table(study, found)) if found.outputs else (*described, *compared)
+    tables = [replace(scores, notes=(*scores.notes, *warning)), metrics_table(study)]
+    if found is not None:
+        verdicts = verdicts_table(study, found)
+        tables += [replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, found)]
+    if found is not None and found.outputs:
+        tables.append(outputs_table(study, found))
+    if study.plan is not None:
+        tables.append(_planned_table(study, study.plan))
+    return tuple(tables)
+
+
+def _planned_table(study: Study, plan: Plan) -> Table:
+    variants = len(study.networks) - 1
+    return planned_table(
+        study.task,
+        plan,
+        [
+            ("seeds of each network", plan.seeds, study.seeds),
+            ("variants", plan.comparisons, variants),
+            ("alpha", plan.alpha, study.terms.alpha),
+            ("epochs", plan.epochs, study.recipe.epochs),
+            ("trainings", plan.trainings, study.seeds * len(study.networks)),
+            ("spread", plan.spread, spread_of(study)),
+        ],
+    )
 
 
 def scores_table(study: Study) -> Table:
@@ -342,18 +364,26 @@ def _late_note(study: Study, found: Comparisons) -> tuple[str, ...]:
 
 
 def _power_note(found: Comparisons) -> str:
-    alpha = found.terms.alpha
-    one = _detected(found.detectable, alpha, found.seeds)
-    strictest = _detected(found.detectable_holm, alpha / len(found.variants), found.seeds)
-    head = f"Detected by {counted(found.seeds, 'seed')} with a power of 80 %, in a single test"
+    who, seeds = counted(found.seeds, "seed"), found.seeds
+    return power_note(who, seeds, seeds, alpha=found.terms.alpha, family=len(found.variants))
+
+
+def power_note(who: str, first: int, second: int, *, alpha: float, family: int) -> str:
+    """Say which effect samples of two sizes, each of 2 at least, detect: in one test, and after Holm's correction.
+
+    `who` names the samples in words; `family` is the number of tests.
+    """
+    one, strictest = (_detected(first, second, level) for level in (alpha, alpha / family))
+    head = f"Detected by {who} with a power of 80 %, in a single test"
     if one == strictest:
         return f"{head} and in the strictest step of Holm's correction: {one}."
     return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
 
 
-def _detected(effect: Detectable | None, alpha: float, seeds: int) -> str:
+def _detected(first: int, second: int, alpha: float) -> str:
+    effect = detectable(first, second, alpha=alpha)
     if effect is not None:
         return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
-    if smallest_p(seeds, seeds) > alpha:
+    if smallest_p(first, second) > alpha:
         return "no effect at all"
     return "effects near full separation only, since Noether's formula gives none for so few"

@@ -18,7 +18,7 @@ from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import SweepDirectory, sweep_text
+from tacevo.storage.sweep_directory import SweepDirectory
 
 T = TypeVar("T")
 
@@ -131,7 +131,7 @@ def _unpacked(source: Path, folder: Path) -> Opened:
         (folder / "moved").rename(run)  # tables and figures bear the name of the run's directory
         return replace(found, folder=run)
     with refusing():
-        jobs, written = _jobs(found.folder), sweep_text(*SweepDirectory(found.folder).read())
+        jobs, written = _jobs(found.folder), SweepDirectory(found.folder).text()
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
         what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
         raise BundleError(what, place=f"{source}/{JOBS}", expected="one directory for each job")

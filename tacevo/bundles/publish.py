@@ -114,7 +114,11 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
         run = _publishable(read_recorded(source))
         _stage(source, run, target, _studies(studies, source, run.ledger.digest, view))
     _, jobs = directory.read()
-    SweepDirectory(staged.folder).write((), [_published_job(staged.folder, job) for job in jobs])
+    published = [_published_job(staged.folder, job) for job in jobs]
+    terms = directory.read_terms()
+    arms = {job.arm: shown.arm for job, shown in zip(jobs, published, strict=True)}
+    terms = replace(terms, reference=arms.get(terms.reference or "", terms.reference))
+    SweepDirectory(staged.folder).write((), published, terms)
     return staged
 
 

@@ -72,6 +72,9 @@ def add_ablations(parser: Parser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="OUT", help="where to write them (default for a directory: DIR/ablations)"
     )
+    parser.add_argument(
+        "--reference", metavar="ARM", help="the arm to compare with (default: the one that the sweep states, or none)"
+    )
     finish(parser, _ablations)
 
 
@@ -177,19 +180,20 @@ def _shown(words: str, total: int) -> Iterator[Callable[[str], None]]:
 def _ablations(options: argparse.Namespace) -> int:
     store = existing_store(options.store)
     place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
-    found = _collected_sweep(Path(options.sweep), None if store is None else Path(store))
+    found = _collected_sweep(Path(options.sweep), None if store is None else Path(store), options.reference)
     directory = output_directory(place)
     show(sweep_tables(found), directory)
     pictures = {picture.name: picture for picture in sweep_pictures(found)}
     write_pictures(pictures.values(), directory, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
     say(f"missing: {missing.job.name}: {missing.reason}" for missing in found.sweep.missing)
+    say(f"without a test score: {missing.job.name}: {missing.reason}" for missing in found.sweep.untested)
     print(f"tables and figures: {directory}")
     return DONE
 
 
-def _collected_sweep(path: Path, store: Path | None) -> SweepCollection:
+def _collected_sweep(path: Path, store: Path | None, reference: str | None) -> SweepCollection:
     """Read a sweep from a directory or a bundle, a bundle with its own stores unless others are named."""
     if not path.is_file():
-        return collect_sweep(path, store)
+        return collect_sweep(path, store, reference)
     with opened(path) as published:
-        return collect_sweep(published.folder, store or published.store)
+        return collect_sweep(published.folder, store or published.store, reference)

@@ -22,6 +22,7 @@ COMMANDS = {
     "continue": ("reproduce", "continue a published run from its end"),
     "sweep": ("sweep", "list how the jobs of a sweep stand (`tacevo search -m` runs them)"),
     "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
+    "plan": ("plan", "say how many seeds a study or a sweep needs to find a wished effect, and what they cost"),
     "noise": ("study", "train a run's elites again as its search did, with other seeds: what its figures are worth"),
     "tables": ("tables", "write every table of a run, in LaTeX, Markdown and CSV"),
     "figures": ("analysis", "draw every figure of a run, for a paper"),
@@ -48,6 +49,7 @@ examples:
   tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
   tacevo continue NAME.zip search.generations=30   search on from its end
   tacevo noise runs/NAME                      what its fitnesses are worth: its elites under other training seeds
+  tacevo plan study runs/NAME --effect 0.1    seeds that find 10 % less error, from the spread of a pilot study
   tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tacevo.choices import Tracking
 from tacevo.cli.common import DONE, OVERRIDE, Parser
-from tacevo.cli.sweep import add_multirun, run_sweep
+from tacevo.cli.sweep import add_multirun, run_sweep, says_terms
 from tacevo.config.compose import compose
 from tacevo.config.folder import groups
 from tacevo.records import Mode
@@ -43,6 +43,8 @@ def _search(options: argparse.Namespace) -> int:
         return run_sweep(options)
     if options.into is not None:
         options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")
+    if says_terms(options):
+        options.parser.error("--reference, --primary, --vary and --plan are terms of a sweep, so they need -m")
     config = compose(options.overrides)
     if options.estimate:
         print(describe(config))

@@ -1,4 +1,4 @@
-"""The commands `tacevo study` and `tacevo noise`."""
+"""The commands `tacevo study`, of a run or of the jobs of a sweep, and `tacevo noise`."""
 
 import argparse
 from collections.abc import Mapping
@@ -8,16 +8,20 @@ from pathlib import Path
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.given import compose_given, gives_networks
+from tacevo.config.study import StudyConfig
+from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 from tacevo.studies.given import record_given
+from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
     "run": "the directory of a finished run, whose networks are studied; or",
+    "sweep": "that of a sweep: a study of each finished job, with its best elite; or",
     "networks": "files of networks, directories and patterns of such; none for the baseline of task= alone",
-    "elites": "how many elites, best first, beside the baseline (4)",
+    "elites": "how many elites of run=, best first, beside the baseline (4)",
     "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); the first unless set",
     "seeds": "training seeds of each network (20)",
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
@@ -28,6 +32,7 @@ SETTINGS = {
     "margins.regression.kind": "relative (to the baseline's median), or absolute; the first unless set",
     "margins.classification.value": "the same for the test accuracy (0.01)",
     "margins.classification.kind": "absolute (in the metric itself), or relative; the first unless set",
+    "plan": "the plan.json that it follows, which is kept in it (none)",
     "executor.workers": "trainings at once (2)",
     "store.root": "the directory of the stores (that of the run)",
 }
@@ -46,6 +51,7 @@ examples:
   tacevo study run=runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
   tacevo study run=runs/NAME margins.regression.value=0.05
   tacevo study run=runs/NAME data.split_seed=7        # the same networks on other data: any setting of data
+  tacevo study sweep=sweeps/NAME seeds=5              # for `tacevo ablations`, which compares arms by these test scores
   tacevo study networks=library/force/published task=force data.image_size=64
   tacevo study networks=[a.py,b.py] task=grating data=tacverse data.root=DIR
   tacevo study task=hardness                          # the baseline alone
@@ -70,8 +76,9 @@ store, divide the work."""
 def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
     parser.description = (
-        "Train the baseline and the best elites of a finished run, or networks of your own, fully, each with the same\n"
-        "training seeds, and measure them on the test images. The exit status is 1 if a training did not finish."
+        "Train the baseline and the best elites of a finished run, or of each job of a sweep, or networks of your own,\n"
+        "fully, each with the same training seeds, and measure them on the test images. The exit status is 1 if a\n"
+        "training or a job did not finish."
     )
     _finish(parser, SETTINGS, _EPILOG)
     parser.set_defaults(command=_study)
@@ -108,9 +115,24 @@ def _study(options: argparse.Namespace) -> int:
     else:
         data = [override for override in options.overrides if override.startswith(("data=", "data."))]
         config = compose_study([override for override in options.overrides if override not in data])
+        if config.sweep is not None:
+            if data:
+                expected = "no setting of data with sweep=: jobs are compared on their own data"
+                raise ConfigError(data[0], place="study", expected=expected)
+            return _study_sweep(Path(config.sweep), config)
         with Progress() as view:
             studied = study(config, view, data)
     return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")
+
+
+def _study_sweep(sweep: Path, config: StudyConfig) -> int:
+    with Progress() as view:
+        studied = study_sweep(sweep, config, view)
+    statuses = [_report(one, "study", "raise seconds= or memory_mib=") for one in studied.studies]
+    for job in studied.unfinished:
+        print(f"not studied, for it is not finished: {job}")
+    print(f"compare: tacevo ablations {sweep}")
+    return DIFFERENT if studied.unfinished else max(statuses)
 
 
 def _noise(options: argparse.Namespace) -> int:

@@ -3,11 +3,13 @@
 import argparse
 from pathlib import Path
 
+from tacevo.choices import Primary
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.runs.progress import Progress
-from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.status import Standing, describe, status_of
+from tacevo.sweeps.terms import Asked, describe_terms, read_varied
 
 _EPILOG = """\
 examples:
@@ -45,12 +47,41 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="the directory of the sweep (default: one in sweeps/, named after what its jobs share)",
     )
+    search.add_argument(
+        "--reference",
+        metavar="ARM",
+        help="of a sweep: the arm that others are compared with (default: none, if it is one)",
+    )
+    search.add_argument(
+        "--primary",
+        choices=[metric.value for metric in Primary],
+        help="of a sweep: what arms are compared by first (default: test_score, which `tacevo study sweep=DIR` gives)",
+    )
+    search.add_argument(
+        "--vary",
+        metavar="KEYS",
+        help="of a sweep: settings that are the seed of each job, as in data.split_seed,data.sensor_seed",
+    )
+    search.add_argument(
+        "--plan", metavar="FILE", help="of a sweep: the plan.json of `tacevo plan sweep` that it follows"
+    )
+
+
+def says_terms(options: argparse.Namespace) -> bool:
+    """Return whether the command line says anything of the terms of a sweep."""
+    return any(said is not None for said in (options.reference, options.primary, options.vary, options.plan))
 
 
 def run_sweep(options: argparse.Namespace) -> int:
     """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
+    asked = Asked(
+        primary=None if options.primary is None else Primary(options.primary),
+        reference=options.reference,
+        vary=None if options.vary is None else read_varied(options.vary),
+        plan=None if options.plan is None else Path(options.plan),
+    )
     with Progress() as view:
-        swept = sweep(options.overrides, options.into, view)
+        swept = sweep(options.overrides, options.into, view, asked=asked)
     print(describe(swept.statuses))
     print(f"\nsweep: {swept.directory}")
     return DONE if all(status.standing is Standing.finished for status in swept.statuses) else DIFFERENT
@@ -59,5 +90,8 @@ def run_sweep(options: argparse.Namespace) -> int:
 def _status(options: argparse.Namespace) -> int:
     directory = SweepDirectory(Path(options.sweep))
     shared, jobs = directory.read()
+    terms = directory.read_terms()
     print(f"sweep over {' '.join(shared) or 'the defaults'}: {describe([status_of(directory, job) for job in jobs])}")
+    if terms != UNSTATED:
+        print(f"\n{describe_terms(terms)}")
     return DONE

@@ -4,7 +4,7 @@ import contextlib
 import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import TypeVar, cast
 
 from hydra import compose as hydra_compose
@@ -51,22 +51,34 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 
 
 def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConfig:
-    """Compose the configuration of a study from overrides such as `run=runs/NAME`; errors are those of `compose`.
+    """Compose the configuration of a study from overrides such as `run=runs/NAME`.
 
-    A study of given networks, or of a baseline alone, names no run.
+    A study of given networks, or of a baseline alone, names neither a run nor a sweep (`given`); that of a sweep's jobs
+    has one elite.
+
+    Raises:
+        ConfigError: as `compose`; or not exactly one of run, sweep and networks is named; or elites or a plan beside a
+            sweep.
     """
     config = _compose_command("study", StudyConfig, overrides)
-    if config.run is not None and config.networks:
-        expected = "none beside run=, whose own networks are studied"
-        raise ConfigError(", ".join(config.networks), place="networks", expected=expected)
-    if config.run is None and not given:
+    named = {"run": config.run, "sweep": config.sweep, "networks": ", ".join(config.networks)}
+    several = [name for name, value in named.items() if value]
+    if len(several) > 1 or not (several or given):
         raise ConfigError(
-            "none",
-            place="run",
-            expected="the directory of a finished run, as in run=runs/NAME",
-            remedy="or name a task, as in task=force, and networks=FILE to study networks of your own",
+            " and ".join(f"{name}={named[name]}" for name in several) or "none",
+            place="study",
+            expected="one of run=, the directory of a finished run, sweep=, that of a sweep, and networks=, files",
+            remedy="name a run, as in run=runs/NAME, or for a baseline alone a task, as in task=hardness",
         )
-    return config
+    if config.sweep is None:
+        return config
+    if any(override.startswith("elites=") for override in overrides):
+        expected = "no value with sweep=: the jobs of a sweep are compared by the best elite of each"
+        raise ConfigError(str(config.elites), place="elites", expected=expected)
+    if config.plan is not None:
+        remedy = "a sweep states its plan when it begins: `tacevo search -m ... --plan FILE`"
+        raise ConfigError(config.plan, place="plan", expected="no value with sweep=", remedy=remedy)
+    return replace(config, elites=1)
 
 
 def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:

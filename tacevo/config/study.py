@@ -13,10 +13,6 @@ from tacevo.records import Record
 from tacevo.rounding import rounded
 
 
-def _is_none_or_text(value: str | None) -> bool:
-    return value != ""
-
-
 def _as_tuple(value: Any) -> Any:
     """Take one path for a list of one."""
     return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
@@ -24,6 +20,10 @@ def _as_tuple(value: Any) -> Any:
 
 def _is_all_or_count(value: int | str) -> bool:
     return value == "all" or (isinstance(value, int) and value >= 1)
+
+
+def _is_named(value: str | None) -> bool:
+    return value != ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +62,10 @@ class StudyConfig(Record):
     """The full training of a baseline and other networks, each with several seeds."""
 
     executor: ExecutorConfig
-    #: The directory of a finished run; None where the networks are given.
-    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_none_or_text)]
+    #: The directory of a finished run; None where a sweep is named, or networks are given.
+    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
+    #: The directory of a sweep, of each of whose jobs the best elite is studied; None where there is none.
+    sweep: Annotated[str | None, is_a("the directory of a sweep, as in sweep=sweeps/NAME", _is_named)]
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
     networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
@@ -79,6 +81,8 @@ class StudyConfig(Record):
     #: Level of the tests, which Holm's correction keeps over all variants.
     alpha: Annotated[float, Gt(0), Lt(1)]
     margins: MarginsConfig
+    #: The plan.json that it follows; it is kept in the study.
+    plan: Annotated[str | None, is_a("the file of a plan, as in plan=build/plan/plan.json", _is_named)]
     store: StudyStoreConfig
 
 

@@ -1,21 +1,25 @@
 """A sweep's directory: what was asked for, and a run directory for each of its jobs.
 
-sweep.json            the overrides that all jobs share, and the jobs
+sweep.json            the overrides that all jobs share, the jobs, and the terms that they are compared on
 NAME/                 the run directory of a job (tacevo.storage.run_directory)
 failed/NAME.json      why a job failed, until it is repeated and succeeds
 launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from annotated_types import Ge
+
+from tacevo.choices import ChosenBy, Primary, Varied
 from tacevo.errors import RunError
-from tacevo.records import Record
+from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, sweep, write_durably
+from tacevo.storage.plan import Plan
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.typed import parse
 
@@ -39,12 +43,44 @@ class Job(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Retraining(Record):
+    """How the best network of each job is trained again and tested."""
+
+    #: K, fresh training seeds of each network.
+    seeds: Annotated[int, Ge(1)]
+    epochs: Annotated[int, Ge(1)]
+    #: What `best` means.
+    choose: ChosenBy
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepTerms(Record):
+    """On which terms the arms of a sweep are compared; those of an early sweep, which states none, are empty."""
+
+    #: None where it was not stated when the sweep began.
+    primary: Primary | None = None
+    #: The arm that all others are compared with; None for `none`, where there is such an arm.
+    reference: str | None = None
+    #: Settings that are the seed of each job.
+    vary: tuple[Varied, ...] = ()
+    #: What it follows; None where nothing was planned.
+    plan: Plan | None = None
+    #: Written before the first of these trainings; None until then.
+    retraining: Retraining | None = None
+
+
+#: Those of a sweep that states none.
+UNSTATED = SweepTerms()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Sweep(Record):
     """What sweep.json holds."""
 
     schema: Literal[1] = 1
     overrides: tuple[str, ...]
     jobs: tuple[Job, ...]
+    terms: SweepTerms = UNSTATED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,10 +119,10 @@ class SweepDirectory:
         """Return the run directory of a job, begun or not."""
         return RunDirectory(self.path / job.name)
 
-    def write(self, overrides: Sequence[str], jobs: Sequence[Job]) -> None:
+    def write(self, overrides: Sequence[str], jobs: Sequence[Job], terms: SweepTerms = UNSTATED) -> None:
         """Write sweep.json whole."""
         sweep(self.path)
-        write_durably(self.path / "sweep.json", sweep_text(overrides, jobs))
+        write_durably(self.path / "sweep.json", sweep_text(overrides, jobs, terms))
 
     def read(self) -> tuple[tuple[str, ...], tuple[Job, ...]]:
         """Read the shared overrides and the jobs.
@@ -94,6 +130,19 @@ class SweepDirectory:
         Raises:
             RunError: sweep.json is missing, damaged or of another layout, or names a job outside its directory.
         """
+        found = self._read()
+        return found.overrides, found.jobs
+
+    def read_terms(self) -> SweepTerms:
+        """Read the terms that arms are compared on; errors are those of `read`."""
+        return self._read().terms
+
+    def text(self) -> str:
+        """Return sweep.json as `write` writes it; errors are those of `read`."""
+        found = self._read()
+        return sweep_text(found.overrides, found.jobs, found.terms)
+
+    def _read(self) -> _Sweep:
         path = self.path / "sweep.json"
         if not path.exists():
             raise RunError("a directory without sweep.json", place=str(self.path), expected="the directory of a sweep")
@@ -102,7 +151,7 @@ class SweepDirectory:
         for job in found.jobs:
             if Path(job.name).name != job.name or job.name in _TAKEN:
                 raise RunError(repr(job.name), place=f"{path}, jobs", expected="the name of a directory", remedy=remedy)
-        return found.overrides, found.jobs
+        return found
 
     def fail(self, job: Job, reason: str) -> None:
         """Keep why a job failed."""
@@ -140,6 +189,13 @@ def sweep_digest(digests: Mapping[str, str]) -> str:
     return content_hash(dict(digests))
 
 
-def sweep_text(overrides: Sequence[str], jobs: Sequence[Job]) -> str:
-    """Return what sweep.json holds."""
-    return readable(asdict(_Sweep(overrides=tuple(overrides), jobs=tuple(jobs))))
+def seeded(vary: Collection[Varied], seed: int) -> tuple[str, ...]:
+    """Return the overrides of a job that follow from its seed."""
+    return tuple(f"{key}={seed}" for key in vary)
+
+
+def sweep_text(overrides: Sequence[str], jobs: Sequence[Job], terms: SweepTerms = UNSTATED) -> str:
+    """Return what sweep.json holds; terms that state nothing are left out, as they are from an early sweep."""
+    whole = asdict(_Sweep(overrides=tuple(overrides), jobs=tuple(jobs), terms=terms))
+    stated = written(terms)
+    return readable({**whole, "terms": stated} if stated else {key: whole[key] for key in whole if key != "terms"})

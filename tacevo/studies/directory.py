@@ -13,11 +13,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import to_json, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import sweep, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
+from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
 from tacevo.typed import parse
 
@@ -166,6 +168,13 @@ def studies_of(run: Path) -> list[StudyDirectory]:
 def describes(study: StudyRecord, header: StudyHeader) -> bool:
     """Return whether a study.json says what a header says."""
     return all(getattr(study, field.name) == getattr(header, field.name) for field in fields(Design))
+
+
+def is_stated(study: Design, retraining: Retraining) -> bool:
+    """Return whether a study tests the best network of a job as its sweep states; it may test others, too."""
+    choose = ChosenBy.reestimated if study.chosen_by else ChosenBy.fitness
+    settings = Retraining(seeds=study.seeds, epochs=study.recipe.epochs, choose=choose)
+    return study.terms is not None and settings == retraining
 
 
 def _row(lines: Sequence[StudyHeader | ScoreLine | FailedLine]) -> str:

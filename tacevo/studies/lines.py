@@ -12,6 +12,7 @@ from annotated_types import Ge
 from tacevo.choices import Device, Numerics
 from tacevo.records import DataFacts, Json, Kept, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
+from tacevo.storage.plan import Plan
 from tacevo.studies.terms import Terms
 from tacevo.typed import FreeJson
 
@@ -55,6 +56,8 @@ class Design(Record):
     chosen_by: str = ""
     #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.
     other_data: tuple[tuple[str, FreeJson], ...] = ()
+    #: None where nothing was planned.
+    plan: Plan | None = None
     #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
 

@@ -1,11 +1,13 @@
-"""Which networks a study is about; pure."""
+"""Which networks a study is about, and what they are chosen by; pure."""
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from statistics import median
 
 from tacevo.errors import RunError
 from tacevo.search.archive import best_of_their_own
 from tacevo.search.lines import CandidateLine
-from tacevo.studies.lines import Network
+from tacevo.studies.lines import Network, Row, ScoreLine
 
 
 def networks_of(
@@ -49,6 +51,14 @@ def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) ->
         RunError: one of them was not trained.
     """
     return tuple(_studied(name, line) for name, line in zip(("baseline", *names), candidates, strict=False))
+
+
+def median_losses(rows: Iterable[Row]) -> dict[str, float]:
+    """Return the median validation loss of the networks of a noise run, by id; none of one whose training failed."""
+    losses: dict[str, list[float]] = {}
+    for row in rows:
+        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}
 
 
 def _studied(name: str, line: CandidateLine | None) -> Network:

@@ -1,12 +1,9 @@
 """The finished noise runs of a run: which one elites are chosen by, and what it says of them."""
 
-import math
-from statistics import median
-
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.studies.directory import studies_of
-from tacevo.studies.lines import ScoreLine
+from tacevo.studies.networks import median_losses
 
 
 def noise_digest(run: RecordedRun) -> str:
@@ -50,7 +47,4 @@ def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:
             expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
             remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
         )
-    losses: dict[str, list[float]] = {}
-    for row in directory.read_finished().rows:
-        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
-    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}
+    return median_losses(directory.read_finished().rows)

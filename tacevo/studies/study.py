@@ -28,6 +28,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.confinement import require
+from tacevo.storage.plan import Plan, read_plan
 from tacevo.storage.store import Seen, sweep_stores
 from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
@@ -108,6 +109,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         limits=Limits(seconds=config.seconds, memory_mib=config.memory_mib),
         terms=_stated(config, run.record.data.kind),
         chosen_by=noise_digest(run) if by_noise else "",
+        planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
     searched = any(line.request is not None for line in run.candidates)
@@ -132,6 +134,7 @@ def estimate_noise(path: Path, config: NoiseConfig, view: Progress) -> Studied:
         limits=training.limits,
         terms=None,
         chosen_by="",
+        planned=None,
         rules=CURRENT.training,
     )
     return _carry_out(plan, elites or 0, config.executor, view)
@@ -201,6 +204,7 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
         limits=recorded.recipe.limits,
         terms=recorded.terms,
         chosen_by=recorded.chosen_by,
+        planned=recorded.plan,
         rules=recorded.rules,
     )
     if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
@@ -246,6 +250,7 @@ def _plan(
     limits: Limits,
     terms: Terms | None,
     chosen_by: str,
+    planned: Plan | None,
     rules: int,
 ) -> _Plan:
     """Work out which networks of a run are trained, how, and on which terms they are judged."""
@@ -270,6 +275,7 @@ def _plan(
         terms=terms,
         networks=networks,
         chosen_by=chosen_by,
+        plan=planned,
         rules=rules,
     )
     stream = "study" if terms else "noise"
@@ -300,6 +306,10 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if len(networks) <= wanted:
         view.say(f"the archive has {len(networks) - 1} elites with a source of their own, fewer than elites={wanted}")
+    planned = plan.header.plan
+    if planned is not None and (planned.seeds, planned.comparisons) != (seeds, len(networks) - 1):
+        asked = f"{counted(planned.seeds, 'seed')} and {counted(planned.comparisons, 'variant')}"
+        view.say(f"this is not what was planned, which is {asked}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
             f"no comparison will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "

@@ -1,8 +1,9 @@
 """Compare sweep.json with the configurations that the runs of its jobs recorded.
 
 What it promises: seed and hash of the configuration of every job are those of its run; each configuration is there
-once; runs of one arm differ in their seeds only, and those of two arms in more. What an arm is follows from the
-recorded configurations (`analysis.tables.ablation.settings_table`); its name is a label.
+once; runs of one arm differ in their seeds only, and in what their sweep takes from these, and those of two arms in
+more. What an arm is follows from the recorded configurations (`analysis.tables.ablation.settings_table`); its name is a
+label.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from tacevo.config.recorded import read_run
 from tacevo.errors import DivergenceError
 from tacevo.runs.publishable import published_config
 from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.terms import varied
 
 
 def check_jobs(directory: SweepDirectory) -> None:
@@ -24,6 +26,7 @@ def check_jobs(directory: SweepDirectory) -> None:
         RunError: a file is damaged.
     """
     _, jobs = directory.read()
+    vary = directory.read_terms().vary
     settings = []
     for job in jobs:
         config, _, _ = read_run(directory.run(job))
@@ -35,7 +38,7 @@ def check_jobs(directory: SweepDirectory) -> None:
                     expected=f"{recorded!r}, as in its run",
                 )
         shown = from_plain(published_config(to_plain(config)))  # paths by their last part, as in a bundle
-        settings.append(config_hash(replace(shown, seed=0)))
+        settings.append(config_hash(replace(varied(shown, vary, 0), seed=0)))
     _check_different_jobs(jobs)
     _check_arms(jobs, settings)
 

@@ -25,7 +25,7 @@ import yaml
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import Json
 from tacevo.sandbox.kernel import end_with
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 
 if TYPE_CHECKING:
     import submitit
@@ -180,6 +180,11 @@ def run_job(sweep: Path, name: str) -> None:
     _keep_ending(directory, job, _start(directory, job).wait())
 
 
+def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
+    """Return the settings of a job: what all share, its own, and what follows from its seed."""
+    return (*directory.read()[0], *job.overrides, *seeded(directory.read_terms().vary, job.seed))
+
+
 def _executor(launcher: Launcher, directory: Path) -> "submitit.AutoExecutor":
     """Return the executor of a cluster, with its parameters."""
     cluster = _CLUSTERS[launcher.cluster]
@@ -202,7 +207,7 @@ def _executor(launcher: Launcher, directory: Path) -> "submitit.AutoExecutor":
 def _start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
     """Start the search of a job; it ends with this process."""
     place = str(directory.run(job).path).replace("'", "\\'")
-    overrides = [*directory.read()[0], *job.overrides, f"run.dir='{place}'"]
+    overrides = [*overrides_of(directory, job), f"run.dir='{place}'"]
     with directory.log(job).open("wb") as output:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *overrides],

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.choices import Varied
 from tacevo.config.compose import compose, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
@@ -27,6 +28,7 @@ from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
 from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
+from tacevo.sweeps.terms import Asked, check_varied, settled, varied, with_reference
 from tacevo.text import counted
 
 #: What distinguishes jobs even if it has one value only, so that more can be added.
@@ -34,6 +36,9 @@ _OWN = ("ablation", "seed")
 
 #: The longest part of a directory's name that comes from an arm, in characters.
 _LONGEST = 80
+
+#: What a command says that says nothing of the terms.
+_NOTHING = Asked()
 
 #: Runs jobs to their ends; see `tacevo.sweeps.launch.launch`.
 Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[Job], None]], None]
@@ -56,7 +61,9 @@ class Swept:
     statuses: tuple[Status, ...]
 
 
-def sweep(overrides: Sequence[str], into: str | None, view: Progress, run: Launch = launch) -> Swept:
+def sweep(
+    overrides: Sequence[str], into: str | None, view: Progress, run: Launch = launch, asked: Asked = _NOTHING
+) -> Swept:
     """Run the jobs of a sweep that are not finished.
 
     Args:
@@ -64,6 +71,7 @@ def sweep(overrides: Sequence[str], into: str | None, view: Progress, run: Launc
         into: the sweep's directory; None for one named after what the jobs share.
         view: shows the progress.
         run: runs the jobs.
+        asked: what is said of the terms that arms are compared on.
 
     Raises:
         TacevoError: see its subclasses; a mistake in any job is raised before one runs.
@@ -71,25 +79,33 @@ def sweep(overrides: Sequence[str], into: str | None, view: Progress, run: Launc
     """
     launcher, settings = split_launcher(overrides)
     check_launcher(launcher)
-    shared, varied = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
-    planned = plan(shared, varied)
+    shared, own = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
+    first = plan(shared, own[:1])[0].config
+    directory, task = SweepDirectory(folder(shared, first) if into is None else Path(into)), first.task.name
+    terms = settled(directory, asked, task)
+    planned = plan(shared, own, terms.vary)
     for entry in planned:
         require_temperature(entry.job.overrides, entry.config)
         require_means(entry.config)
-    if len(planned) < len(varied):
-        view.say(f"{len(varied) - len(planned)} of {len(varied)} jobs are the same searches as others, and run once")
-    directory = SweepDirectory(folder(shared, planned[0].config) if into is None else Path(into))
+    if len(planned) < len(own):
+        view.say(f"{len(own) - len(planned)} of {len(own)} jobs are the same searches as others, and run once")
     jobs = [entry.job for entry in planned]
     with directory.locked():
         before = directory.read()[1] if directory.is_one else ()
-        _check_one_sweep(directory, shared, [job for job in before if job not in jobs])
+        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in jobs])
         known = {job.config: job for job in before}
         jobs = [known.get(job.config, job) for job in jobs]  # by what they are, whatever they were called
         statuses = [_check_begun(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
         for status in statuses:
             if status.standing is Standing.finished:
                 directory.succeed(status.job)  # it may have been finished by `tacevo search`
-        directory.write(shared, [*before, *(job for job in jobs if job not in before)])
+        every = [*before, *(job for job in jobs if job not in before)]
+        terms = settled(directory, asked, task)  # again, since nobody else can write now
+        if not directory.is_one:
+            terms = with_reference(terms, {job.arm for job in every})
+            if terms.reference is None:
+                view.say("no arm is called none, so nothing is tested against it: --reference ARM names another")
+        directory.write(shared, every, terms)
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         _run(directory, statuses, planned, launcher=launcher, view=view, run=run)
         return Swept(directory=directory.path, statuses=tuple(status_of(directory, job) for job in jobs))
@@ -155,16 +171,23 @@ def _own_keys(directory: SweepDirectory) -> frozenset[str]:
     return frozenset(override.partition("=")[0] for job in jobs for override in job.overrides)
 
 
-def plan(shared: Sequence[str], varied: Sequence[tuple[str, ...]]) -> tuple[Planned, ...]:
+def plan(shared: Sequence[str], owns: Sequence[tuple[str, ...]], vary: Sequence[Varied] = ()) -> tuple[Planned, ...]:
     """Compose all jobs; those that are the same search are one.
 
+    Args:
+        shared: the overrides of all jobs.
+        owns: those of each job.
+        vary: settings that are the seed of each job.
+
     Raises:
-        ConfigError: a job cannot be composed, or two would have the same directory.
+        ConfigError: a job cannot be composed, or two would have the same directory; or as `check_varied`.
     """
     planned: dict[str, Planned] = {}
-    for own in varied:
+    for own in owns:
         try:
             config = compose([*shared, *own])
+            check_varied(config, vary, [*shared, *own])
+            config = varied(config, vary, config.seed)
         except ConfigError as error:
             if own:
                 error.place = f"{' '.join(own)}: {error.place}".removesuffix(": ")
@@ -212,14 +235,16 @@ def folder(shared: Sequence[str], config: RunConfig) -> Path:
     return Path("sweeps") / f"{given.get('experiment', config.task.name)}-{common[:8]}"
 
 
-def _check_one_sweep(directory: SweepDirectory, shared: Sequence[str], before: Sequence[Job]) -> None:
+def _check_one_sweep(
+    directory: SweepDirectory, shared: Sequence[str], vary: Sequence[Varied], before: Sequence[Job]
+) -> None:
     """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
     All of them are checked: what is shared may be overridden by the arm of any one.
     """
     for job in before:
         try:
-            same = config_hash(compose([*shared, *job.overrides])) == job.config
+            same = config_hash(varied(compose([*shared, *job.overrides]), vary, job.seed)) == job.config
         except ConfigError:
             same = False
         if not same:

@@ -1,6 +1,7 @@
 """Promise: arms are compared by the project's statistics and seed by seed, and never where that is void."""
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -211,6 +212,39 @@ def test_reference_comes_first() -> None:
     assert [arm.name for arm in found.arms] == ["none", "z", "a"]
 
 
+def test_any_arm_can_be_the_reference() -> None:
+    """A sweep over models has no arm called `none`; the test is against the arm that was wanted."""
+    found = compare_arms(outcomes({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), wanted="llm=b")
+    assert (found.reference, [arm.name for arm in found.arms]) == ("llm=b", ["llm=b", "llm=a", "llm=c"])
+    test = contrast(found, "llm=a").test
+    assert test is not None
+    assert test.p == mann_whitney(NONE, BETTER).p
+    assert contrast(found, "llm=a").sizes == (5, 5)
+    assert found.arms[0].metrics[Metric.best_fitness].contrast is None
+
+
+def test_reference_without_a_run_is_not_replaced_by_another() -> None:
+    """Neither by `none` nor by the first arm."""
+    found = compare_arms(outcomes({"none": NONE, "a": BETTER}), wanted="b")
+    assert (found.reference, found.wanted) == (None, "b")
+    assert all(summary.contrast is None for arm in found.arms for summary in arm.metrics.values())
+
+
+def test_score_on_test_images_is_shown_where_a_run_has_one() -> None:
+    """Of the task's own metric only; an accuracy is better where it is more."""
+    runs = outcomes({"none": NONE, "better": BETTER})
+    assert {Metric.test_mse, Metric.test_accuracy}.isdisjoint(compare_arms(runs).metrics)
+    scored = [
+        replace(one, values={**one.values, Metric.test_accuracy: 1 - value})
+        for one in runs
+        if (value := one.values[Metric.best_fitness]) is not None
+    ]
+    found = compare_arms(scored)
+    assert found.metrics[:2] == (Metric.test_accuracy, Metric.best_fitness)
+    paired = contrast(found, "better", Metric.test_accuracy).paired
+    assert (paired.better, paired.worse) == (5, 0)
+
+
 def test_another_arm_draws_no_numbers_of_this_one() -> None:
     """Each has a stream of its own, so equal values have equal intervals."""
     alone = compare_arms(outcomes({"none": NONE, "mixed": MIXED}))
@@ -239,6 +273,8 @@ def test_run_is_measured_by_hand() -> None:
     paid = dict.fromkeys(("g00s01", "g01s00", "g01s01"), spent)
     values = values_of(run(slots, [closed(0, 0.4), closed(1, 0.1, candidates=4, trained=2)], spent=paid))
     assert values == {
+        Metric.test_mse: None,
+        Metric.test_accuracy: None,
         Metric.best_fitness: 0.1,
         Metric.improvement: 0.75,
         Metric.improvement_over_baseline: 0.875,

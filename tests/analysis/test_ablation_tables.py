@@ -7,13 +7,15 @@ import numpy as np
 from hand_runs import trained
 from hand_sweeps import finished, run_of, run_to, sweep_of
 
-from analysis.sweeps.ablation import Ablation, Metric, compare_arms, outcome
+from analysis.sweeps.ablation import TESTS, Ablation, Metric, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive
 from analysis.sweeps.sweep import Finished, Missing, Sweep
+from analysis.sweeps.tested import JobScore
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
+from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
-from tacevo.storage.sweep_directory import Job
+from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
 NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
 WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
@@ -49,7 +51,7 @@ def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
 def test_every_metric_has_a_table() -> None:
     """Named after it, beside that of all arms and that of all runs."""
     names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
-    metrics = [f"ablation_{metric.name}_force" for metric in Metric]
+    metrics = [f"ablation_{metric.name}_force" for metric in Metric if metric not in TESTS.values()]
     assert names == ["ablation_force", "ablation_settings_force", *metrics, "ablation_runs_force"]
 
 
@@ -112,6 +114,73 @@ def test_direction_is_told() -> None:
     assert "Less is better." in best().notes
     assert coverage.rows[2][-3:] == (0, 0, 5)
     assert coverage.columns[-4] == "median difference by seed (percentage points)"
+
+
+STATED = SweepTerms(
+    primary=Primary.test_score,
+    reference="none",
+    retraining=Retraining(seeds=5, epochs=9, choose=ChosenBy.fitness),
+)
+
+
+def scored(bests: Sequence[float], arm: str) -> list[Finished]:
+    """Make an arm's jobs, whose networks score a tenth of their fitness on the test images."""
+    return [
+        replace(one, tested=JobScore(metric="mse", values=(best / 10,), network="g01s00"))
+        for one, best in zip(jobs_of(arm, bests), bests, strict=True)
+    ]
+
+
+def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
+    """The test score comes first, with how it came about; all else is called secondary, the best fitness noisy."""
+    sweep, found = compared(*scored(NONE, "none"), *scored(WORSE, "worse"))
+    sweep, found = replace(sweep, terms=STATED), replace(found, primary=Metric.test_mse)
+    table = metric_table(sweep, found, Metric.test_mse, ARCHIVE)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["median"], row["p"]) == (Between(0.052, 0.05, 0.054), PValue(0.00793650794))
+    assert table.notes[0].startswith("Primary metric: test MSE, as the sweep stated when it began")
+    assert "trained for 9 epochs with 5 fresh seeds." in table.notes[1]
+    assert best(sweep, found).notes[0].startswith("Secondary metric; the primary one is test MSE.")
+    assert "noisy minimum" in best(sweep, found).notes[0]
+    assert arms_table(sweep, found, "n").columns[2:4] == ("test MSE", "best fitness")
+    late = replace(sweep, terms=replace(STATED, primary=None))
+    assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
+
+
+def test_primary_metric_without_values_is_missed() -> None:
+    """A sweep that stated a test score, and whose jobs were not tested, does not hide it."""
+    sweep = replace(SWEEP, terms=replace(STATED, retraining=None))
+    notes = arms_table(sweep, replace(FOUND, primary=Metric.test_mse), "n").notes
+    assert any(note.startswith("No job has a test MSE yet") for note in notes)
+    untested = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r"),))
+    assert "Without a test score, 1 job: none-seed0." in best(untested).notes
+
+
+def test_sweep_that_states_nothing_has_neither_primary_nor_secondary() -> None:
+    """It reads as it did."""
+    assert not [note for note in best().notes if "rimary" in note or "econdary" in note]
+
+
+def test_detectable_effect_stands_beside_each_test() -> None:
+    """By Noether's formula, of the runs that differ: ten against ten detect an A12 of 0.5 + 2.80159 / sqrt(60)."""
+    sweep, found = compared(*jobs_of("none", [*NONE, *WORSE]), *jobs_of("a", [value + 1 for value in (*NONE, *WORSE)]))
+    (note,) = (note for note in best(sweep, found).notes if note.startswith("Detected by"))
+    assert note.startswith("Detected by 10 runs of an arm and 10 of none with a power of 80 %")
+    assert "an A12 of 0.862 or 0.138" in note
+    (few,) = (note for note in best().notes if note.startswith("Detected by"))
+    assert "effects near full separation only" in few
+
+
+def test_reference_that_was_named_afterwards_is_told() -> None:
+    """Whoever looks for an arm to beat can find one; a reader has to know."""
+    jobs = [*jobs_of("none", NONE), *jobs_of("worse", WORSE)]
+    runs = [job.run for job in jobs]
+    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
+    found = compare_arms([outcome(job, common) for job in jobs], wanted="worse")
+    told = "The reference worse was named for this comparison; the sweep itself states"
+    assert any(note.startswith(told) for note in best(sweep_of(jobs), found).notes)
+    stated = replace(sweep_of(jobs), terms=SweepTerms(reference="worse"))
+    assert not any(note.startswith(told) for note in best(stated, found).notes)
 
 
 def test_common_archive_is_told() -> None:

@@ -176,14 +176,6 @@ def test_few_seeds_are_named_or_refused() -> None:
         compare(study_of({name: values[:3] for name, values in FOUR.items()}))
 
 
-def test_power_is_told_for_one_test_and_for_holms_strictest() -> None:
-    """Four variants: a quarter of alpha."""
-    found = compare(study_of(FOUR))
-    assert found.detectable is not None
-    assert found.detectable_holm is not None
-    assert (found.detectable.alpha, found.detectable_holm.alpha) == (0.05, 0.0125)
-
-
 def test_baseline_alone_is_refused() -> None:
     """There is nothing to compare it with."""
     with refused(RunError, place="the study of force", expected="a variant beside the baseline", got="none"):

@@ -12,7 +12,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import sealed_text
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 from tacevo.sweeps.launch import Launcher
 
 #: Shared by all jobs of the tests.
@@ -29,7 +29,8 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     """Write a run directory of a job, with a generation of its ledger."""
     run = directory.run(job)
     run.path.mkdir(parents=True, exist_ok=True)
-    config = composed(*shared, *job.overrides)
+    vary = directory.read_terms().vary if directory.is_one else ()
+    config = composed(*shared, *job.overrides, *seeded(vary, job.seed))
     facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
     text, digest = sealed_text([header(task=job.name), ended(0)])
     run.write_text("ledger.jsonl", text)

@@ -9,8 +9,8 @@ from analysis.report.page.of_run import table_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import Metric, Outcome
 
-#: What is shown of every arm at the end.
-ENDS = (Metric.best_fitness, Metric.qd_score, Metric.coverage)
+#: What is shown of every arm at the end, as far as it is known.
+ENDS = (Metric.test_mse, Metric.test_accuracy, Metric.best_fitness, Metric.qd_score, Metric.coverage)
 
 
 def sweep_contents(found: SweepCollection) -> SweepContents:
@@ -20,7 +20,11 @@ def sweep_contents(found: SweepCollection) -> SweepContents:
             ArmContents(
                 name=arm.name,
                 bands=_bands([one for one in found.found.outcomes if one.arm == arm.name]),
-                ends={metric.value: tuple(arm.metrics[metric].values.items()) for metric in ENDS},
+                ends={
+                    metric.value: tuple(arm.metrics[metric].values.items())
+                    for metric in ENDS
+                    if metric in found.found.metrics
+                },
             )
             for arm in found.found.arms
         ),

@@ -1,0 +1,81 @@
+"""What the network that a job found is worth: its test score in the studies that its sweep stated beforehand.
+
+The fitness that a search ends with is the lowest of many draws. This is one value a job of another kind: the network
+with the best fitness is trained again with K fresh seeds, and the median of their test scores stands for the job.
+"""
+
+from dataclasses import dataclass
+from statistics import median
+
+from analysis.runs.run import Run
+from analysis.studies.scores import Study
+from analysis.studies.study import load_study
+from tacevo.errors import RunError
+from tacevo.rounding import rounded
+from tacevo.storage.sweep_directory import Retraining
+from tacevo.studies.directory import is_stated, studies_of
+from tacevo.studies.networks import median_losses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobScore:
+    """The test score of what a job found."""
+
+    #: Of its task: `mse` or `accuracy`.
+    metric: str
+    #: Of the test images, by training seed.
+    values: tuple[float, ...]
+    #: The id of the network; the baseline's where no other is better.
+    network: str
+
+    @property
+    def value(self) -> float:
+        """The one value of the job: the median over the training seeds."""
+        return rounded(median(self.values))
+
+
+def job_score(run: Run, stated: Retraining) -> JobScore:
+    """Return the test score of the network that a run found.
+
+    That is the best of its archive, by the fitness that the study chose by. The baseline counts as found, or a search
+    that came to nothing better would be judged by something worse.
+
+    Raises:
+        RunError: there is no sound study as stated, or there are several that do not agree.
+    """
+    sound, faults = [], []
+    for directory in studies_of(run.path):
+        record = directory.read()
+        if record.run == run.digest and record.digest is not None and is_stated(record, stated):
+            try:
+                sound.append(_score(run, load_study(directory.path)))
+            except RunError as error:
+                faults.append(error)
+    if not sound and faults:
+        raise faults[-1]
+    if len(set(sound)) != 1:
+        raise RunError(
+            f"{len(set(sound))} that differ" if sound else "none",
+            place=f"{run.path}/studies",
+            expected="a finished study as the sweep states it",
+            remedy="delete all but one" if sound else "`tacevo study sweep=` makes it",
+        )
+    return sound[0]
+
+
+def _score(run: Run, study: Study) -> JobScore:
+    fitness = _fitness(run, study)
+    # The baseline and the best elite; the earlier one wins a tie, as everywhere.
+    best = min((one for one in study.networks[:2] if one.id in fitness), key=lambda one: (fitness[one.id], one.id))
+    values = study.values(best.name, study.primary).tolist()
+    return JobScore(metric=study.primary, values=tuple(values), network=best.id)
+
+
+def _fitness(run: Run, study: Study) -> dict[str, float]:
+    """Return what the networks of a study were chosen by."""
+    if not study.chosen_by:
+        return {network.id: network.fitness for network in study.networks}
+    for directory in studies_of(run.path):
+        if directory.read().digest == study.chosen_by:
+            return median_losses(directory.read_finished().rows)
+    raise RunError("none", place=f"{run.path}/studies", expected=f"the noise run {study.chosen_by[:12]} that chose")

@@ -1,0 +1,82 @@
+"""plan.json: how many seeds a study or a sweep needs, as it was planned before anything of it was trained.
+
+It is copied into the study's header or into sweep.json, so that what was planned travels with what was done.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Lt
+
+from tacevo.errors import ConfigError
+from tacevo.records import Record, to_json
+from tacevo.storage.canonical import readable
+from tacevo.typed import parse
+
+
+class Measure(StrEnum):
+    """What one value of a sample is: a test score, or the best fitness of a search that was not tested."""
+
+    mse = "mse"
+    accuracy = "accuracy"
+    fitness = "fitness"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan(Record):
+    """What was planned, and what it was planned from."""
+
+    schema: Literal[1] = 1
+    kind: Literal["study", "sweep"]
+    task: str
+    metric: Measure
+    #: The difference that is to be found: the part of an error, in (0, 1), or the difference of an accuracy.
+    effect: Annotated[float, Gt(0), Lt(1)]
+    #: Level of the tests, after Holm's correction over the comparisons.
+    alpha: Annotated[float, Gt(0), Lt(1)]
+    #: Wished chance of finding the effect.
+    power: Annotated[float, Gt(0), Lt(1)]
+    #: Variants against the baseline, or arms against the reference.
+    comparisons: Annotated[int, Ge(1)]
+    #: Training seeds of each network of a study; jobs of each arm of a sweep.
+    seeds: Annotated[int, Ge(2)]
+    #: Training seeds of the network that a job found; None of a study, and where jobs are not tested.
+    retraining: Annotated[int, Ge(1)] | None
+    #: Epochs of each full training; None where there are none.
+    epochs: Annotated[int, Ge(1)] | None
+    #: Standard deviation of one value, of logarithms for an error: that which was planned with.
+    spread: Annotated[float, Ge(0)]
+    #: Simulated chance of finding the effect with so many seeds.
+    chance: float
+    #: Full trainings, of each network and seed.
+    trainings: Annotated[int, Ge(0)]
+    #: Of one worker on the pilot's machine; None where no pilot recorded its times.
+    hours: float | None
+    #: Digests of the runs whose values gave the spread.
+    pilots: tuple[str, ...]
+
+
+def plan_text(plan: Plan) -> str:
+    """Return what plan.json holds."""
+    return readable(to_json(plan))
+
+
+def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> Plan:
+    """Read a plan for a study or a sweep of a task.
+
+    Raises:
+        ConfigError: the file cannot be read or is not such a plan.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(
+            str(error.strerror), place=str(path), expected="a plan.json", remedy=f"`tacevo plan {kind}` writes one"
+        ) from error
+    plan = parse(Plan, text, place=str(path), error=ConfigError, remedy=f"`tacevo plan {kind}` writes it")
+    for name, wanted, found in (("kind", kind, plan.kind), ("task", task, plan.task)):
+        if found != wanted:
+            raise ConfigError(repr(found), place=f"{path}, {name}", expected=repr(wanted))
+    return plan

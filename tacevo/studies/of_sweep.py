@@ -1,0 +1,89 @@
+"""`tacevo study sweep=DIR`: the best network of every job of a sweep, trained fully with fresh seeds and tested.
+
+Each job gets an ordinary study, of the baseline and its best elite, in its own directory. What is stated once for all
+of them, seeds, epochs and what `best` means, is written into sweep.json before the first training, so that
+`tacevo ablations` knows which studies count, whatever other studies the runs have.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tacevo.config.study import StudyConfig
+from tacevo.errors import RunError, TacevoError
+from tacevo.runs.progress import Progress
+from tacevo.search.files import finished_digest
+from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory
+from tacevo.studies.directory import is_stated, studies_of
+from tacevo.studies.study import Studied, study
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudiedSweep:
+    """The studies of a sweep's jobs."""
+
+    #: One for each finished job, in the order of the jobs; at least one.
+    studies: tuple[Studied, ...]
+    #: Names of the jobs that are not finished, and have none.
+    unfinished: tuple[str, ...]
+
+
+def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep:
+    """Study the best elite of each finished job, or resume such studies.
+
+    Args:
+        path: the directory of the sweep.
+        config: of each study; its run is the job's.
+        view: shows the progress.
+
+    Raises:
+        TacevoError: see its subclasses, with the job named; the trainings that ended are kept.
+        KeyboardInterrupt: the user stopped it; the same command continues.
+    """
+    directory = SweepDirectory(path)
+    _, jobs = directory.read()
+    finished = [job for job in jobs if finished_digest(directory.run(job)) is not None]
+    if not finished:
+        raise RunError("none", place=str(path), expected="a finished job", remedy="continue the sweep")
+    _state(directory, Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose))
+    studies = []
+    for number, job in enumerate(finished, start=1):
+        view.say(f"job {job.name} ({number} of {len(finished)})")
+        try:
+            studies.append(study(replace(config, run=str(directory.run(job).path), sweep=None), view))
+        except TacevoError as error:
+            error.place = ", ".join(part for part in (f"job {job.name}", error.place) if part)
+            raise
+        view.advance("jobs", number, len(finished))
+    return StudiedSweep(studies=tuple(studies), unfinished=tuple(job.name for job in jobs if job not in finished))
+
+
+def _state(directory: SweepDirectory, retraining: Retraining) -> None:
+    """Write into sweep.json how its jobs are tested, before the first of them is.
+
+    Raises:
+        RunError: a job was tested as stated otherwise; or another process holds the sweep, which has to be written.
+    """
+    if directory.read_terms().retraining == retraining:
+        return
+    with directory.locked():
+        overrides, jobs = directory.read()
+        terms = directory.read_terms()
+        if terms.retraining is not None and _is_tested(directory, jobs, terms.retraining):
+            raise RunError(
+                _settings(retraining),
+                place=f"{directory.path}/sweep.json, terms.retraining",
+                expected=f"{_settings(terms.retraining)}, as stated before its jobs were tested",
+                remedy="give these settings; `tacevo study run=` studies single jobs under others",
+            )
+        directory.write(overrides, jobs, replace(terms, retraining=retraining))
+
+
+def _is_tested(directory: SweepDirectory, jobs: Sequence[Job], stated: Retraining) -> bool:
+    """Return whether a job has a finished study as its sweep states them."""
+    records = (found.read() for job in jobs for found in studies_of(directory.run(job).path))
+    return any(record.digest is not None and is_stated(record, stated) for record in records)
+
+
+def _settings(retraining: Retraining) -> str:
+    return f"seeds={retraining.seeds} epochs={retraining.epochs} choose={retraining.choose}"

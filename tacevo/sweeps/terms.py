@@ -1,0 +1,133 @@
+"""On which terms the arms of a sweep are compared: stated when it begins, and kept from then on.
+
+docs/ablation_study.md says what each of them is for.
+"""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tacevo.choices import DataSource, Primary, SplitRule, Varied
+from tacevo.config.ablation import NONE
+from tacevo.config.schema import RunConfig
+from tacevo.errors import ConfigError, RunError
+from tacevo.storage.plan import Plan, read_plan
+from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What a command says of the terms of a sweep; None where it says nothing."""
+
+    primary: Primary | None = None
+    reference: str | None = None
+    #: Sorted, each once.
+    vary: tuple[Varied, ...] | None = None
+    #: The plan.json that the sweep follows.
+    plan: Path | None = None
+
+
+def settled(directory: SweepDirectory, asked: Asked, task: str) -> SweepTerms:
+    """Return the terms of a sweep: those that it began with, or, of one that is about to begin, those asked for.
+
+    Raises:
+        ConfigError: the plan cannot be read, or is not one for a sweep of this task.
+        RunError: it began on other terms, or sweep.json is damaged.
+    """
+    plan = None if asked.plan is None else read_plan(asked.plan, "sweep", task)
+    if not directory.is_one:
+        primary = asked.primary or Primary.test_score
+        return SweepTerms(primary=primary, reference=asked.reference, vary=asked.vary or (), plan=plan)
+    terms = directory.read_terms()
+    for name, wanted in (
+        ("primary", asked.primary),
+        ("reference", asked.reference),
+        ("vary", asked.vary),
+        ("plan", plan),
+    ):
+        stated = getattr(terms, name)
+        if wanted is not None and wanted != stated:
+            raise RunError(
+                _in_words(wanted),
+                place=f"{directory.path}/sweep.json, terms.{name}",
+                expected=f"{_in_words(stated)}, as stated when the sweep began",
+                remedy=f"leave --{name} out, or choose another --into"
+                + ("; `tacevo ablations --reference` compares with any arm, and says so" * (name == "reference")),
+            )
+    return terms
+
+
+def with_reference(terms: SweepTerms, arms: Collection[str]) -> SweepTerms:
+    """Return terms that name the reference, where an arm of the sweep can be it.
+
+    Raises:
+        ConfigError: the reference that they name is not an arm of the sweep.
+    """
+    if terms.reference is None:
+        return replace(terms, reference=NONE if NONE in arms else None)
+    if terms.reference not in arms:
+        expected = f"one of the arms: {', '.join(map(repr, sorted(arms)))}"
+        raise ConfigError(repr(terms.reference), place="--reference", expected=expected)
+    return terms
+
+
+def read_varied(text: str) -> tuple[Varied, ...]:
+    """Read what a user wrote for `--vary`: keys of settings, with commas between them; sorted, each once.
+
+    Raises:
+        ConfigError: it is not a setting that a job may take from its seed.
+    """
+    known = [key.value for key in Varied]
+    for key in text.split(","):
+        if key not in known:
+            raise ConfigError(
+                repr(key), place="--vary", expected=f"one or more of {', '.join(known)}, with commas between them"
+            )
+    return tuple(sorted(map(Varied, set(text.split(",")))))
+
+
+def varied(config: RunConfig, vary: Iterable[Varied], seed: int) -> RunConfig:
+    """Return a configuration in which the varied settings are a seed."""
+    settings: dict[str, Any] = {key.removeprefix("data."): seed for key in vary}
+    return replace(config, data=replace(config.data, **settings))
+
+
+def check_varied(config: RunConfig, vary: Collection[Varied], overrides: Sequence[str]) -> None:
+    """Check that the settings that a job takes from its seed have an effect, and are set by nothing else.
+
+    Raises:
+        ConfigError: one has none, or an override sets it.
+    """
+    written = {override.partition("=")[0] for override in overrides}
+    for key in vary:
+        if key in written:
+            expected = "a setting that no override sets, since it is the seed of each job"
+            raise ConfigError(f"{key}, which an override sets", place="--vary", expected=expected)
+        if key is Varied.splitting:
+            holds, needed = config.data.split is SplitRule.random, "data.split=random"
+        else:
+            holds, needed = config.data.source is DataSource.simulated, "simulated data"
+        if not holds:
+            raise ConfigError(f"{key} without {needed}", place="--vary", expected="a setting that has an effect")
+
+
+def describe_terms(terms: SweepTerms) -> str:
+    """Write the terms of a sweep in a line."""
+    stated = {
+        "primary": terms.primary,
+        "reference": terms.reference,
+        "the seed of each job": ",".join(terms.vary) or None,
+        "planned": terms.plan and f"{terms.plan.seeds} jobs of each of {terms.plan.comparisons + 1} arms",
+        "tested with": terms.retraining
+        and f"seeds={terms.retraining.seeds} epochs={terms.retraining.epochs} choose={terms.retraining.choose}",
+    }
+    return "terms: " + "; ".join(f"{name}: {value}" for name, value in stated.items() if value is not None)
+
+
+def _in_words(value: object) -> str:
+    if isinstance(value, Plan):
+        return f"the plan for {value.seeds} jobs of each arm"
+    if isinstance(value, tuple):
+        return ",".join(value) or "nothing"
+    return "none stated" if value is None else repr(str(value))

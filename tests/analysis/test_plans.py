@@ -1,0 +1,186 @@
+"""Promise: a plan is the cheapest cautious way to find an effect, and its costs can be counted by hand."""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_runs import run, trained
+from hand_sweeps import finished, run_to, sweep_of
+from refusals import refused
+from studies import FOUR, study_of
+
+from analysis.statistics.planning import Spread, median_deviation
+from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
+from analysis.sweeps.plans import RETRAININGS, Wish, plan
+from analysis.sweeps.sweep import Sweep
+from analysis.sweeps.tested import JobScore
+from analysis.table import Percent
+from analysis.tables.plan import plan_table, planned_table
+from tacevo.choices import ChosenBy
+from tacevo.errors import RunError
+from tacevo.records import Kind
+from tacevo.storage.plan import Measure
+from tacevo.storage.sweep_directory import Retraining, SweepTerms
+
+WISH = Wish(effect=0.1, alpha=0.05, power=0.8, comparisons=2)
+
+STUDY = Pilot(
+    kind="study",
+    task="force",
+    metric=Measure.mse,
+    spread=Spread(deviation=0.1, freedom=19),
+    within=0.0,
+    tested=0.0,
+    comparisons=4,
+    epochs=50,
+    search_epochs=0,
+    seconds=3.6,
+    runs=("a",),
+)
+SWEEP = replace(STUDY, kind="sweep", within=0.2, tested=0.05, search_epochs=1000)
+PLANNED = functools.cache(functools.partial(plan, SWEEP, WISH))
+
+
+def test_costs_of_a_study_by_hand() -> None:
+    """Each network with each seed, for all epochs; an epoch takes a thousandth of an hour."""
+    planned = plan(STUDY, WISH)
+    assert [way.cautious for way in planned.ways] == [False, True]
+    for way in planned.ways:
+        assert way.needed.seeds is not None
+        assert (way.trainings, way.searches) == (3 * way.needed.seeds, 0)
+        assert way.epochs == 150 * way.needed.seeds
+        assert way.hours == pytest.approx(way.epochs / 1000)
+    assert planned.chosen is planned.ways[1]
+    own, cautious = (way.needed.seeds or 0 for way in planned.ways)
+    assert own < cautious
+
+
+def test_costs_of_a_sweep_by_hand() -> None:
+    """Three arms: so many searches, and a training of each job's network and of the baseline with each seed."""
+    planned = PLANNED()
+    assert [way.retraining for way in planned.ways] == [*RETRAININGS, *RETRAININGS]
+    for way in planned.ways:
+        seeds, number = way.needed.seeds or 0, way.retraining or 0
+        assert (way.searches, way.trainings) == (3 * seeds, 4 * seeds * number)
+        assert way.epochs == 1000 * way.searches + 50 * way.trainings
+        spread = SWEEP.spread.upper if way.cautious else 0.1
+        between = math.sqrt(spread**2 - 0.05**2)
+        assert way.spread == pytest.approx(math.hypot(between, 0.2 * median_deviation(number)), rel=1e-8)
+    assert planned.chosen is not None
+    assert planned.chosen.epochs == min(way.epochs for way in planned.ways if way.cautious)
+
+
+def test_plan_holds_what_was_chosen() -> None:
+    """All that the choice followed from, and what came out."""
+    planned = PLANNED()
+    written, chosen = planned.plan, planned.chosen
+    assert written is not None
+    assert chosen is not None
+    assert (written.effect, written.power, written.comparisons, written.pilots) == (0.1, 0.8, 2, ("a",))
+    assert (written.seeds, written.retraining, written.spread) == (
+        chosen.needed.seeds,
+        chosen.retraining,
+        chosen.spread,
+    )
+
+
+def test_unreachable_effect_has_no_plan_and_no_costs() -> None:
+    """The table says that all seeds that were tried do not suffice."""
+    planned = plan(STUDY, replace(WISH, effect=0.001))
+    assert (planned.chosen, planned.plan) == (None, None)
+    row = dict(zip(plan_table(planned).columns, plan_table(planned).rows[1], strict=True))
+    assert (row["seeds"], row["full trainings"], row["hours"]) == ("more than 200", None, None)
+
+
+def test_accuracy_has_an_effect_in_its_own_unit() -> None:
+    """Two points at a spread of two points are one deviation; of an error, 10 % less are -ln 0.9."""
+    accuracy = replace(STUDY, metric=Measure.accuracy, spread=Spread(deviation=0.02, freedom=1000))
+    error = replace(STUDY, spread=Spread(deviation=-math.log(0.98), freedom=1000))
+    wish = replace(WISH, effect=0.02)
+    assert plan(accuracy, wish).ways[0].needed == plan(error, wish).ways[0].needed
+    assert "2.00 percentage points of test accuracy" in plan_table(plan(accuracy, wish)).caption
+
+
+def test_table_marks_the_plan() -> None:
+    """One row of all."""
+    table = plan_table(PLANNED())
+    assert [row[-1] for row in table.rows].count("chosen") == 1
+    assert table.rows[0][4] == Percent(PLANNED().ways[0].needed.chance)
+
+
+def test_pilot_of_a_study_pools_its_networks() -> None:
+    """Logarithms of errors; the networks' medians are far apart, and that is no spread."""
+    found = study_pilot([(run([trained(0, 0)], []), study_of(FOUR))])
+    by_hand = math.sqrt(np.mean([np.var(np.log(sample), ddof=1) for sample in FOUR.values()]))
+    assert (found.metric, found.comparisons, found.spread.freedom) == ("mse", 4, 95)
+    assert found.spread.deviation == pytest.approx(by_hand, rel=1e-8)
+    shares = study_of({"baseline": [0.5, 0.7], "variant 1": [0.9, 0.9]}, kind=Kind.classification)
+    assert study_pilot([(run([trained(0, 0)], []), shares)]).spread.deviation == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("values", "place"),
+    [({"baseline": [0.1], "variant 1": [0.2]}, "the pilots"), ({"baseline": [0.1, 0.0]}, "a pilot's mse")],
+)
+def test_study_without_a_spread_is_no_pilot(values: Mapping[str, Sequence[float]], place: str) -> None:
+    """One seed does not spread, and 0 has no logarithm."""
+    with refused(RunError, place=place):
+        study_pilot([(run([trained(0, 0)], []), study_of(values))])
+
+
+def test_pilots_of_two_tasks_are_refused() -> None:
+    """Their values are of different kinds."""
+    one, other = study_of(FOUR), replace(study_of(FOUR), task="grating")
+    with refused(RunError, place="the pilots", expected="one task"):
+        study_pilot([(run([trained(0, 0)], []), study) for study in (one, other)])
+
+
+def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> Sweep:
+    """Make a sweep whose jobs have these test scores by training seed."""
+    jobs = [
+        replace(finished(arm, seed, run_to(0.5)), tested=JobScore(metric="mse", values=values, network="g00s00"))
+        for arm, jobs in arms.items()
+        for seed, values in enumerate(jobs)
+    ]
+    retraining = Retraining(
+        seeds=len(jobs[0].tested.values) if jobs[0].tested else 0, epochs=7, choose=ChosenBy.fitness
+    )
+    return replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))
+
+
+def test_pilot_of_a_sweep_has_both_spreads() -> None:
+    """By hand, of logarithms: jobs 1 and e are two apart in squares' halves; seeds of a job are 0 and 2 apart."""
+    e = math.e
+    found = sweep_pilot([sweep_with({"none": [(1.0, 1.0, 1.0), (e, e, e)], "a": [(9.0, 9.0, 9.0)]})])
+    assert (found.metric, found.epochs, found.comparisons) == ("mse", 7, 1)
+    assert found.spread.freedom == 1
+    assert found.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
+    assert found.within == found.tested == 0
+    noisy = sweep_pilot([sweep_with({"none": [(1.0, e**2), (1.0, e**2)]})])
+    assert noisy.within == pytest.approx(math.sqrt(2), rel=1e-8)
+    assert noisy.spread.deviation == 0
+
+
+def test_sweep_without_every_test_is_planned_by_its_best_fitness() -> None:
+    """One job without a score would be a hole in the arm; the table says so."""
+    jobs = [finished("none", seed, run_to(best)) for seed, best in enumerate((0.5, 0.6))]
+    found = sweep_pilot([sweep_of(jobs)])
+    assert (found.metric, found.epochs, found.within) == ("fitness", None, 0)
+    assert found.spread.deviation == pytest.approx(math.log(0.6 / 0.5) / math.sqrt(2), rel=1e-8)
+    planned = plan(found, replace(WISH, effect=0.5))
+    assert [way.retraining for way in planned.ways] == [None, None]
+    assert any("not every job of the pilot has a test score" in note for note in plan_table(planned).notes)
+    with refused(RunError, expected="two jobs of an arm"):
+        sweep_pilot([sweep_of(jobs[:1])])
+
+
+def test_what_was_done_stands_beside_the_plan() -> None:
+    """Row by row, with the wish below."""
+    written = plan(STUDY, WISH).plan
+    assert written is not None
+    table = planned_table("force", written, [("seeds of each network", written.seeds, 3)])
+    assert table.rows == (("seeds of each network", written.seeds, 3),)
+    assert "10.0 % less test MSE" in table.notes[0]

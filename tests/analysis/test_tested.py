@@ -1,0 +1,84 @@
+"""Promise: the test score of a job is that of the network that it found, from the study that its sweep stated."""
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from statistics import median
+
+import pytest
+from refusals import refused
+from studies import study_of
+
+from analysis.runs.run import load_run
+from analysis.studies.scores import Study
+from analysis.sweeps.tested import JobScore, _score, job_score
+from tacevo.choices import ChosenBy
+from tacevo.errors import RunError
+from tacevo.storage.sweep_directory import Retraining
+from tacevo.studies.directory import is_stated
+from tacevo.studies.lines import Design
+
+#: What the study of the `published` run is.
+STATED = Retraining(seeds=4, epochs=1, choose=ChosenBy.fitness)
+
+MEASURED = study_of({"baseline": [0.1, 0.2, 0.6], "variant 1": [0.3, 0.5, 0.4], "variant 2": [0.0, 0.0, 0.0]})
+
+
+def studied(*fitnesses: float) -> Study:
+    """Return the study of three networks with these fitnesses; the third, the second best elite, tests best."""
+    networks = (
+        replace(one, id=f"g0{at}s00", fitness=fitness)
+        for at, (one, fitness) in enumerate(zip(MEASURED.networks, fitnesses, strict=True))
+    )
+    return replace(MEASURED, networks=tuple(networks))
+
+
+def test_score_is_the_median_of_the_best_by_fitness(run: Path) -> None:
+    """By hand: 0.4 of the elite; the baseline's 0.2 where it is fitter or as fit; test scores choose nothing."""
+    found = load_run(run)
+    assert _score(found, studied(0.5, 0.4, 0.45)) == JobScore(metric="mse", values=(0.3, 0.5, 0.4), network="g01s00")
+    assert _score(found, studied(0.5, 0.4, 0.45)).value == 0.4
+    assert _score(found, studied(0.3, 0.4, 0.45)).value == 0.2
+    assert _score(found, studied(0.4, 0.4, 0.45)).network == "g00s00"
+
+
+def test_score_is_read_from_the_runs_own_study(run: Path) -> None:
+    """As its lines have it."""
+    found = job_score(load_run(run), STATED)
+    (lines,) = run.glob("studies/*/scores.jsonl")
+    rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
+    scores = [row["metrics"]["mse"] for row in rows if row["id"] == found.network]
+    assert len(scores) == 4
+    assert found.value == pytest.approx(median(scores), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [replace(STATED, seeds=5), replace(STATED, epochs=2), replace(STATED, choose=ChosenBy.reestimated)],
+)
+def test_other_study_does_not_count(stated: Retraining, run: Path) -> None:
+    """A study that happens to be there was not stated beforehand."""
+    with refused(RunError, place="run/studies", expected="a finished study as the sweep states it", got="none"):
+        job_score(load_run(run), stated)
+
+
+def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> None:
+    """Nothing of it is believed."""
+    (scores,) = run.glob("studies/*/scores.jsonl")
+    whole = scores.read_text()
+    scores.write_text(whole.replace('"mse":0.', '"mse":1.', 1))
+    with refused(RunError, place="scores.jsonl"):
+        job_score(load_run(run), STATED)
+    scores.write_text(whole)
+    described = scores.parent / "study.json"
+    described.write_text(json.dumps({**json.loads(described.read_text()), "digest": None}))
+    with refused(RunError, expected="a finished study", got="none"):
+        job_score(load_run(run), STATED)
+
+
+def test_noise_run_is_no_test() -> None:
+    """It has seeds and epochs, and sees no test image."""
+    stated = Retraining(seeds=MEASURED.seeds, epochs=MEASURED.recipe.epochs, choose=ChosenBy.fitness)
+    assert is_stated(MEASURED, stated)
+    values = {field.name: getattr(MEASURED, field.name) for field in fields(Design)}
+    assert not is_stated(Design(**{**values, "terms": None}), stated)

@@ -1,0 +1,103 @@
+"""Promise: a plan is kept by the study or sweep that follows it, and shown beside what was done."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from refusals import refused
+
+from tacevo.choices import Primary
+from tacevo.cli.app import main
+from tacevo.errors import ConfigError
+from tacevo.storage.plan import read_plan
+from tacevo.storage.sweep_directory import SweepDirectory
+
+pytestmark = pytest.mark.timeout(300)
+
+PLAN = Path("build/plan/plan.json")
+
+
+def test_study_keeps_its_plan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is sealed with the scores, a replay compares it, and the tables show it; no training is another one."""
+    assert main(["plan", "study", "run", "--effect", "0.5", "--comparisons", "1"]) == 0
+    written = json.loads(PLAN.read_text())
+    assert (written["kind"], written["task"], written["metric"]) == ("study", "force", "mse")
+    assert (PLAN.parent / "plan_study_force.csv").exists()
+    capsys.readouterr()
+    assert main(["study", "run=run", "elites=1", "seeds=4", "epochs=1", f"plan={PLAN}"]) == 0
+    told = capsys.readouterr()
+    assert "(4 trainings" not in told.err
+    assert "(8 of 8 trainings recorded already)" in told.err
+    assert f"this is not what was planned, which is {written['seeds']} seeds and 1 variant" in told.err
+    (study,) = (path for path in folder.glob("run/studies/*/study.json") if json.loads(path.read_text())["plan"])
+    assert json.loads(study.read_text())["plan"] == written
+    assert main(["replay", "run"]) == 0
+    assert main(["tables", "run"]) == 0
+    (table,) = folder.glob("run/tables/planned_force_*.csv")
+    assert f"seeds of each network,{written['seeds']},4\n" in table.read_text()
+
+
+def test_edited_plan_of_a_study_is_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A plan that is fitted to the results afterwards is none."""
+    assert main(["plan", "study", "run", "--effect", "0.5"]) == 0
+    assert main(["study", "run=run", "elites=1", "seeds=4", "epochs=1", f"plan={PLAN}"]) == 0
+    (study,) = (path for path in folder.glob("run/studies/*/study.json") if json.loads(path.read_text())["plan"])
+    described = json.loads(study.read_text())
+    described["plan"]["seeds"] = 4
+    study.write_text(json.dumps(described))
+    assert main(["replay", "run"]) == 1
+    assert "plan.seeds" in capsys.readouterr().err
+
+
+def test_sweep_states_its_plan(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is in sweep.json, and beside what was done in the tables of the arms."""
+    assert main(["plan", "sweep", str(sweep), "--effect", "0.5", "--power", "0.5"]) == 0
+    plan = read_plan(PLAN, "sweep", "force")
+    directory = SweepDirectory(sweep)
+    terms = replace(directory.read_terms(), primary=Primary.best_fitness, reference="none", plan=plan)
+    directory.write(*directory.read(), terms)
+    assert main(["sweep", "status", str(sweep)]) == 0
+    assert f"planned: {plan.seeds} jobs of each of 2 arms" in capsys.readouterr().out
+    assert main(["ablations", str(sweep), "-o", "out"]) == 0
+    assert f"jobs of each arm,{plan.seeds},1 to 2\n" in Path("out/ablation_planned_force.csv").read_text()
+
+
+def test_pilot_without_a_study_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With what to do; and a run is not a sweep."""
+    job = sweep / "none-seed0"
+    assert main(["plan", "study", str(job), "--effect", "0.1"]) == 2
+    assert f"expected a finished study; got none; `tacevo study run={job}`" in capsys.readouterr().err
+    assert main(["plan", "sweep", str(job), "--effect", "0.1"]) == 2
+    assert "expected the directory or bundle of a sweep" in capsys.readouterr().err
+    assert not PLAN.exists()
+
+
+@pytest.mark.parametrize("option", [["--effect", "0"], ["--effect", "1"], ["--power", "x"], ["--comparisons", "0"]])
+def test_wrong_option_is_refused(option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Before any pilot is read."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["plan", "study", "nowhere", "--effect", "0.1", *option])
+    assert option[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "place_of"),
+    [("", ""), ("{}", ""), ('{"schema": 2}', "schema"), (None, "")],
+)
+def test_file_that_is_no_plan_is_refused(text: str | None, place_of: str, tmp_path: Path) -> None:
+    """Missing, empty, or of another layout."""
+    path = tmp_path / "plan.json"
+    if text is not None:
+        path.write_text(text)
+    with refused(ConfigError, place=place_of or str(path), remedy="`tacevo plan study` writes"):
+        read_plan(path, "study", "force")
+
+
+def test_plan_of_another_kind_or_task_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A study does not follow the plan of a sweep, nor that of another sensor's task."""
+    assert main(["plan", "study", "run", "--effect", "0.5"]) == 0
+    with refused(ConfigError, place="plan.json, kind", got="'study'"):
+        read_plan(PLAN, "sweep", "force")
+    with refused(ConfigError, place="plan.json, task", got="'force'"):
+        read_plan(PLAN, "study", "grating")

@@ -1,0 +1,145 @@
+"""Promise: `tacevo study sweep=DIR` tests what each job found, as stated beforehand; the arms are compared by it."""
+
+import csv
+import shutil
+from pathlib import Path
+from statistics import median
+
+import pytest
+from refusals import refused
+from smallest import Once
+
+from analysis.studies.study import load_study
+from tacevo.cli.app import main
+from tacevo.config.compose import compose_study
+from tacevo.errors import ConfigError, RunError
+from tacevo.runs.progress import Progress
+from tacevo.storage.sweep_directory import Retraining, SweepDirectory
+from tacevo.studies.of_sweep import study_sweep
+
+pytestmark = pytest.mark.timeout(300)
+
+TEST = ["study", "sweep=sweep", "seeds=2", "epochs=1", "store.root=cache"]
+
+
+@pytest.fixture(scope="session")
+def scored(swept: Path, once: Once) -> Path:
+    """Return a directory with a copy of `swept`'s sweep, whose jobs were tested; no test may change it."""
+
+    def fill(folder: Path) -> None:
+        for name in ("sweep", "cache"):
+            shutil.copytree(swept / name, folder / name)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            assert main(TEST) == 0
+
+    return once("tested", fill)
+
+
+@pytest.fixture
+def folder(scored: Path, place: Path) -> Path:
+    """Work in a copy of it."""
+    return Path(shutil.copytree(scored, place, dirs_exist_ok=True))
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Read all files of all studies."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob("sweep/*/studies/*/*")}
+
+
+def test_each_job_has_a_study_of_its_best_elite(folder: Path) -> None:
+    """Of the baseline and one elite, with the stated seeds and epochs, which sweep.json has."""
+    directory = SweepDirectory(Path("sweep"))
+    stated = directory.read_terms().retraining
+    assert stated is not None
+    assert (stated.seeds, stated.epochs) == (2, 1)
+    for job in directory.read()[1]:
+        (path,) = directory.run(job).path.glob("studies/*")
+        study = load_study(path)
+        assert (len(study.networks), study.seeds, study.recipe.epochs) == (2, 2, 1)
+
+
+def test_ablations_compare_the_test_scores(folder: Path) -> None:
+    """One value a job: the median of its network's scores; the metric comes first and is called primary."""
+    assert main(["ablations", "sweep", "--store", "cache"]) == 0
+    with (folder / "sweep" / "ablations" / "ablation_runs_force.csv").open(encoding="utf-8", newline="") as file:
+        told = {row["run"]: float(row["test MSE"]) for row in csv.DictReader(file)}
+    for job, value in told.items():
+        (path,) = folder.glob(f"sweep/{job}/studies/*")
+        study = load_study(path)
+        best = min(study.networks, key=lambda one: one.fitness)
+        assert value == pytest.approx(median(study.values(best.name, "mse")), rel=1e-8)
+    text = (folder / "sweep" / "ablations" / "ablation_test_mse_force.md").read_text()
+    assert "Primary metric: test MSE, as the sweep stated before its jobs were tested" in text
+
+
+def test_job_without_its_test_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It keeps all other values."""
+    shutil.rmtree(folder / "sweep" / "none-seed1" / "studies")
+    assert main(["ablations", "sweep", "--store", "cache"]) == 0
+    assert "without a test score: none-seed1:" in capsys.readouterr().err
+    assert "Without a test score, 1 job: none-seed1." in (folder / "sweep/ablations/ablation_force.md").read_text()
+
+
+def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nor does it change a byte."""
+    before = files(folder), (folder / "sweep" / "sweep.json").read_bytes()
+    assert main(TEST) == 0
+    assert capsys.readouterr().out.count("(4 trainings, 4 of them recorded already)") == 3
+    assert (files(folder), (folder / "sweep" / "sweep.json").read_bytes()) == before
+
+
+def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
+    """Seeds and epochs cannot be chosen by what they give; before there is a score they may still be changed."""
+    config = compose_study([*TEST[1:], "epochs=2"])
+    with refused(RunError, place="terms.retraining", expected="seeds=2 epochs=1", got="seeds=2 epochs=2"):
+        study_sweep(Path("sweep"), config, Progress())
+    for path in folder.glob("sweep/*/studies"):
+        shutil.rmtree(path)
+    shutil.rmtree(folder / "sweep" / "none-seed0" / "candidates")  # it ends before it trains
+    with pytest.raises(RunError, match="job none-seed0"):
+        study_sweep(Path("sweep"), config, Progress())
+    stated = SweepDirectory(Path("sweep")).read_terms().retraining
+    assert stated == Retraining(seeds=2, epochs=2, choose=config.choose)
+
+
+def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The status says so, and the same command tests it later."""
+    shutil.rmtree(folder / "sweep" / "none-seed1")
+    assert main(TEST) == 1
+    assert "not studied, for it is not finished: none-seed1" in capsys.readouterr().out
+    for job in SweepDirectory(Path("sweep")).read()[1]:
+        shutil.rmtree(folder / "sweep" / job.name, ignore_errors=True)
+    assert main(TEST) == 2
+    assert "expected a finished job" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("settings", "place_of", "got"),
+    [
+        ([], "run", "neither"),
+        (["run=a", "sweep=b"], "run", "both"),
+        (["sweep="], "sweep", '""'),
+        (["sweep=b", "elites=2"], "elites", "2"),
+    ],
+)
+def test_wrong_setting_is_refused_by_its_name(settings: list[str], place_of: str, got: str) -> None:
+    """A study is of a run or of a sweep's jobs, and of these it takes the best elite."""
+    with refused(ConfigError, place=place_of, got=got):
+        compose_study(settings)
+
+
+@pytest.mark.slow
+def test_published_sweep_has_its_terms_and_its_tests(folder: Path) -> None:
+    """The bundle gives the tables that the directory gives, and its replay compares every score."""
+    command = ["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]
+    assert main(command) == 0
+    assert main(["replay", "sweep.zip"]) == 0
+    for source, target in (("sweep", "from-directory"), ("sweep.zip", "from-bundle")):
+        store = ["--store", "cache"] if source == "sweep" else []
+        assert main(["ablations", source, "-o", target, *store]) == 0
+    one, other = (
+        {path.name: path.read_bytes() for path in Path(name).iterdir()} for name in ("from-directory", "from-bundle")
+    )
+    assert one == other
+    assert "ablation_test_mse_force.md" in one

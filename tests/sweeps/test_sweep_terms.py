@@ -1,0 +1,165 @@
+"""Promise: what arms are compared on is written down before anything is trained, and stays as it was written."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from refusals import refused
+from sweeps import SHARED, Heard, Launched
+
+from tacevo.choices import ChosenBy, Primary, Varied
+from tacevo.config.compose import compose
+from tacevo.config.identity import config_hash
+from tacevo.errors import ConfigError, DivergenceError, RunError
+from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms, sweep_text
+from tacevo.sweeps.check import check_jobs
+from tacevo.sweeps.launch import overrides_of
+from tacevo.sweeps.plan import sweep
+from tacevo.sweeps.terms import Asked, read_varied
+
+ALL = Path("all")
+MODELS = [*SHARED, "temperature=paper,stall", "seed=0,1"]
+SEEDED = (Varied.sensor, Varied.splitting)
+
+
+def begun(settings: Sequence[str], asked: Asked, launched: Launched | None = None) -> SweepDirectory:
+    """Begin a sweep, or go on with it; its jobs finish by themselves."""
+    sweep(settings, str(ALL), Heard(), launched or Launched(), asked=asked)
+    return SweepDirectory(ALL)
+
+
+def test_terms_are_there_before_a_job_runs(place: Path) -> None:
+    """The launcher finds them in sweep.json: a test score, and the arm that changes nothing."""
+    found = []
+
+    class Looking(Launched):
+        def __call__(self, directory: SweepDirectory, *rest: object) -> None:
+            found.append(directory.read_terms())
+
+    begun([*SHARED, "ablation=none,fixed_temperature", "seed=0"], Asked(), Looking())
+    assert found == [SweepTerms(primary=Primary.test_score, reference="none")]
+
+
+def test_any_arm_may_be_the_reference(place: Path) -> None:
+    """A sweep over settings states one of its own; without one it is told that nothing will be tested."""
+    stated = begun(MODELS, Asked(reference="temperature=stall", primary=Primary.qd_score)).read_terms()
+    assert stated == SweepTerms(primary=Primary.qd_score, reference="temperature=stall")
+    view = Heard()
+    sweep(MODELS, "other", view, Launched())
+    assert SweepDirectory(Path("other")).read_terms().reference is None
+    assert any("--reference" in line for line in view.lines)
+
+
+def test_reference_that_is_no_arm_is_refused_before_a_job_runs(place: Path) -> None:
+    """With the arms that there are."""
+    with refused(ConfigError, place="--reference", expected="'temperature=paper', 'temperature=stall'", got="stal"):
+        begun(MODELS, Asked(reference="temperature=stal"), launched := Launched())
+    assert not launched.calls
+    assert not SweepDirectory(ALL).is_one
+
+
+@pytest.mark.parametrize(
+    ("asked", "place_of"),
+    [
+        (Asked(reference="temperature=paper"), "terms.reference"),
+        (Asked(primary=Primary.coverage), "terms.primary"),
+        (Asked(vary=(Varied.splitting,)), "terms.vary"),
+    ],
+)
+def test_terms_are_not_changed_once_they_are_stated(asked: Asked, place_of: str, place: Path) -> None:
+    """Not after results are there, and not before; what a later command does not mention stays."""
+    directory = begun(MODELS, Asked(reference="temperature=stall"))
+    before = (ALL / "sweep.json").read_bytes()
+    with refused(RunError, place=place_of, expected="as stated when the sweep began"):
+        begun([*MODELS[:-1], "seed=2"], asked, launched := Launched())
+    assert not launched.calls
+    assert (ALL / "sweep.json").read_bytes() == before
+    begun([*MODELS[:-1], "seed=2"], Asked())
+    assert directory.read_terms().reference == "temperature=stall"
+    assert len(directory.read()[1]) == 6
+
+
+def test_sweep_of_an_earlier_release_keeps_its_bytes(place: Path) -> None:
+    """It states nothing, and nobody states anything for it when jobs are added."""
+    directory = begun([*SHARED, "seed=0"], Asked())
+    told = json.loads((ALL / "sweep.json").read_text())
+    del told["terms"]
+    (ALL / "sweep.json").write_text(json.dumps(told))
+    assert directory.read_terms() == UNSTATED
+    assert json.loads(sweep_text(*directory.read())) == told
+    begun([*SHARED, "seed=0,1"], Asked())
+    assert "terms" not in json.loads((ALL / "sweep.json").read_text())
+    with refused(RunError, expected="none stated"):
+        begun([*SHARED, "seed=0,1"], Asked(reference="none"))
+
+
+def test_how_jobs_are_tested_is_kept_when_jobs_are_added(place: Path) -> None:
+    """A later command writes sweep.json again."""
+    directory = begun([*SHARED, "seed=0"], Asked())
+    stated = SweepTerms(retraining=Retraining(seeds=3, epochs=2, choose=ChosenBy.reestimated))
+    directory.write(*directory.read(), stated)
+    begun([*SHARED, "seed=0,1"], Asked())
+    assert directory.read_terms() == stated
+
+
+@pytest.mark.parametrize(
+    ("terms", "place_of"),
+    [
+        ({"primary": "luck"}, "terms.primary"),
+        ({"vary": ["seed"]}, "terms.vary.0"),
+        ({"retraining": {"seeds": 0, "epochs": 1, "choose": "fitness"}}, "terms.retraining.seeds"),
+        ({"note": 1}, "terms.note"),
+    ],
+)
+def test_damaged_terms_are_named(terms: object, place_of: str, place: Path) -> None:
+    """As all of sweep.json is."""
+    Path("sweep.json").write_text(json.dumps({"schema": 1, "overrides": [], "jobs": [], "terms": terms}))
+    with refused(RunError, place=place_of):
+        SweepDirectory(place).read()
+
+
+def test_data_follow_from_the_seed_of_a_job(place: Path) -> None:
+    """Each job runs as its command line would, with its seed as that of the split; arms keep their names."""
+    directory = begun([*SHARED, "ablation=none,fixed_temperature", "seed=3,4"], Asked(vary=SEEDED))
+    _, jobs = directory.read()
+    assert {job.arm for job in jobs} == {"none", "fixed_temperature"}
+    for job in jobs:
+        config = compose(overrides_of(directory, job))
+        assert (config.data.split_seed, config.data.sensor_seed) == (job.seed, job.seed)
+        assert config_hash(config) == job.config
+    check_jobs(directory)
+
+
+def test_runs_of_other_data_are_one_arm_only_where_the_sweep_says_so(place: Path) -> None:
+    """Otherwise a difference between seeds could be chosen after the fact."""
+    directory = begun([*SHARED, "seed=3,4"], Asked(vary=SEEDED))
+    directory.write(*directory.read())
+    with refused(DivergenceError, place="job none-seed4", expected="a run of arm 'none' with another seed"):
+        check_jobs(directory)
+
+
+@pytest.mark.parametrize(
+    ("settings", "vary", "got"),
+    [
+        (["data.split_seed=1"], Varied.splitting, "which an override sets"),
+        (["data.sensor_seed=1,2"], Varied.sensor, "which an override sets"),
+        (["data=tacverse", "data.root=x", "data.split=random"], Varied.sensor, "without simulated data"),
+        (["data=tacverse", "data.root=x", "data.split=release"], Varied.splitting, "without data.split=random"),
+    ],
+)
+def test_setting_that_cannot_follow_from_the_seed_is_refused(
+    settings: list[str], vary: Varied, got: str, place: Path
+) -> None:
+    """It is set already, or has no effect: the data would not vary, and a reader would believe that they do."""
+    with refused(ConfigError, place="--vary", got=got):
+        begun([*SHARED, *settings, "seed=0"], Asked(vary=(vary,)), launched := Launched())
+    assert not launched.calls
+
+
+def test_varied_settings_are_read_from_the_command_line() -> None:
+    """In one order, whatever the user's."""
+    assert read_varied("data.split_seed,data.sensor_seed,data.split_seed") == SEEDED
+    for wrong in ("", "seed", "data.split_seed, data.sensor_seed", "data.images"):
+        with refused(ConfigError, place="--vary", expected="data.split_seed"):
+            read_varied(wrong)
