@@ -17,6 +17,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def drawn(seeds: int) -> str:
+    """Say what the fitness of a candidate is that was trained with so many seeds."""
+    return "one draw" if seeds == 1 else f"the median of {seeds} draws"
+
+
 def listed(words: Iterable[str], nothing: str = "none", *, most: int | None = None) -> str:
     """Write words one after the other, at most so many: `probe, train, ...`; without words, write `nothing`."""
     found = list(words)

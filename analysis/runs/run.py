@@ -60,6 +60,11 @@ class Run:
         return self.config.task.name
 
     @property
+    def seeds(self) -> int:
+        """The training seeds of a candidate, whose median loss is its fitness."""
+        return self.config.training.seeds
+
+    @property
     def has_niches(self) -> bool:
         """Whether its network archive keeps the best of every niche, and not the best of all."""
         return self.config.archive.kind is ArchiveKind.cvt

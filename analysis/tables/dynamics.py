@@ -33,6 +33,13 @@ ONE_DRAW = (
     "seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
 )
 
+#: The same where every candidate was trained with several seeds.
+MEDIAN = (
+    "Every fitness is the median of {seeds} draws: the losses of {seeds} training seeds, and the best is the lowest of "
+    "many medians. What other seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained "
+    "them."
+)
+
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
     """Show every generation of a run."""
@@ -165,7 +172,7 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
-        notes=(ONE_DRAW,),
+        notes=(ONE_DRAW if run.seeds == 1 else MEDIAN.format(seeds=run.seeds),),
     )
 
 

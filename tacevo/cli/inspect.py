@@ -142,7 +142,7 @@ def _show(options: argparse.Namespace) -> int:
 
 
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
-_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs"}
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
 
 
 def show_run(path: Path) -> str:
@@ -184,6 +184,9 @@ def show_candidate(path: Path, name: str) -> str:
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
+    if line.seeds:
+        losses = ", ".join(f"{one.validation_losses[-1]:.6g}" for one in line.seeds)
+        parts.append(f"Losses of the training seeds, of which the fitness is the median: {losses}")
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
     return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"

@@ -206,6 +206,8 @@ class TrainingConfig(Record):
     seconds: Positive
     memory_mib: Memory
     device: Device = Device.cpu
+    #: Trainings of each candidate; its fitness is the median of their losses.
+    seeds: Annotated[int, Ge(1), is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -134,4 +134,8 @@ def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
     retired = prices.retirement(config.llm.model)
     gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
-    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]
+    seeds = config.training.seeds
+    trained = (
+        [] if seeds == 1 else [f"each admitted network is trained {seeds} times (training.seeds), which is not priced"]
+    )
+    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone, *trained]

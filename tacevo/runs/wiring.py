@@ -50,6 +50,7 @@ def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None =
         temperature_start=config.temperature.start,
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
+        seeds=config.training.seeds,
         axes=tuple(archive.axes),
     )
 
@@ -102,6 +103,11 @@ def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, s
     return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
 
 
+def training_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of a run's seed; number 0 has the name that it had by itself."""
+    return derived_seed(seed, "training", *([number] if number else []))
+
+
 def start_zygote(config: RunConfig) -> Zygote:
     """Start the process that imports torch: that takes seconds, in which the search can load its data and plan."""
     return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
@@ -150,14 +156,14 @@ class Workbench:
     def tools(self, rules: Rules) -> Tools:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed, mode = derived_seed(self.config.seed, "training"), self._mode_under(rules)
+        seed, mode = self.config.seed, self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
         return Tools(
             llm=llm or build_llm(self.config, mode, seen=self.seen),
             admit=gate.admit,
             inspect=gate.inspect,
-            evaluate=lambda source: evaluator.evaluate(source, seed),
-            evaluation_key=lambda source: evaluator.key(source, seed),
+            evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
+            evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,
         )
 

@@ -33,7 +33,7 @@ from tacevo.search.archive import (
 from tacevo.search.descriptors import Descriptor, describe, scaled
 from tacevo.search.development import Outcome, Tools, begun, develop
 from tacevo.search.growing import Growing
-from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, with_training
+from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, seed_lines, with_training
 from tacevo.search.prompts import PromptArchive, Trial, curiosity
 from tacevo.search.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 from tacevo.search.temperature import next_temperature
@@ -59,6 +59,8 @@ class Plan:
     temperature_step: float
     #: How often an answer that the gate rejected is sent back.
     repairs: int = 0
+    #: Training seeds of a candidate, odd; its fitness is the median of their losses.
+    seeds: int = 1
     #: The axes of the network archive.
     axes: tuple[Axis, ...] = tuple(Axis)
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
@@ -115,7 +117,7 @@ def run_search(
 def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run one generation: plan, complete, admit, evaluate, commit."""
     before, lines = state, []
-    for outcome in develop(propose(state, plan), tools, repairs=plan.repairs):
+    for outcome in develop(propose(state, plan), tools, repairs=plan.repairs, seeds=plan.seeds):
         _check_baseline(outcome, plan.task)
         observer.developed(outcome)
         state, line = commit(state, plan, outcome, tools.evaluation_key)
@@ -144,7 +146,7 @@ def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
 
 
 def commit(
-    state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str], str]
+    state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str, int], str]
 ) -> tuple[SearchState, CandidateLine]:
     """Fold one outcome into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
@@ -159,7 +161,8 @@ def commit(
     line = replace(
         line,
         source=hashlib.sha256(admitted.source.encode()).hexdigest(),
-        evaluation=evaluation_key(admitted.source),
+        evaluation=evaluation_key(admitted.source, outcome.seed),
+        seed=outcome.seed,
         parameters=admitted.profile.parameters,
         flops=admitted.profile.flops,
         not_portable=admitted.profile.not_portable,
@@ -171,7 +174,8 @@ def commit(
     networks, niche, status = state.networks.offer(plan.networks, placed)
     score = curiosity(result.fitness, inserted=status is not AddStatus.rejected)
     candidates = _learned(state.candidates, outcome.proposal, admitted.source, result.fitness, score)
-    line = replace(with_training(line, result), niche=niche, status=status, curiosity=score)
+    seeds = seed_lines(outcome.trainings, lambda seed: evaluation_key(admitted.source, seed))
+    line = replace(with_training(line, result), seeds=seeds, niche=niche, status=status, curiosity=score)
     best = min(state.best, result.fitness)
     return _record_prompt(replace(state, networks=networks, candidates=candidates, best=best), plan, line, score)
 

@@ -4,8 +4,8 @@ A field without a default is in every line; one with a default only where it dif
 before a field existed therefore keep their bytes.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -55,6 +55,21 @@ class RepairedAnswer(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SeedLine(Record):
+    """One of several trainings of a candidate, each with a seed of its own."""
+
+    #: The number of its training seed.
+    seed: int
+    #: Key of the training in its store.
+    evaluation: str
+    train_losses: tuple[float, ...]
+    #: The last one is the loss of which the fitness is the median.
+    validation_losses: tuple[float, ...]
+    predictions: str
+    weights: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CandidateLine(Record):
     """What became of one slot of a generation."""
 
@@ -95,6 +110,11 @@ class CandidateLine(Record):
     predictions: str | None = None
     weights: str | None = None
     not_deterministic: tuple[str, ...] = ()
+    #: The number of the training seed, from 0, that evaluation, fitness, losses and digests are of: of several seeds
+    #: the one with the median loss, or the first that failed.
+    seed: int = 0
+    #: All trainings in the order of their seeds, where there are several; () of a rejected candidate.
+    seeds: tuple[SeedLine, ...] = ()
     niche: int | None = None
     status: AddStatus | None = None
     curiosity: float | None = None
@@ -106,6 +126,13 @@ class CandidateLine(Record):
     def sent_temperature(self) -> float | None:
         """The temperature that the request was sent with; None where none was, as for the baseline."""
         return None if "temperature" in self.dropped else self.temperature
+
+    def by_seed(self) -> tuple["CandidateLine", ...]:
+        """Return a line for each training that this one records, with what is that training's."""
+        if not self.seeds:
+            return (self,)
+        names = [field.name for field in fields(SeedLine)]
+        return tuple(replace(self, **{name: getattr(one, name) for name in names}) for one in self.seeds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,6 +190,23 @@ def with_training(line: CandidateLine, training: Training) -> CandidateLine:
         predictions=training.predictions_sha256,
         weights=training.weights_sha256,
         not_deterministic=training.not_deterministic,
+    )
+
+
+def seed_lines(trainings: Mapping[int, Training], key: Callable[[int], str]) -> tuple[SeedLine, ...]:
+    """Return the lines of several trainings, by the numbers of their seeds; none of a single one."""
+    if len(trainings) < 2:
+        return ()
+    return tuple(
+        SeedLine(
+            seed=seed,
+            evaluation=key(seed),
+            train_losses=training.train_losses,
+            validation_losses=training.validation_losses,
+            predictions=training.predictions_sha256,
+            weights=training.weights_sha256,
+        )
+        for seed, training in trainings.items()
     )
 
 

@@ -59,6 +59,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "training.learning_rate": [0.0, -1.0, NAN, INF],
     "training.seconds": [0.0, NAN, INF],
     "training.memory_mib": [63],
+    "training.seeds": [-1, 0, 2],
     "gate.max_parameters": [0],
     "gate.max_flops": [0],
     "gate.max_modules": [0],
@@ -97,6 +98,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "prompts.pool": [None, 1],
     "proposals.mutation_probability": [0.0, 1.0],
     "training.epochs": [1],
+    "training.seeds": [1, 3],
     "executor.workers": [1],
     "llm.base_url": [None, "http://localhost", "https://me:secret@proxy.example:8443/a/v1/", "http://[::1]:8000"],
 }
@@ -214,6 +216,7 @@ DECIDES: dict[str, Any] = {
     "training.learning_rate": 0.01,
     "training.seconds": 60.0,
     "training.memory_mib": 1024,
+    "training.seeds": 3,
     "gate.max_parameters": 1000,
     "gate.max_flops": 1000,
     "gate.max_modules": 100,

@@ -39,6 +39,7 @@ from tacevo.config.identity import identity
 from tacevo.records import Kind
 from tacevo.search.lines import CandidateLine, eras_in_words
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.text import drawn
 
 #: Decimals of a cell's corners: a thousandth of a pixel.
 _CORNERS = 5
@@ -143,9 +144,9 @@ def _is_own(line: CandidateLine, text: str) -> bool:
 def _headlines(found: Collection) -> tuple[str, str, str]:
     """Say what was searched, with which model and data, and what it rests on."""
     run, config, best = found.run, found.run.config, found.run.generations[-1].best
-    losses = f"; best validation loss {shown(best)} (one draw)" if best is not None else ""
+    losses = f"; best validation loss {shown(best)} ({drawn(run.seeds)})" if best is not None else ""
     if losses and run.baseline.fitness is not None:
-        losses += f", the baseline's {shown(run.baseline.fitness)} (one draw)"
+        losses += f", the baseline's {shown(run.baseline.fitness)} ({drawn(run.seeds)})"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again
@@ -214,6 +215,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
             fitness=line.fitness,
             train_losses=line.train_losses or (),
             validation_losses=line.validation_losses or (),
+            seed_losses=tuple(one.validation_losses[-1] for one in line.seeds),
             # Of studies that share seeds, equal losses are one training, which the store answered twice.
             reestimates=tuple(dict.fromkeys(value for one in found.reestimates for value in one.estimates_of(line.id))),
             niche=line.niche,
