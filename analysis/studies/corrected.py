@@ -1,7 +1,7 @@
 """The figures of an archive after its elites were trained again: what of it is found, and what is luck.
 
 An archive of recorded fitnesses is illusory: each niche holds the luckiest of its candidates. The corrected archive is
-filled again by re-estimates (Flageat and Cully 2023, arXiv:2302.00463, section V). Descriptors follow from the source
+filled again by re-estimates (Flageat and Cully 2023, arXiv:2302.00463). Descriptors follow from the source
 and carry no noise here, so every elite comes back to its niche, and coverage falls only where a training fails.
 """
 

@@ -188,7 +188,7 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
         Metric.qd_score: end.qd_score,
         Metric.coverage: end.coverage,
         Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
-        Metric.evaluations: run.seeds * len({one.evaluation for one in run.candidates} - {None}),
+        Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.tokens: None if spent is None else spent.input_tokens + spent.output_tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }

@@ -19,7 +19,7 @@ from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.sandbox.confinement import require
-from tacevo.search.lines import CandidateLine, by_rules, with_training
+from tacevo.search.lines import TrainedLine, by_rules, with_training
 from tacevo.storage.run_directory import RunRecord
 from tacevo.training.numerics import check_machine
 
@@ -85,13 +85,13 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> R
     )
 
 
-def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, CandidateLine]]:
+def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, TrainedLine]]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
     Each is listed once, with the first run and line that have it, and that line's rules; of several seeds each has its
-    own line (`CandidateLine.by_seed`).
+    own line (`TrainedLine.by_seed`).
     """
-    found: dict[str, tuple[RecordedRun, Rules, CandidateLine]] = {}
+    found: dict[str, tuple[RecordedRun, Rules, TrainedLine]] = {}
     for run in runs:
         for rules, line in by_rules(run.ledger.lines):
             for one in line.by_seed():
@@ -102,7 +102,7 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, C
 
 
 def _retrain(
-    run: RecordedRun, lines: Sequence[tuple[Rules, CandidateLine]], view: Progress, name: str
+    run: RecordedRun, lines: Sequence[tuple[Rules, TrainedLine]], view: Progress, name: str
 ) -> tuple[str, ...]:
     """Train candidates of one run again, each by its rules, and compare; say why equal bits were not promised.
 
@@ -125,7 +125,7 @@ def _retrain(
         results = zip(lines, retrained, strict=True)
         for number, ((_, line), result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
-            seed = f", seed {line.seed}" if line.seeds else ""
+            seed = f", seed {line.seed}" if line.seed else ""
             view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
     return doubts
 
@@ -151,7 +151,7 @@ def sampled(lines: Sequence[T], count: int | None, seed: int) -> list[T]:
     return [lines[place] for place in sorted(places.tolist())]
 
 
-def difference(line: CandidateLine, result: Training | Rejection) -> str | None:
+def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
     """Name the first field in which a recomputed evaluation differs from its ledger line, with both values.
 
     Fields that the line does not have are passed over.
@@ -196,7 +196,7 @@ def _differ(what: str, recorded: object, recomputed: object) -> str:
     return f"{what}: recorded {recorded}, recomputed {recomputed}"
 
 
-def _check_equal(name: str, line: CandidateLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
+def _check_equal(name: str, line: TrainedLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
     found = difference(line, result)
     if found is None:

@@ -3,12 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Operator, Stage
 from tacevo.search.lines import CandidateLine, GenerationLine, Line, eras_in_words, eras_of
+from tacevo.search.reevaluation import fitness_by_id
 from tacevo.search.unsent import TEMPERATURE, not_sent
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import drawn, misreported, table
@@ -34,7 +36,9 @@ def summarise(
     parts = [f"# {run.name}", _headline(run, config, len(candidates), len(generations)), *_rules(lines)]
     parts += _not_sent(candidates.values())
     if generations and elites:
-        parts += [_found(candidates, elites, config), _stages(candidates.values()), *_repaired(candidates.values())]
+        known = fitness_by_id(lines)
+        reckoned = {name: replace(line, fitness=known.get(name)) for name, line in candidates.items()}
+        parts += [_found(reckoned, elites, config), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
         parts += [_progress(generations, config), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
@@ -77,6 +81,8 @@ def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str], con
     ]  # fmt: skip
     seeds = config.training.seeds
     loss = "loss of one training seed" if seeds == 1 else f"losses of {seeds} training seeds"
+    if config.archive.kind is ArchiveKind.extract:
+        loss += ", but that of a network which was trained again is the median of all its losses"
     return (
         f"## Found\n\nBest fitness {_number(_fitness(ranked[0]))} by {ranked[0].id}; the best of generation 0 has "
         f"{_number(first)}, the baseline {_number(baseline.fitness)}. Fitness is the validation loss after the short "

@@ -51,6 +51,7 @@ def build_plan(config: RunConfig, task: Task, mode: Mode, *, seen: Seen | None =
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
         seeds=config.training.seeds,
+        reevaluations=reevaluations(config),
         axes=tuple(archive.axes),
     )
 
@@ -73,6 +74,12 @@ def build_settings(config: RunConfig) -> Settings:
     )
 
 
+def reevaluations(config: RunConfig) -> int:
+    """Return how many slots of a generation train elites again, at most."""
+    archive = config.archive
+    return int(archive.reevaluated * config.search.candidates) if archive.kind is ArchiveKind.extract else 0
+
+
 def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
     """Return the bounds of the network archive's axes, where the configuration has them."""
     if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
@@ -90,7 +97,7 @@ def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | 
     """Return the network archive's niches, or the places of one that has none."""
     archive = config.archive
     match archive.kind:
-        case ArchiveKind.cvt:
+        case ArchiveKind.cvt | ArchiveKind.extract:
             return _tessellation(config, archive.niches, len(archive.axes), mode, seen)
         case ArchiveKind.best:
             return Places(niches=archive.kept)

@@ -1,19 +1,24 @@
 """From proposals to outcomes: the expensive half of a generation, with every effect passed in."""
 
+import hashlib
 import heapq
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tacevo.errors import CacheMissError
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Rejection, Request, Training, to_json
 from tacevo.search.effects import LLM
-from tacevo.search.lines import CandidateLine, RepairedAnswer
+from tacevo.search.lines import CandidateLine, ReevaluationLine, RepairedAnswer, seed_lines, with_training
 from tacevo.search.proposals import Proposal, repair_request
+from tacevo.search.reevaluation import Reevaluation
 from tacevo.storage.canonical import content_hash
+
+#: A slot of a generation.
+Job = Proposal | Reevaluation
 
 #: Trains a source with the training seed of a number, from 0; a candidate that fails is a value.
 Evaluate = Callable[[str, int], Training | Rejection]
@@ -46,8 +51,8 @@ class Attempt:
 class Outcome:
     """What became of a proposal."""
 
-    proposal: Proposal
-    #: The last answer; None for the baseline, which no model was asked for.
+    proposal: Job
+    #: The last answer; None for the baseline and for an elite, which no model was asked for.
     completion: Completion | None
     #: None where the gate rejected the answer.
     admitted: Admitted | None
@@ -69,13 +74,14 @@ class Outcome:
         return (*(attempt.completion for attempt in self.attempts), *last)
 
 
-def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0, seeds: int = 1) -> Iterator[Outcome]:
+def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: int = 1) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
     candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
     a long training and the others idle; equal sources are trained once with each seed. What the gate rejected is sent
-    back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds.
+    back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds, an
+    elite with the next ones.
 
     Raises:
         LLMError: a request failed after all retries.
@@ -99,7 +105,7 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0, se
         yield _outcome(proposal, judged[index].result())
 
 
-def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: LLM) -> Iterator[tuple[int, Completion]]:
+def _answers(asked: Mapping[int, Request], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
     """Yield each answer with its place among the proposals.
 
     Raises:
@@ -116,7 +122,7 @@ def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: L
         raise
 
 
-def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
+def _name_slot(error: CacheMissError, proposal: Job) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
@@ -141,15 +147,16 @@ class _Trainings:
 
     def __init__(self, tools: Tools, seeds: Sequence[int]) -> None:
         self._tools = tools
-        self._seeds = seeds
+        self._first = seeds
         self._lock = threading.Lock()
         self._known: dict[tuple[str, int], Future[_Trained]] = {}
         #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; source and seed.
         self._waiting: list[tuple[int, int, tuple[str, int]]] = []
 
-    def add(self, admitted: Admitted) -> Mapping[int, Future[_Trained]]:
-        """Have a candidate trained with every seed; return what will come of it, by the number of the seed."""
-        return {seed: self._add(admitted, seed) for seed in self._seeds}
+    def add(self, admitted: Admitted, proposal: Job) -> Mapping[int, Future[_Trained]]:
+        """Have a candidate trained with its seeds; return what will come of it, by the number of the seed."""
+        seeds = proposal.seeds if isinstance(proposal, Reevaluation) else self._first
+        return {seed: self._add(admitted, seed) for seed in seeds}
 
     def _add(self, admitted: Admitted, seed: int) -> Future[_Trained]:
         """Have a candidate trained with one seed; equal sources share one training."""
@@ -188,7 +195,7 @@ class _Judged:
 
 
 def _judge(
-    proposal: Proposal,
+    proposal: Job,
     completion: Completion | None,
     tools: Tools,
     trainings: _Trainings,
@@ -204,7 +211,7 @@ def _judge(
     return _Judged(
         completion=completion,
         gated=gated,
-        trainings={0: _done((gated, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated),
+        trainings={0: _done((gated, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
         seconds=time.perf_counter() - began + (0.0 if before is None else before.seconds),
         attempts=() if before is None else _with_attempt(before),
     )
@@ -223,7 +230,7 @@ def _with_attempt(before: _Judged) -> tuple[Attempt, ...]:
     return (*before.attempts, Attempt(completion=before.completion, rejection=before.gated))
 
 
-def _outcome(proposal: Proposal, judged: _Judged) -> Outcome:
+def _outcome(proposal: Job, judged: _Judged) -> Outcome:
     """Wait for the trainings of what the gate admitted."""
     try:
         found = {seed: training.result() for seed, training in judged.trainings.items()}
@@ -259,9 +266,9 @@ def _telling(results: Mapping[int, Training | Rejection]) -> int:
     return sorted(losses)[len(losses) // 2][1]
 
 
-def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
+def begun(proposal: Proposal, outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
     """Begin a candidate's line with what was asked and what the model said (`names_dropped`: see `Plan`)."""
-    proposal, completion = outcome.proposal, outcome.completion
+    completion = outcome.completion
     return CandidateLine(
         generation=proposal.generation,
         slot=proposal.slot,
@@ -283,6 +290,18 @@ def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
             for attempt in outcome.attempts
         ),
     )
+
+
+def trained_again(job: Reevaluation, outcome: Outcome, key: Callable[[int], str]) -> ReevaluationLine:
+    """Write the line of an elite's further training, without what the archive did with it."""
+    result, source = outcome.result, hashlib.sha256(job.source.encode()).hexdigest()
+    line = ReevaluationLine(generation=job.generation, slot=job.slot, id=job.elite, source=source, seed=outcome.seed)
+    if outcome.admitted is not None:
+        portable = outcome.admitted.profile.not_portable
+        line = replace(line, evaluation=key(outcome.seed), not_portable=portable)
+    if isinstance(result, Rejection):
+        return replace(line, stage=result.stage, reason=result.reason)
+    return replace(with_training(line, result), seeds=seed_lines(outcome.trainings, key))
 
 
 def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:

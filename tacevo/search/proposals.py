@@ -115,10 +115,12 @@ def plan_generation(
     can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
     to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it.
 
-    The generation is g >= 1, the temperature T_g. The elites, at least one, are in the order of their niches, and the
-    proposals in that of their slots.
+    The generation is g >= 1, the temperature T_g. The elites are in the order of their niches, and the proposals in
+    that of their slots. Where all elites failed when they were trained again, the baseline is the parent.
     """
-    parents = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
+    parents = elites
+    if settings.parents is ParentPolicy.baseline or not elites:
+        parents = [_founder(task)]
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]

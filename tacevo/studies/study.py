@@ -26,6 +26,7 @@ from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.confinement import require
+from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.store import Seen, sweep_stores
 from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
@@ -232,7 +233,9 @@ def _plan(
     config = replace(run.config, training=training)
     archive, _ = run.read_archives()
     estimates = estimates_of(run, chosen_by) if chosen_by else None
-    networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites, estimates)
+    known = fitness_by_id(run.ledger.lines)
+    candidates = [replace(line, fitness=known.get(line.id)) for line in run.candidates]
+    networks = networks_of(candidates, [elite.id for elite in archive.elites], elites, estimates)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,

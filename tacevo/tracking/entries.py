@@ -27,6 +27,7 @@ _GENERATION_METRICS = (
     "candidates",
     "trained",
     "repaired",
+    "reevaluated",
     "temperature",
 )
 

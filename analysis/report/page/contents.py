@@ -63,7 +63,7 @@ class Candidate:
     fitness: float | None
     train_losses: tuple[float, ...]
     validation_losses: tuple[float, ...]
-    #: The last loss of each training seed, where there are several; the fitness is their median.
+    #: The last loss of each training seed of its source in the search, where there are several.
     seed_losses: tuple[float, ...] = ()
     #: Fitness of further trainings of the same source with other seeds.
     reestimates: tuple[float, ...] = ()
