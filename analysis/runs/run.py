@@ -23,6 +23,7 @@ from tacevo.search.unsent import not_sent
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.text import drawn
 from tacevo.typed import convert
 
 #: How many of the best networks tables and figures look at, as the paper does.
@@ -66,6 +67,11 @@ class Run:
     def seeds(self) -> int:
         """The training seeds of a candidate, whose median loss is its fitness."""
         return self.config.training.seeds
+
+    @property
+    def record(self) -> str:
+        """What a recorded fitness is, in words."""
+        return drawn(self.seeds, or_more=self.config.archive.kind is ArchiveKind.extract)
 
     @property
     def fitness(self) -> Mapping[str, float]:

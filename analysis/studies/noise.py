@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.statistics.noise import Draws, NetworkNoise, Noise, Ranking, noise, rankings
 from analysis.studies.scores import LOWER_IS_BETTER, PRIMARY
+from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.storage.store import read_entry
@@ -102,7 +103,7 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         noise=noise(Draws(recorded=recorded, estimates=fitness)),
         rankings=found,
         failed=tuple(network for network in header.networks if network.name in failed),
-        record=drawn(config.training.seeds),
+        record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),
     )
 
 

@@ -25,7 +25,7 @@ from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
 from tacevo.search.unsent import TEMPERATURE
-from tacevo.text import counted, misreported
+from tacevo.text import counted, drawn, misreported
 
 #: Below every improvement.
 ONE_DRAW = (
@@ -33,12 +33,8 @@ ONE_DRAW = (
     "seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
 )
 
-#: The same where every candidate was trained with several seeds.
-MEDIAN = (
-    "Every fitness is the median of {seeds} draws: the losses of {seeds} training seeds, and the best is the lowest of "
-    "many medians. What other seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained "
-    "them."
-)
+#: The same where a fitness is a median.
+MEDIAN = ONE_DRAW.replace("one draw: the loss of one training seed", "{record}").replace("many draws", "many medians")
 
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
@@ -172,7 +168,7 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
-        notes=(ONE_DRAW if run.seeds == 1 else MEDIAN.format(seeds=run.seeds),),
+        notes=(ONE_DRAW if run.record == drawn(1) else MEDIAN.format(record=run.record),),
     )
 
 

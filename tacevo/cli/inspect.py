@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -26,6 +27,7 @@ from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, report
 from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import CandidateLine
+from tacevo.search.reevaluation import estimates_of
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
@@ -184,9 +186,10 @@ def show_candidate(path: Path, name: str) -> str:
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
-    if line.seeds:
-        losses = ", ".join(f"{one.validation_losses[-1]:.6g}" for one in line.seeds)
-        parts.append(f"Losses of the training seeds, of which the fitness is the median: {losses}")
+    losses = estimates_of(ledger.lines).losses.get(str(line.source), ())
+    if len(losses) > 1:
+        told = ", ".join(f"{loss:.6g}" if math.isfinite(loss) else "failed" for loss in losses)
+        parts.append(f"Losses of this source in the search, one for each training seed: {told}")
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
     return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"

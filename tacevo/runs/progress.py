@@ -20,7 +20,7 @@ from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.archive import coverage
 from tacevo.search.development import Outcome
 from tacevo.search.lines import GenerationLine, SearchLine
-from tacevo.text import printable
+from tacevo.text import counted, printable
 
 
 class Progress:
@@ -88,7 +88,7 @@ class Watcher:
             self._done += 1
             self._view.advance("candidates", self._done, self._total, reached)
         else:
-            again = "" if line.reevaluated is None else f", {line.reevaluated} elites trained again"
+            again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             self._view.say(
                 f"generation {line.generation}: {line.trained} of {line.candidates} candidates trained"

@@ -79,15 +79,13 @@ def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str], con
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
-    seeds = config.training.seeds
-    loss = "loss of one training seed" if seeds == 1 else f"losses of {seeds} training seeds"
-    if config.archive.kind is ArchiveKind.extract:
-        loss += ", but that of a network which was trained again is the median of all its losses"
+    seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
+    losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
     return (
         f"## Found\n\nBest fitness {_number(_fitness(ranked[0]))} by {ranked[0].id}; the best of generation 0 has "
         f"{_number(first)}, the baseline {_number(baseline.fitness)}. Fitness is the validation loss after the short "
-        f"training; lower wins. Each is {drawn(seeds)}, the {loss}, and the best is the lowest of many: "
-        "`tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
+        f"training; lower wins. Each is {drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of "
+        "many: `tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
         "improvement.\n\n" + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
     )
 

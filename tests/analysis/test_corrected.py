@@ -42,18 +42,10 @@ def corrected(*elites: object, again: Reestimates = AGAIN) -> Corrected:
 def test_figures_are_those_of_the_archive_filled_again() -> None:
     """By hand: qualities of 1 / 1.25 and 1 / 1.5 become 1 / 2 and 1 / 1.6; the best is another network."""
     before, after = corrected().recorded, corrected().reestimated
-    assert (before.qd_score, before.coverage, before.best, before.best_id) == (
-        pytest.approx(1 / 1.25 + 1 / 1.5),
-        0.2,
-        0.25,
-        "g01s00",
-    )
-    assert (after.qd_score, after.coverage, after.best, after.best_id) == (
-        pytest.approx(0.5 + 1 / 1.6),
-        0.2,
-        0.6,
-        "g01s01",
-    )
+    assert (before.coverage, before.best, before.best_id) == (0.2, 0.25, "g01s00")
+    assert before.qd_score == pytest.approx(1 / 1.25 + 1 / 1.5)
+    assert (after.coverage, after.best, after.best_id) == (0.2, 0.6, "g01s01")
+    assert after.qd_score == pytest.approx(0.5 + 1 / 1.6)
 
 
 def test_elite_that_a_seed_does_not_train_leaves_its_niche_empty() -> None:

@@ -19,7 +19,7 @@ PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=
 REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")
 CRASH = Rejection(stage=Stage.train, reason=Reason.crashed, detail="signal 11")
 
-Evaluate = Callable[[str], Training | Rejection]
+Evaluate = Callable[[str, int], Training | Rejection]
 
 
 class FakeLLM:
@@ -201,7 +201,7 @@ def test_refused_answer_is_never_trained() -> None:
 
 def test_failed_training_is_a_value() -> None:
     """A candidate that fails to train was admitted, has its rejection, and stops nobody else."""
-    outcomes = run(proposals("a", "b"), lambda source: CRASH if source == "a" else trained(source))
+    outcomes = run(proposals("a", "b"), lambda source, seed: CRASH if source == "a" else trained(source))
     assert outcomes[1].result == CRASH
     assert outcomes[1].admitted == Admitted(source="a", profile=PROFILE)
     assert weights(outcomes) == ["baseline", "b"]
@@ -270,6 +270,6 @@ def test_without_repairs_nothing_is_sent_back() -> None:
 def test_failed_training_is_not_sent_back() -> None:
     """A repair mends what the gate found, not how a network trains."""
     llm = Correctable({})
-    outcomes = run(proposals("a"), lambda source: CRASH, llm=llm, repairs=3)
+    outcomes = run(proposals("a"), lambda source, seed: CRASH, llm=llm, repairs=3)
     assert [outcome.result for outcome in outcomes] == [CRASH, CRASH]
     assert sum(llm.rounds) == 1

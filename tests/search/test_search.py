@@ -134,7 +134,7 @@ def test_parents_are_elites_of_the_archive_before_the_generation() -> None:
     for line, state in zip(recorder.lines, recorder.states, strict=True):
         if isinstance(line, GenerationLine):
             elites = {elite.name for elite in state.networks.archive.elites.values()}
-        elif line.generation > 0:
+        elif isinstance(line, CandidateLine) and line.generation > 0:
             assert set(line.parents) <= elites
             assert len(set(line.parents)) == {"mutation": 1, "crossover": 2}[line.operator]
 

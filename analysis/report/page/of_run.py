@@ -41,7 +41,6 @@ from tacevo.records import Kind
 from tacevo.search.lines import CandidateLine, eras_in_words
 from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.text import drawn
 
 #: Decimals of a cell's corners: a thousandth of a pixel.
 _CORNERS = 5
@@ -146,9 +145,9 @@ def _is_own(line: CandidateLine, text: str) -> bool:
 def _headlines(found: Collection) -> tuple[str, str, str]:
     """Say what was searched, with which model and data, and what it rests on."""
     run, config, best = found.run, found.run.config, found.run.generations[-1].best
-    losses = f"; best validation loss {shown(best)} ({drawn(run.seeds)})" if best is not None else ""
+    losses = f"; best validation loss {shown(best)} ({run.record})" if best is not None else ""
     if losses and run.baseline.fitness is not None:
-        losses += f", the baseline's {shown(run.baseline.fitness)} ({drawn(run.seeds)})"
+        losses += f", the baseline's {shown(run.baseline.fitness)} ({run.record})"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again
