@@ -1,4 +1,4 @@
-"""Promise: a run of several seeds, or whose elites are trained again, is recorded, resumed and compared as any other."""
+"""Promise: a run of several seeds, or that trains elites again, is recorded, resumed and compared as any other."""
 
 import json
 from pathlib import Path
