@@ -21,7 +21,7 @@ from analysis.statistics.noise import icc
 from analysis.statistics.tests import holm, hypergeometric_p, mann_whitney
 from benchmarks import evidence_images
 from benchmarks.landscape import BASELINE, Floats, Landscape, Searched, Strategy, search
-from tacevo.search.archive import Tessellation, find_centroids
+from tacevo.search.archive import Tessellation, find_centroids, qd_score
 
 ALPHA = 0.05
 
@@ -220,44 +220,53 @@ class Outcome:
     reestimated: float
     #: By the truth.
     true: float
+    #: QD-score of the last archive by what the search knew, and by the truth.
+    qd_recorded: float
+    qd_true: float
     #: Part of the searches in which Newcombe's interval, of 20 other seeds, holds the best network's true chance to
     #: beat the baseline.
     covered: float
 
 
-def searches(landscape: Landscape, strategy: Strategy, *, runs: int, candidates: int) -> Outcome:
+def searches(landscape: Landscape, strategy: Strategy, *, runs: int, trainings: int) -> Outcome:
     """Search the landscape some times, and compare what was recorded with the truth.
 
     Args:
         landscape: the truth.
         strategy: of the parents.
         runs: searches, each with draws of its own.
-        candidates: of each.
+        trainings: of each.
     """
     niches = Tessellation(find_centroids(niches=25, dimensions=2, samples=2_000, seed=0))
     found = []
     for number in range(runs):
         rng = np.random.default_rng([number, *strategy.encode()])
-        found.append(_outcome(landscape, search(landscape, strategy, niches, candidates, rng), rng))
-    recorded, reestimated, true, covered = zip(*found, strict=True)
+        found.append(_outcome(landscape, search(landscape, strategy, niches, trainings, rng), rng))
+    *medians, covered = zip(*found, strict=True)
+    recorded, reestimated, true, qd_recorded, qd_true = (float(np.median(values)) for values in medians)
     return Outcome(
-        recorded=float(np.median(recorded)),
-        reestimated=float(np.median(reestimated)),
-        true=float(np.median(true)),
+        recorded=recorded,
+        reestimated=reestimated,
+        true=true,
+        qd_recorded=qd_recorded,
+        qd_true=qd_true,
         covered=float(np.mean(covered)),
     )
 
 
-def _outcome(landscape: Landscape, found: Searched, rng: np.random.Generator) -> tuple[float, float, float, bool]:
+def _outcome(landscape: Landscape, found: Searched, rng: np.random.Generator) -> tuple[float, ...]:
     pair = found.points[[found.best, 0]]
     best, baseline = landscape.truth(pair)
     again = landscape.train(pair, 20, rng)
     few = np.median(again[:, :5], axis=1)
     chance = float(ndtr(np.log(baseline / best) / (landscape.noise * np.sqrt(2)))) if landscape.noise else 1.0
+    held = found.points[[int(elite.name) for elite in found.archive.elites.values()]]
     return (
         _improvement(found.fitness[found.best], found.fitness[0]),
         _improvement(few[0], few[1]),
         _improvement(best, baseline),
+        qd_score(found.archive),
+        float((1 / (1 + landscape.truth(held))).sum()),
         _holds(superiority(*again), chance),
     )
 
@@ -274,14 +283,18 @@ def _table(title: str, rates: Iterator[Rate]) -> Iterator[str]:
     yield ""
 
 
-def _searches_table(runs: int, candidates: int) -> Iterator[str]:
-    yield "| signal | noise | parents | improvement, recorded | re-estimated | true | interval holds the truth |"
-    yield "|---|---|---|---|---|---|---|"
+def _searches_table(runs: int, trainings: int) -> Iterator[str]:
+    yield (
+        "| signal | noise | parents | improvement, recorded | re-estimated | true | interval holds the truth "
+        "| QD-score, recorded | true |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|"
     for signal, noise in ((0.0, 0.3), (1.0, 0.1), (1.0, 0.6)):
         for strategy in Strategy:
-            one = searches(Landscape(signal=signal, noise=noise), strategy, runs=runs, candidates=candidates)
+            one = searches(Landscape(signal=signal, noise=noise), strategy, runs=runs, trainings=trainings)
             figures = f"{one.recorded:.0%} | {one.reestimated:.0%} | {one.true:.0%} | {one.covered:.0%}"
-            yield f"| {signal:g} | {noise:g} | {strategy} | {figures} |"
+            archive = f"{one.qd_recorded:.2f} | {one.qd_true:.2f}"
+            yield f"| {signal:g} | {noise:g} | {strategy} | {figures} | {archive} |"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -289,13 +302,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=2_000, help="of each rate (2000)")
     parser.add_argument("--runs", type=int, default=40, help="searches of each kind (40)")
-    parser.add_argument("--candidates", type=int, default=200, help="of each search (200, about the paper's demo)")
+    parser.add_argument("--trainings", type=int, default=200, help="of each search (200)")
     options = parser.parse_args(arguments)
     gc.freeze()  # statsmodels collects garbage at each correction by Holm
     for lines in (
         _table("test", type_one_errors(options.trials)),
         _table("interval", coverages(options.trials)),
-        _searches_table(options.runs, options.candidates),
+        _searches_table(options.runs, options.trainings),
     ):
         for line in lines:
             print(line, flush=True)

@@ -4,13 +4,15 @@ A network is a point of the unit square. Its training gives a loss whose logarit
 noise of the seed. So a search of thousands of candidates takes seconds, and what it should have found is known.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.search.archive import Bounds, Elite, NetworkArchive, Placed, Tessellation
+from tacevo.search.archive import Archive, Bounds, Elite, NetworkArchive, Placed, Tessellation
 
 Floats = NDArray[np.float64]
 
@@ -26,10 +28,14 @@ _STEP = 0.1
 
 
 class Strategy(StrEnum):
-    """Where the parents of a candidate come from."""
+    """Where the parents of a candidate come from, and what a fitness is."""
 
     #: The archive: the best of each niche.
     elites = "elites of the niches"
+    #: The same, of which every fourth training is another one of an elite.
+    extract = "elites, trained again (extract)"
+    #: The same, each candidate with three seeds; so there are a third as many.
+    three_seeds = "elites, three seeds"
     #: Any candidate before: variation without selection.
     drift = "any candidate"
     #: None: every candidate is drawn at random.
@@ -61,8 +67,10 @@ class Searched:
 
     #: Shape (n, 2).
     points: Floats
-    #: The recorded fitness of each, shape (n,).
+    #: What the search knew of the fitness of each at its end, shape (n,).
     fitness: Floats
+    #: Its last archive, whose elites are named by their places among the candidates.
+    archive: Archive
 
     @property
     def best(self) -> int:
@@ -71,41 +79,48 @@ class Searched:
 
 
 def search(
-    landscape: Landscape, strategy: Strategy, niches: Tessellation, candidates: int, rng: np.random.Generator
+    landscape: Landscape, strategy: Strategy, niches: Tessellation, trainings: int, rng: np.random.Generator
 ) -> Searched:
-    """Search the landscape as the project does: one candidate after another, one seed each, into a network archive.
+    """Search the landscape as the project does: one candidate after another, each into a network archive.
 
     Args:
         landscape: the truth.
-        strategy: where parents come from.
+        strategy: where parents come from, and how often a network is trained.
         niches: of the archive, over the unit square.
-        candidates: beside the baseline.
+        trainings: beside those of the baseline.
         rng: of parents, mutations and seeds.
     """
     archive = NetworkArchive(bounds=Bounds(low=(0.0, 0.0), high=(1.0, 1.0)), fixed=True)
-    points = np.empty((candidates + 1, 2))
-    fitness = np.empty(candidates + 1)
-    for number in range(candidates + 1):
-        points[number] = _candidate(number, strategy, archive, points, rng)
-        fitness[number] = landscape.train(points[number : number + 1], 1, rng)[0, 0]
-        newcomer = Elite(name=str(number), objective=-float(fitness[number]))
-        point = (float(points[number, 0]), float(points[number, 1]))
-        archive, _, _ = archive.offer(niches, Placed(elite=newcomer, point=point))
-    return Searched(points=points, fitness=fitness)
+    points: list[Floats] = []
+    losses: list[list[float]] = []
+    seeds = 3 if strategy is Strategy.three_seeds else 1
+    for number in range(trainings // seeds + 1):
+        if strategy is Strategy.extract and number % 4 == 3:
+            names = [int(elite.name) for elite in archive.archive.elites.values()]
+            again = min(rng.permutation(names).tolist(), key=lambda name: len(losses[name]))
+            losses[again].append(float(landscape.train(points[again][None], 1, rng)[0, 0]))
+            archive = archive.reestimated(niches, [str(again)], -median(losses[again]))
+            continue
+        point = _candidate(strategy, archive, points, rng)
+        losses.append(landscape.train(point[None], seeds, rng)[0].tolist())
+        newcomer = Elite(name=str(len(points)), objective=-median(losses[-1]))
+        points.append(point)
+        archive, _, _ = archive.offer(niches, Placed(elite=newcomer, point=(float(point[0]), float(point[1]))))
+    return Searched(points=np.array(points), fitness=np.array([median(of) for of in losses]), archive=archive.archive)
 
 
 def _candidate(
-    number: int, strategy: Strategy, archive: NetworkArchive, points: Floats, rng: np.random.Generator
+    strategy: Strategy, archive: NetworkArchive, points: Sequence[Floats], rng: np.random.Generator
 ) -> Floats:
     """Return the point of the next candidate; the first one is the baseline."""
-    if number == 0:
+    if not points:
         return BASELINE
     match strategy:
         case Strategy.random:
             return rng.random(2)
         case Strategy.drift:
-            parent = int(rng.integers(number))
-        case Strategy.elites:
+            parent = int(rng.integers(len(points)))
+        case _:
             elites = list(archive.archive.elites.values())
             parent = int(elites[rng.integers(len(elites))].name)
     return np.asarray(np.clip(points[parent] + _STEP * rng.normal(size=2), 0.0, 1.0))

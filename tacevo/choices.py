@@ -70,10 +70,14 @@ OPTIONAL_SAMPLING = {
 
 
 class ArchiveKind(StrEnum):
-    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`)."""
+    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`).
+
+    `extract` keeps the best of every niche too, and trains elites again with other seeds (Extract-ME).
+    """
 
     cvt = "cvt"
     best = "best"
+    extract = "extract"
 
 
 class Axis(StrEnum):

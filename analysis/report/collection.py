@@ -8,6 +8,7 @@ from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
 from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import Comparisons, compare
+from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
@@ -28,7 +29,7 @@ from analysis.tables.dynamics import (
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
 from analysis.tables.motifs import anatomies_table, motifs_table
-from analysis.tables.noise import noise_tables
+from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError
 from tacevo.profile import Profile
@@ -182,5 +183,13 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         of_study += [table for one in across if one.data[0].study is compared.study for table in transfer_tables(one)]
         tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
     for one in found.reestimates:
-        tables += [replace(table, name=f"{table.name}_{one.name}") for table in noise_tables(one, run.task)]
+        of_noise = [*noise_tables(one, run.task), *_corrected(run, one)]
+        tables += [replace(table, name=f"{table.name}_{one.name}") for table in of_noise]
     return tuple(tables)
+
+
+def _corrected(run: Run, again: Reestimates) -> list[Table]:
+    """Return the table of the corrected archive, where every elite was trained again."""
+    sources = {candidate.id: candidate.source for candidate in run.candidates}
+    found = correct(run.elites, run.places, sources, again)
+    return [] if found is None else [corrected_table(found, again, run.task)]

@@ -13,6 +13,7 @@ from analysis.runs.coverage_map import descriptors
 from analysis.runs.run import Run
 from tacevo.choices import BoundsRule
 from tacevo.search.archive import Archive, Elite, NetworkArchive, Placed, Places, Tessellation
+from tacevo.search.reevaluation import Estimates
 
 
 def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:
@@ -22,12 +23,21 @@ def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, 
     """
     niches = Tessellation(centroids) if run.has_niches else Places(niches=run.places)
     arrivals = iter(descriptors(run).tolist())
-    archive, found = _empty(run), []
+    archive, estimates, found = _empty(run), Estimates(), []
     for line in run.generations:
         for candidate in run.candidates:
             if candidate.generation == line.generation and candidate.fitness is not None:
-                elite = Elite(name=candidate.id, objective=-candidate.fitness)
+                fitness = candidate.fitness
+                if run.reevaluations:
+                    estimates = estimates.after(candidate)
+                    fitness = estimates.fitness(str(candidate.source))
+                elite = Elite(name=candidate.id, objective=-fitness)
                 archive, _, _ = archive.offer(niches, Placed(elite=elite, point=tuple(next(arrivals))))
+        for again in run.reevaluations:
+            if again.generation == line.generation:
+                estimates = estimates.after(again)
+                names = [one.id for one in run.trained if one.source == again.source and one.id in archive.history]
+                archive = archive.reestimated(niches, names, -estimates.fitness(str(again.source)))
         found.append(archive.archive)
     return tuple(found)
 

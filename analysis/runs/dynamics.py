@@ -3,6 +3,7 @@
 A rate counts first answers, as the paper does: one that was rejected and then repaired counts as rejected.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -225,8 +226,8 @@ def temperature_follows_age(run: Run) -> bool:
 def improvement(run: Run) -> Improvement | None:
     """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
-    baseline = run.baseline.fitness
-    if baseline is None or not bests:
+    baseline = run.fitness.get(run.baseline.id)
+    if baseline is None or not math.isfinite(baseline) or not bests:
         return None
     first, last = bests[0][1], bests[-1][1]
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
@@ -272,10 +273,13 @@ def _wilson(found: int, tried: int) -> tuple[float, float]:
 
 def spent_on_training(run: Run) -> int:
     """Return the FLOPs of a search's trainings, as its budget counts them (`tacevo.search.budget`)."""
+    flops = {one.id: one.flops for one in run.trained if one.flops is not None}
     trained = [
-        (one.evaluation, one.flops) for one in run.trained if one.evaluation is not None and one.flops is not None
+        (line.evaluation, flops[line.id])
+        for line in (*run.trained, *run.reevaluations)
+        if line.evaluation is not None and line.fitness is not None and line.id in flops
     ]
-    return training_flops(trained, images=run.facts.counts[0], epochs=run.config.training.epochs)
+    return training_flops(trained, images=run.facts.counts[0], epochs=run.config.training.epochs * run.seeds)
 
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:

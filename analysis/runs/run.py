@@ -17,10 +17,12 @@ from tacevo.records import DataFacts, Task, to_json
 from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
 from tacevo.search.files import EliteEntry, TrialEntry, check_references, read_archives, read_finished
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, RulesLine, RunLine, eras_of
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, ReevaluationLine, RulesLine, RunLine, eras_of
+from tacevo.search.reevaluation import fitness_by_id
 from tacevo.search.unsent import not_sent
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.text import drawn
 from tacevo.typed import convert
 
 #: How many of the best networks tables and figures look at, as the paper does.
@@ -52,6 +54,8 @@ class Run:
     versions: Mapping[str, str]
     #: What the answers of a candidate cost, by its id, as far as timings.jsonl has it.
     spent: Mapping[str, Spending]
+    #: The further trainings of elites, in order; none unless the search trained elites again.
+    reevaluations: tuple[ReevaluationLine, ...] = ()
 
     @property
     def task(self) -> str:
@@ -59,9 +63,24 @@ class Run:
         return self.config.task.name
 
     @property
+    def seeds(self) -> int:
+        """The training seeds of a candidate, whose median loss is its fitness."""
+        return self.config.training.seeds
+
+    @property
+    def record(self) -> str:
+        """What a recorded fitness is, in words."""
+        return drawn(self.seeds, or_more=self.config.archive.kind is ArchiveKind.extract)
+
+    @property
+    def fitness(self) -> Mapping[str, float]:
+        """What the search knew of each trained candidate's fitness at its end, by id (`fitness_by_id`)."""
+        return fitness_by_id((*self.candidates, *self.reevaluations))
+
+    @property
     def has_niches(self) -> bool:
         """Whether its network archive keeps the best of every niche, and not the best of all."""
-        return self.config.archive.kind is ArchiveKind.cvt
+        return self.config.archive.kind is not ArchiveKind.best
 
     @property
     def places(self) -> int:
@@ -158,6 +177,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
         centroids=header.centroids,
         instructions=tuple(instruction.id for instruction in record.task.instructions),
         candidates=tuple(line for line in ledger.lines if isinstance(line, CandidateLine)),
+        reevaluations=tuple(line for line in ledger.lines if isinstance(line, ReevaluationLine)),
         generations=generations,
         elites=(),
         bounds=generations[-1].bounds,

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from analysis.statistics.noise import Draws, NetworkNoise, Noise, Ranking, noise, rankings
 from analysis.studies.scores import LOWER_IS_BETTER, PRIMARY
+from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.storage.store import read_entry
 from tacevo.storage.verdicts import read_verdict
 from tacevo.studies.directory import StudyDirectory
 from tacevo.studies.lines import FailedLine, Network, ScoreLine, StudyHeader
+from tacevo.text import drawn
 from tacevo.training.full import FullTraining
 
 
@@ -28,7 +30,7 @@ class Reestimates:
 
     #: Of its directory.
     name: str
-    #: The baseline first.
+    #: The baseline first; those that every seed trained.
     networks: tuple[Network, ...]
     #: The re-estimates of each of them, seed by seed.
     estimates: tuple[tuple[float, ...], ...]
@@ -37,6 +39,10 @@ class Reestimates:
     noise: Noise
     #: How the networks rank after each epoch, beside their test scores; () of a noise run.
     rankings: tuple[Ranking, ...]
+    #: The others, with which some seed failed; never the baseline.
+    failed: tuple[Network, ...] = ()
+    #: What the recorded fitness of a network is, in words.
+    record: str = drawn(1)
 
     def estimates_of(self, name: str) -> tuple[float, ...]:
         """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
@@ -61,21 +67,26 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         None where its losses are not fitnesses: other data, another recipe, or fewer epochs than the search had.
 
     Raises:
-        RunError: it is not finished or was edited, a training failed, or the store lacks one.
+        RunError: it is not finished or was edited, a training of the baseline failed, or the store lacks one.
         StoreError: an entry of the store is damaged.
     """
     scores = directory.read_finished()
     header, rows, place = scores.header, scores.rows, str(directory.path)
     if not _trains_alike(header, config, fingerprint):
         return None
-    failed = [f"{row.network} with seed {row.seed}" for row in rows if isinstance(row, FailedLine)]
-    if failed:
-        raise RunError(", ".join(failed), place=place, expected="trainings that did not fail")
     names = [(network.name, seed) for network in header.networks for seed in range(header.seeds)]
-    sound = {(row.network, row.seed): row for row in rows if isinstance(row, ScoreLine)}
-    if len(rows) != len(names) or sound.keys() != set(names):
+    by_name = {(row.network, row.seed): row for row in rows}
+    if len(rows) != len(names) or by_name.keys() != set(names):
         raise RunError(f"{len(rows)} others", place=place, expected="one score for each network and seed")
-    ordered, shape = [sound[name] for name in names], (len(header.networks), header.seeds)
+    failed = {row.network for row in rows if isinstance(row, FailedLine)}
+    baseline = header.networks[0].name
+    if baseline in failed:
+        raise RunError(
+            f"a training of the {baseline} that failed", place=place, expected="a baseline that trains with every seed"
+        )
+    networks = tuple(network for network in header.networks if network.name not in failed)
+    sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
+    ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
     epochs = config.training.epochs
     found: tuple[Ranking, ...] = ()
     if header.terms is None:
@@ -83,14 +94,16 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
     else:
         losses = np.array([_losses(store, row) for row in ordered]).reshape(*shape, -1)
         fitness, found = losses[:, :, epochs - 1], rankings(losses, _tested(header, ordered).reshape(shape))
-    recorded = np.array([network.fitness for network in header.networks])
+    recorded = np.array([network.fitness for network in networks])
     return Reestimates(
         name=directory.path.name,
-        networks=header.networks,
+        networks=networks,
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
         noise=noise(Draws(recorded=recorded, estimates=fitness)),
         rankings=found,
+        failed=tuple(network for network in header.networks if network.name in failed),
+        record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),
     )
 
 

@@ -238,7 +238,7 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
         Metric.coverage: end.coverage,
         Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
         Metric.candidates: len(run.candidates),
-        Metric.evaluations: len({one.evaluation for one in run.candidates} - {None}),
+        Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
         Metric.tokens: None if spent is None else spent.input_tokens + spent.output_tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),

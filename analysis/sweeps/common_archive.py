@@ -100,12 +100,12 @@ def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArc
 
 def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
     """Put the candidates of a run into the common archive, in order; return what it holds after each generation."""
-    archive, found = Archive(), []
+    archive, found, fitness = Archive(), [], run.fitness
     for line in run.generations:
         for one in run.candidates:
             if one.generation == line.generation and one.fitness is not None:
                 niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(one, common.scale)))
-                archive, _ = insert(archive, niche, Elite(name=one.id, objective=-one.fitness))
+                archive, _ = insert(archive, niche, Elite(name=one.id, objective=-fitness[one.id]))
         occupied = rounded(coverage(archive, common.tessellation.niches))
         found.append(Filled(coverage=occupied, qd_score=rounded(qd_score(archive))))
     return tuple(found)

@@ -25,13 +25,16 @@ from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
 from tacevo.search.unsent import TEMPERATURE
-from tacevo.text import counted, misreported
+from tacevo.text import counted, drawn, misreported
 
 #: Below every improvement.
 ONE_DRAW = (
     "Every fitness is one draw: the loss of one training seed, and the best is the lowest of many draws. What other "
     "seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
 )
+
+#: The same where a fitness is a median.
+MEDIAN = ONE_DRAW.replace("one draw: the loss of one training seed", "{record}").replace("many draws", "many medians")
 
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
@@ -165,7 +168,7 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
-        notes=(ONE_DRAW,),
+        notes=(ONE_DRAW if run.record == drawn(1) else MEDIAN.format(record=run.record),),
     )
 
 

@@ -3,8 +3,9 @@
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
 from analysis.statistics.noise import NetworkNoise
+from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
-from analysis.table import Between, Cell, Table
+from analysis.table import Between, Cell, Percent, Table
 from tacevo.studies.lines import Network
 from tacevo.text import counted
 
@@ -28,12 +29,37 @@ def noise_table(found: Reestimates, task: str) -> Table:
         rows=tuple(_cells(network, one) for network, one in zip(found.networks, found.noise.networks, strict=True)),
         notes=(
             f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
-            "is one draw, by which the search chose; the others decided nothing in it.",
+            f"is {found.record}, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
+            *_failed_note(found),
             _icc_note(found),
             "Chance to beat the baseline: that one seed of the network has a lower loss than one of the baseline; in "
             f"brackets the {100 * LEVEL:g} % interval of Newcombe (2006, method 5).",
             *_agreement_note(found),
+        ),
+    )
+
+
+def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:
+    """Show the figures of an archive as recorded beside those after its elites were trained again."""
+    before, after = found.recorded, found.reestimated
+    seeds = counted(again.noise.seeds, "other training seed")
+    lost = f"Their niches are empty, because a training failed: {', '.join(found.lost)}." if found.lost else ""
+    return Table(
+        name=f"corrected_{task}",
+        caption=f"The archive of {task} as recorded, and filled again by the medians of {seeds} (corrected).",
+        columns=("figure", "as recorded", "corrected"),
+        rows=(
+            ("QD-score", before.qd_score, after.qd_score),
+            ("coverage", Percent(before.coverage), Percent(after.coverage)),
+            ("best fitness", before.best, after.best),
+            ("whose it is", before.best_id, after.best_id),
+        ),
+        notes=(
+            "As recorded the archive is illusory: each niche holds the luckiest of its candidates, and its figures "
+            "grow with the noise. Corrected is what is left of it (Flageat and Cully 2023). Candidates that lost to an "
+            "elite were not trained again, so a better archive may lie in the run.",
+            *([lost] if lost else []),
         ),
     )
 
@@ -65,6 +91,11 @@ def _cells(network: Network, one: NetworkNoise) -> tuple[Cell, ...]:
     chance = None if one.beats is None else Between(one.beats.estimate, one.beats.low, one.beats.high)
     drawn = one.recorded, one.median, one.least, one.most, one.as_low, one.optimism, one.expected
     return network.name, network.id, *drawn, chance
+
+
+def _failed_note(found: Reestimates) -> tuple[str, ...]:
+    names = ", ".join(f"{network.name} ({network.id})" for network in found.failed)
+    return (f"Left out, because a training with another seed failed: {names}.",) if names else ()
 
 
 def _icc_note(found: Reestimates) -> str:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -27,6 +28,7 @@ from tacevo.sandbox.confinement import in_force, report
 from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import CandidateLine
 from tacevo.search.proposals import SAMPLING
+from tacevo.search.reevaluation import estimates_of
 from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
@@ -143,7 +145,7 @@ def _show(options: argparse.Namespace) -> int:
 
 
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
-_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs"}
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
 
 
 def show_run(path: Path) -> str:
@@ -185,6 +187,10 @@ def show_candidate(path: Path, name: str) -> str:
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
+    losses = estimates_of(ledger.lines).losses.get(str(line.source), ())
+    if len(losses) > 1:
+        told = ", ".join(f"{loss:.6g}" if math.isfinite(loss) else "failed" for loss in losses)
+        parts.append(f"Losses of this source in the search, one for each training seed: {told}")
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
     return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"

@@ -76,9 +76,9 @@ store, divide the work."""
 def add_study(parser: Parser) -> None:
     """Describe `tacevo study`."""
     parser.description = (
-        "Train the baseline and the best elites of a finished run, or of each job of a sweep, or networks of your own,\n"
-        "fully, each with the same training seeds, and measure them on the test images. The exit status is 1 if a\n"
-        "training or a job did not finish."
+        "Train the baseline and the best elites of a finished run, or of each job of a sweep, or networks of your\n"
+        "own, fully, each with the same training seeds, and measure them on the test images. The exit status is 1 if\n"
+        "a training or a job did not finish."
     )
     _finish(parser, SETTINGS, _EPILOG)
     parser.set_defaults(command=_study)

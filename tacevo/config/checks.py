@@ -42,6 +42,7 @@ def check_together(config: RunConfig) -> None:
     _check_llm(config.llm)
     _check_sampling(config.llm)
     _check_archive(config.archive)
+    _check_reevaluations(config)
     _check_proposals(config.proposals)
     _check_parents(config)
     if config.training.device is Device.cuda:
@@ -114,7 +115,7 @@ def _check_sampling(llm: LLMConfig) -> None:
 def _check_archive(archive: ArchiveConfig) -> None:
     known = archive.axes in (tuple(Axis), *((axis,) for axis in Axis))
     _require(known, "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]", archive.axes)
-    whole = archive.kind is ArchiveKind.cvt or len(archive.axes) == len(Axis)
+    whole = archive.kind is not ArchiveKind.best or len(archive.axes) == len(Axis)
     _require(whole, "archive.axes", "[arch_div,eff_ratio] with archive.kind=best, which has no axes", archive.axes)
     for key in ("niches", "prompt_niches"):
         value = getattr(archive, key)
@@ -124,6 +125,16 @@ def _check_archive(archive: ArchiveConfig) -> None:
         pair = getattr(archive, key)
         _require(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
         _require(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
+
+
+def _check_reevaluations(config: RunConfig) -> None:
+    part, slots = config.archive.reevaluated, config.search.candidates
+    some = config.archive.kind is not ArchiveKind.extract or int(part * slots) >= 1
+    expected = f"at least {1 / slots:g}, one slot of search.candidates={slots}, with archive.kind=extract"
+    _require(some, "archive.reevaluated", expected, part)
+    bound = config.search.training_flops
+    counted = config.archive.kind is not ArchiveKind.extract or bound is None
+    _require(counted, "search.training_flops", "null with archive.kind=extract, whose re-evaluations it lacks", bound)
 
 
 def _check_proposals(proposals: ProposalsConfig) -> None:

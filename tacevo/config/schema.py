@@ -8,7 +8,7 @@ without a unit in their name are counts, fractions or temperatures.
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 
 from tacevo.choices import (
     ArchiveKind,
@@ -120,6 +120,8 @@ class ArchiveConfig(Record):
     kind: ArchiveKind = ArchiveKind.cvt
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
     kept: Count = 10
+    #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
+    reevaluated: Annotated[float, Gt(0), Lt(1)] = 0.25
     #: The axes of the networks' niches.
     axes: tuple[Axis, ...] = tuple(Axis)
 
@@ -213,6 +215,8 @@ class TrainingConfig(Record):
     seconds: Positive
     memory_mib: Memory
     device: Device = Device.cpu
+    #: Trainings of each candidate; its fitness is the median of their losses.
+    seeds: Annotated[int, Ge(1), is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)

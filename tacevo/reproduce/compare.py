@@ -134,7 +134,7 @@ def read_compared(path: Path) -> Compared:
     finished = [study.read_scores() for study in studies_of(path) if study.read().digest is not None]
     return Compared(
         config=run.record.config,
-        has_niches=run.config.archive.kind is ArchiveKind.cvt,
+        has_niches=run.config.archive.kind is not ArchiveKind.best,
         lines=run.ledger.lines,
         elites={elite.niche: sources[elite.id] for elite in run.read_archives()[0].elites},
         studies={_kind_of_study(scores): scores for scores in finished},

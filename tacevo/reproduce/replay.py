@@ -15,6 +15,7 @@ from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome
 from tacevo.search.files import NETWORKS, PROMPTS, NetworkFile, read_archive_files
+from tacevo.search.reevaluation import Reevaluation
 from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
 from tacevo.storage.store import Seen
@@ -109,6 +110,8 @@ class _Verifier(Watcher):
         Raises:
             DivergenceError: the file was edited, or is missing.
         """
+        if isinstance(outcome.proposal, Reevaluation):  # whose source is kept under the elite's name
+            return
         name = outcome.proposal.id
         self.spending[name] = spending_on(outcome.completions)
         if outcome.admitted is not None:

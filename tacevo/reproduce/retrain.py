@@ -12,14 +12,14 @@ from tacevo.choices import Device, Numerics
 from tacevo.config.recorded import RecordedRun
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.randomness import derived_seed, stream
+from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.rules import TRAININGS, Rules, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench
+from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.sandbox.confinement import require
-from tacevo.search.lines import CandidateLine, by_rules, with_training
+from tacevo.search.lines import TrainedLine, by_rules, with_training
 from tacevo.storage.run_directory import RunRecord
 from tacevo.training.numerics import check_machine
 
@@ -85,22 +85,24 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> R
     )
 
 
-def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, CandidateLine]]:
+def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, TrainedLine]]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
-    Each is listed once, with the first run and line that have it, and that line's rules.
+    Each is listed once, with the first run and line that have it, and that line's rules; of several seeds each has its
+    own line (`TrainedLine.by_seed`).
     """
-    found: dict[str, tuple[RecordedRun, Rules, CandidateLine]] = {}
+    found: dict[str, tuple[RecordedRun, Rules, TrainedLine]] = {}
     for run in runs:
         for rules, line in by_rules(run.ledger.lines):
-            if line.evaluation is not None and line.reason not in _BY_MACHINE:
-                found.setdefault(line.evaluation, (run, rules, line))
-                check_known("training", rules.training, TRAININGS, run.directory.path)
+            for one in line.by_seed():
+                if one.evaluation is not None and one.reason not in _BY_MACHINE:
+                    found.setdefault(one.evaluation, (run, rules, one))
+                    check_known("training", rules.training, TRAININGS, run.directory.path)
     return list(found.values())
 
 
 def _retrain(
-    run: RecordedRun, lines: Sequence[tuple[Rules, CandidateLine]], view: Progress, name: str
+    run: RecordedRun, lines: Sequence[tuple[Rules, TrainedLine]], view: Progress, name: str
 ) -> tuple[str, ...]:
     """Train candidates of one run again, each by its rules, and compare; say why equal bits were not promised.
 
@@ -112,16 +114,19 @@ def _retrain(
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    sources = [(rules, run.directory.read_source(line.id, str(line.source))) for rules, line in lines]
+    jobs = [
+        (rules, run.directory.read_source(line.id, str(line.source)), training_seed(config.seed, line.seed))
+        for rules, line in lines
+    ]
     data = load_same(config, run.record.data, view)
-    seed = derived_seed(config.seed, "training")
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
         evaluators = {rules: bench.evaluator(rules) for rules, _ in lines}
-        retrained = bench.executor.map(lambda job: evaluators[job[0]].retrain(job[1], seed), sources)
+        retrained = bench.executor.map(lambda job: evaluators[job[0]].retrain(*job[1:]), jobs)
         results = zip(lines, retrained, strict=True)
         for number, ((_, line), result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
-            view.say(f"{name}{line.id}: as recorded ({number} of {len(lines)})")
+            seed = f", seed {line.seed}" if line.seed else ""
+            view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
     return doubts
 
 
@@ -146,7 +151,7 @@ def sampled(lines: Sequence[T], count: int | None, seed: int) -> list[T]:
     return [lines[place] for place in sorted(places.tolist())]
 
 
-def difference(line: CandidateLine, result: Training | Rejection) -> str | None:
+def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
     """Name the first field in which a recomputed evaluation differs from its ledger line, with both values.
 
     Fields that the line does not have are passed over.
@@ -191,7 +196,7 @@ def _differ(what: str, recorded: object, recomputed: object) -> str:
     return f"{what}: recorded {recorded}, recomputed {recomputed}"
 
 
-def _check_equal(name: str, line: CandidateLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
+def _check_equal(name: str, line: TrainedLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
     found = difference(line, result)
     if found is None:

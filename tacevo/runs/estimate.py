@@ -14,7 +14,7 @@ from tacevo.costs import dollars, spending_on
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.providers import load_prices
-from tacevo.runs.wiring import build_settings
+from tacevo.runs.wiring import build_settings, reevaluations
 from tacevo.search.proposals import Settings, crossover_text, plan_initial
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
@@ -135,4 +135,9 @@ def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
     retired = prices.retirement(config.llm.model)
     gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
-    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]
+    trainings = []
+    if config.training.seeds > 1:
+        trainings.append(f"each admitted network is trained {config.training.seeds} times, which is not priced")
+    if again := reevaluations(config):
+        trainings.append(f"up to {again} slots of each generation train an elite again and send no request")
+    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone, *trainings]

@@ -7,7 +7,7 @@ from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
 from tacevo.runs.wiring import Workbench
-from tacevo.search.lines import by_rules
+from tacevo.search.lines import CandidateLine, by_rules
 
 
 def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
@@ -23,7 +23,7 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
     trained = {
         line.id: (rules, line.source)
         for rules, line in by_rules(run.ledger.lines)
-        if line.source is not None and line.fitness is not None
+        if isinstance(line, CandidateLine) and line.source is not None and line.fitness is not None
     }
     found = {}
     with Workbench(run.config, run.record.task, run.record.data, Mode.replay) as bench:

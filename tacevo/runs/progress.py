@@ -19,8 +19,8 @@ from rich.text import Text
 from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.archive import coverage
 from tacevo.search.development import Outcome
-from tacevo.search.lines import CandidateLine, SearchLine
-from tacevo.text import printable
+from tacevo.search.lines import GenerationLine, SearchLine
+from tacevo.text import counted, printable
 
 
 class Progress:
@@ -84,12 +84,13 @@ class Watcher:
         """Count a candidate, or write the line of a generation."""
         covered = coverage(state.networks.archive, self._plan.networks.niches)
         reached = f"best {state.best:.4g}, coverage {covered:.0%}"
-        if isinstance(line, CandidateLine):
+        if not isinstance(line, GenerationLine):
             self._done += 1
             self._view.advance("candidates", self._done, self._total, reached)
         else:
+            again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             self._view.say(
                 f"generation {line.generation}: {line.trained} of {line.candidates} candidates trained"
-                f"{repaired}, {reached} ({self._done} of {self._total} candidates done)"
+                f"{repaired}{again}, {reached} ({self._done} of {self._total} candidates done)"
             )

@@ -31,6 +31,7 @@ from tacevo.search.development import Outcome
 from tacevo.search.effects import LLM
 from tacevo.search.files import read_ledger, write_archives
 from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
+from tacevo.search.reevaluation import Reevaluation
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
@@ -50,7 +51,7 @@ class Result:
     directory: Path
     digest: str
     summary: str
-    #: Id of the network archive's fittest elite.
+    #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
 
 
@@ -119,8 +120,9 @@ def record(
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
             summary = _finish(directory, config, state, ledger.digest)
-        best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective).name
-        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=best)
+        best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
+        name = next(iter(state.candidates)) if best is None else best.name
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
@@ -268,6 +270,10 @@ class _Recorder(Watcher):
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
+        if isinstance(
+            outcome.proposal, Reevaluation
+        ):  # its source is kept under the elite's name, and nothing was asked
+            return
         name = outcome.proposal.id
         if outcome.admitted is not None:
             self._directory.keep_candidate(name, outcome.admitted.source)

@@ -3,15 +3,17 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Operator, Stage
 from tacevo.search.lines import CandidateLine, GenerationLine, Line, eras_in_words, eras_of
+from tacevo.search.reevaluation import fitness_by_id
 from tacevo.search.unsent import TEMPERATURE, not_sent
 from tacevo.storage.run_directory import RunRecord
-from tacevo.text import misreported, table
+from tacevo.text import drawn, misreported, table
 
 #: How many elites the summary lists.
 TOP = 5
@@ -34,7 +36,9 @@ def summarise(
     parts = [f"# {run.name}", _headline(run, config, candidates.values(), len(generations)), *_rules(lines)]
     parts += _not_sent(candidates.values())
     if generations and elites:
-        parts += [_found(candidates, elites), _stages(candidates.values()), *_repaired(candidates.values())]
+        known = fitness_by_id(lines)
+        reckoned = {name: replace(line, fitness=known.get(name)) for name, line in candidates.items()}
+        parts += [_found(reckoned, elites, config), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
         parts += [_progress(generations, config), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
@@ -66,7 +70,7 @@ def _not_sent(lines: Collection[CandidateLine]) -> list[str]:
     return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
 
 
-def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str]) -> str:
+def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str], config: RunConfig) -> str:
     """Set the best elites beside the baseline and the best of generation 0."""
     trained = {name: line for name, line in candidates.items() if line.fitness is not None}
     baseline = next(line for line in candidates.values() if line.operator is Operator.baseline)
@@ -77,11 +81,13 @@ def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str]) -> 
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
+    seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
+    losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
     return (
         f"## Found\n\nBest fitness {_number(_fitness(ranked[0]))} by {ranked[0].id}; the best of generation 0 has "
         f"{_number(first)}, the baseline {_number(baseline.fitness)}. Fitness is the validation loss after the short "
-        "training; lower wins. Each is one draw, the loss of one training seed, and the best is the lowest of many: "
-        "`tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
+        f"training; lower wins. Each is {drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of "
+        "many: `tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
         "improvement.\n\n" + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
     )
 

@@ -54,6 +54,8 @@ def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, s
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
         budget=_budget(config, facts),
+        seeds=config.training.seeds,
+        reevaluations=reevaluations(config),
         axes=tuple(archive.axes),
     )
 
@@ -64,7 +66,7 @@ def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
     if flops is None:
         return None
     train, _, _ = facts.counts
-    return Budget(flops=flops, images=train, epochs=config.training.epochs)
+    return Budget(flops=flops, images=train, epochs=config.training.epochs * config.training.seeds)
 
 
 def build_settings(config: RunConfig) -> Settings:
@@ -87,6 +89,12 @@ def build_settings(config: RunConfig) -> Settings:
     )
 
 
+def reevaluations(config: RunConfig) -> int:
+    """Return how many slots of a generation train elites again, at most."""
+    archive = config.archive
+    return int(archive.reevaluated * config.search.candidates) if archive.kind is ArchiveKind.extract else 0
+
+
 def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
     """Return the bounds of the network archive's axes, where the configuration has them."""
     if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
@@ -104,7 +112,7 @@ def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | 
     """Return the network archive's niches, or the places of one that has none."""
     archive = config.archive
     match archive.kind:
-        case ArchiveKind.cvt:
+        case ArchiveKind.cvt | ArchiveKind.extract:
             return _tessellation(config, archive.niches, len(archive.axes), mode, seen)
         case ArchiveKind.best:
             return Places(niches=archive.kept)
@@ -115,6 +123,11 @@ def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, s
     store = Store(Path(config.store.root), "centroids", mode, seen=seen)
     found = store.recall(shape, lambda: find_centroids(**shape))
     return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
+
+
+def training_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of a run's seed; number 0 has the name that it had by itself."""
+    return derived_seed(seed, "training", *([number] if number else []))
 
 
 def start_zygote(config: RunConfig) -> Zygote:
@@ -165,14 +178,14 @@ class Workbench:
     def tools(self, rules: Rules) -> Tools:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed, mode = derived_seed(self.config.seed, "training"), self._mode_under(rules)
+        seed, mode = self.config.seed, self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
         return Tools(
             llm=llm or build_llm(self.config, mode, seen=self.seen),
             admit=gate.admit,
             inspect=gate.inspect,
-            evaluate=lambda source: evaluator.evaluate(source, seed),
-            evaluation_key=lambda source: evaluator.key(source, seed),
+            evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
+            evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,
         )
 

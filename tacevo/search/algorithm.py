@@ -2,6 +2,7 @@
 
     run_search   for g = 0..G: plan, develop, commit in slot order, close the generation
     commit       one candidate: descriptors, niche, insertion, prompt archive
+    reevaluate   one elite that was trained again, where a search does that: estimate, the archive filled again
     close        one generation: best fitness, temperature
 
 Work finishes in any order and is committed in slot order, so one worker and sixteen give the same bytes. What
@@ -33,12 +34,20 @@ from tacevo.search.archive import (
 )
 from tacevo.search.budget import Budget
 from tacevo.search.descriptors import Descriptor, describe, scaled
-from tacevo.search.development import Outcome, Tools, begun, develop
+from tacevo.search.development import Job, Outcome, Tools, begun, develop, trained_again
 from tacevo.search.growing import Growing
-from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, with_training
-from tacevo.search.parents import pool_of_parents
+from tacevo.search.lines import (
+    CandidateLine,
+    GenerationLine,
+    ReevaluationLine,
+    SearchLine,
+    seed_lines,
+    with_training,
+)
+from tacevo.search.parents import elites_of, pool_of_parents
 from tacevo.search.prompts import PromptArchive, Trial, curiosity
 from tacevo.search.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
+from tacevo.search.reevaluation import Estimates, Reevaluation, compete_again, plan_reevaluations
 from tacevo.search.temperature import next_temperature
 from tacevo.storage.canonical import content_hash
 
@@ -64,6 +73,10 @@ class Plan:
     repairs: int = 0
     #: What ends the search before generation G.
     budget: Budget | None = None
+    #: Training seeds of a candidate, odd; its fitness is the median of their losses.
+    seeds: int = 1
+    #: How many slots of a generation train elites again instead of asking for networks, at most.
+    reevaluations: int = 0
     #: The axes of the network archive.
     axes: tuple[Axis, ...] = tuple(Axis)
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
@@ -81,7 +94,9 @@ class SearchState:
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
     candidates: Growing[str, Candidate] = field(default_factory=Growing)
-    #: f*: the best fitness so far, which is that of the network archive; an archive never loses its best.
+    #: What is known of each source; empty unless elites are trained again.
+    estimates: Estimates = field(default_factory=Estimates)
+    #: f*: the best fitness of the network archive. Only an archive whose elites are trained again can lose its best.
     best: float = math.inf
 
 
@@ -119,11 +134,12 @@ def run_search(
 
 def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
     """Run one generation: plan, complete, admit, evaluate, commit."""
-    before, lines = state, []
-    for outcome in develop(propose(state, plan), tools, repairs=plan.repairs):
+    before = state
+    lines: list[CandidateLine | ReevaluationLine] = []
+    for outcome in develop(propose(state, plan), tools, repairs=plan.repairs, seeds=plan.seeds):
         _check_given(outcome, plan.task)
         observer.developed(outcome)
-        state, line = commit(state, plan, outcome, tools.evaluation_key)
+        state, line = fold(state, plan, outcome, tools.evaluation_key)
         lines.append(line)
         ledger.commit(line)
         observer.committed(line, state)
@@ -133,29 +149,52 @@ def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer:
     return state
 
 
-def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
-    """Plan the next generation from the state."""
+def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
+    """Plan the next generation from the state: its candidates, then the elites that are trained again."""
     if state.generation == 0:
         return plan_initial(plan.task, plan.settings, mutations=plan.initial, temperature=state.temperature)
     settings, archive = plan.settings, state.networks.archive
-    return plan_generation(
-        plan.task,
+    again = plan_reevaluations(
+        elites_of(state.candidates, archive),
+        state.estimates,
         settings,
+        generation=state.generation,
+        number=plan.reevaluations,
+        seeds=plan.seeds,
+    )
+    asked = plan_generation(
+        plan.task,
+        replace(settings, candidates=settings.candidates - len(again)),
         generation=state.generation,
         elites=pool_of_parents(settings.parents, state.candidates, archive, population=settings.population),
         prompts=state.prompts,
         temperature=state.temperature,
     )
+    return (*asked, *again)
+
+
+def fold(
+    state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str, int], str]
+) -> tuple[SearchState, CandidateLine | ReevaluationLine]:
+    """Fold one outcome into the state; return the state and its ledger line."""
+    if isinstance(outcome.proposal, Reevaluation):
+        return reevaluate(state, plan, outcome.proposal, outcome, evaluation_key)
+    return commit(state, plan, outcome.proposal, outcome, evaluation_key)
 
 
 def commit(
-    state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str], str]
+    state: SearchState,
+    plan: Plan,
+    proposal: Proposal,
+    outcome: Outcome,
+    evaluation_key: Callable[[str, int], str],
 ) -> tuple[SearchState, CandidateLine]:
-    """Fold one outcome into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
+    """Fold one candidate into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
     A rejected candidate is discarded: it changes no archive.
     """
-    line, admitted, result = begun(outcome, names_dropped=plan.names_dropped), outcome.admitted, outcome.result
+    line = begun(proposal, outcome, names_dropped=plan.names_dropped)
+    admitted, result = outcome.admitted, outcome.result
     if isinstance(result, Rejection):
         line = replace(line, stage=result.stage, reason=result.reason)
     if admitted is None:
@@ -164,7 +203,8 @@ def commit(
     line = replace(
         line,
         source=hashlib.sha256(admitted.source.encode()).hexdigest(),
-        evaluation=evaluation_key(admitted.source),
+        evaluation=evaluation_key(admitted.source, outcome.seed),
+        seed=outcome.seed,
         parameters=admitted.profile.parameters,
         flops=admitted.profile.flops,
         not_portable=admitted.profile.not_portable,
@@ -172,17 +212,39 @@ def commit(
     )
     if isinstance(result, Rejection):
         return state, line
-    placed = Placed(elite=Elite(name=line.id, objective=-result.fitness), point=_point(descriptor, plan))
+    seeds = seed_lines(outcome.trainings, lambda seed: evaluation_key(admitted.source, seed))
+    line = replace(with_training(line, result), seeds=seeds)
+    estimates, fitness = state.estimates, result.fitness
+    if plan.reevaluations:
+        estimates = estimates.after(line)
+        fitness = estimates.fitness(str(line.source))
+    placed = Placed(elite=Elite(name=line.id, objective=-fitness), point=_point(descriptor, plan))
     networks, niche, status = state.networks.offer(plan.networks, placed)
-    score = curiosity(result.fitness, inserted=status is not AddStatus.rejected)
-    candidates = _learned(state.candidates, outcome.proposal, admitted, result.fitness, score)
-    line = replace(with_training(line, result), niche=niche, status=status, curiosity=score)
-    best = min(state.best, result.fitness)
-    return _record_prompt(replace(state, networks=networks, candidates=candidates, best=best), plan, line, score)
+    score = curiosity(fitness, inserted=status is not AddStatus.rejected)
+    candidates = _learned(state.candidates, proposal, admitted, fitness, score)
+    line = replace(line, niche=niche, status=status, curiosity=score)
+    best = min(state.best, fitness)
+    state = replace(state, networks=networks, candidates=candidates, estimates=estimates, best=best)
+    return _record_prompt(state, plan, line, score)
+
+
+def reevaluate(
+    state: SearchState,
+    plan: Plan,
+    job: Reevaluation,
+    outcome: Outcome,
+    evaluation_key: Callable[[str, int], str],
+) -> tuple[SearchState, ReevaluationLine]:
+    """Fold the further training of an elite into the state; return the state and its ledger line."""
+    line = trained_again(job, outcome, lambda seed: evaluation_key(job.source, seed))
+    estimates = state.estimates.after(line)
+    networks, candidates, line = compete_again(state.networks, state.candidates, estimates, plan.networks, line)
+    best = min((-elite.objective for elite in networks.archive.elites.values()), default=math.inf)
+    return replace(state, networks=networks, candidates=candidates, estimates=estimates, best=best), line
 
 
 def close(
-    before: SearchState, state: SearchState, plan: Plan, lines: Sequence[CandidateLine]
+    before: SearchState, state: SearchState, plan: Plan, folded: Sequence[CandidateLine | ReevaluationLine]
 ) -> tuple[SearchState, GenerationLine]:
     """End a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
 
@@ -195,6 +257,7 @@ def close(
         temperature = next_temperature(
             plan.temperature_rule, temperature, best=state.best, best_before=before.best, step=plan.temperature_step
         )
+    lines = [line for line in folded if isinstance(line, CandidateLine)]
     fitnesses = [line.fitness for line in lines if line.fitness is not None]
     repaired = sum(line.fitness is not None for line in lines if line.repairs)
     line = GenerationLine(
@@ -213,6 +276,7 @@ def close(
         archive=content_hash(to_json(elites)),
         prompt_archive=content_hash(to_json(trials)),
         repaired=repaired if any(line.repairs for line in lines) else None,
+        reevaluated=len(folded) - len(lines) or None,
     )
     return replace(state, generation=state.generation + 1, temperature=temperature), line
 
@@ -225,7 +289,7 @@ def _is_spent(budget: Budget | None, state: SearchState) -> bool:
 def _check_given(outcome: Outcome, task: Task) -> None:
     """Refuse a baseline, or another network of the user's, that does not train."""
     proposal, result = outcome.proposal, outcome.result
-    if proposal.request is None and isinstance(result, Rejection):
+    if isinstance(proposal, Proposal) and proposal.request is None and isinstance(result, Rejection):
         is_baseline = proposal.operator is Operator.baseline
         raise ConfigError(
             f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",

@@ -1,22 +1,27 @@
 """From proposals to outcomes: the expensive half of a generation, with every effect passed in."""
 
+import hashlib
 import heapq
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from tacevo.errors import CacheMissError
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Rejection, Request, Training, to_json
 from tacevo.search.effects import LLM
-from tacevo.search.lines import CandidateLine, RepairedAnswer
+from tacevo.search.lines import CandidateLine, ReevaluationLine, RepairedAnswer, seed_lines, with_training
 from tacevo.search.proposals import Proposal, repair_request
+from tacevo.search.reevaluation import Reevaluation
 from tacevo.storage.canonical import content_hash
 
-#: Trains a source; a candidate that fails is a value.
-Evaluate = Callable[[str], Training | Rejection]
+#: A slot of a generation.
+Job = Proposal | Reevaluation
+
+#: Trains a source with the training seed of a number, from 0; a candidate that fails is a value.
+Evaluate = Callable[[str, int], Training | Rejection]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,8 +34,8 @@ class Tools:
     #: The gate, for a source that is given.
     inspect: Callable[[str], Admitted | Rejection]
     evaluate: Evaluate
-    #: Names a source's evaluation in its store.
-    evaluation_key: Callable[[str], str]
+    #: Names the training of a source with the seed of a number in its store.
+    evaluation_key: Callable[[str, int], str]
     executor: Executor
 
 
@@ -46,16 +51,21 @@ class Attempt:
 class Outcome:
     """What became of a proposal."""
 
-    proposal: Proposal
-    #: The last answer; None for the baseline and for a given network, which no model was asked for.
+    proposal: Job
+    #: The last answer; None for the baseline, a given network and an elite, which no model was asked for.
     completion: Completion | None
     #: None where the gate rejected the answer.
     admitted: Admitted | None
+    #: Of several trainings the one with the median loss; where one failed, the first failure.
     result: Training | Rejection
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
     #: The answers before it, each of them sent back with the gate's reason.
     attempts: tuple[Attempt, ...] = ()
+    #: Number of the training seed that the result is of.
+    seed: int = 0
+    #: The trainings by the numbers of their seeds, in order; none where one failed.
+    trainings: Mapping[int, Training] = field(default_factory=dict)
 
     @property
     def completions(self) -> tuple[Completion, ...]:
@@ -64,19 +74,20 @@ class Outcome:
         return (*(attempt.completion for attempt in self.attempts), *last)
 
 
-def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) -> Iterator[Outcome]:
+def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: int = 1) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
     candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
-    a long training and the others idle; equal sources are trained once. What the gate rejected is sent back together
-    when the gate is done, up to `repairs` times.
+    a long training and the others idle; equal sources are trained once with each seed. What the gate rejected is sent
+    back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds, an
+    elite with the next ones.
 
     Raises:
         LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
     """
-    trainings = _Trainings(tools)
+    trainings = _Trainings(tools, range(seeds))
     judged: dict[int, Future[_Judged]] = {}
     asked: dict[int, Request] = {}
     for index, proposal in enumerate(proposals):
@@ -94,7 +105,7 @@ def develop(proposals: Sequence[Proposal], tools: Tools, *, repairs: int = 0) ->
         yield _outcome(proposal, judged[index].result())
 
 
-def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: LLM) -> Iterator[tuple[int, Completion]]:
+def _answers(asked: Mapping[int, Request], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
     """Yield each answer with its place among the proposals.
 
     Raises:
@@ -111,7 +122,7 @@ def _answers(asked: Mapping[int, Request], proposals: Sequence[Proposal], llm: L
         raise
 
 
-def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
+def _name_slot(error: CacheMissError, proposal: Job) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
@@ -132,35 +143,42 @@ _Trained = tuple[Training | Rejection, float]
 
 
 class _Trainings:
-    """The trainings of a generation: each source once, and of those that wait the one with most FLOPs first."""
+    """The trainings of a generation: each source and seed once; of those that wait, the one with most FLOPs first."""
 
-    def __init__(self, tools: Tools) -> None:
+    def __init__(self, tools: Tools, seeds: Sequence[int]) -> None:
         self._tools = tools
+        self._first = seeds
         self._lock = threading.Lock()
-        self._known: dict[str, Future[_Trained]] = {}
-        #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; the source.
-        self._waiting: list[tuple[int, int, str]] = []
+        self._known: dict[tuple[str, int], Future[_Trained]] = {}
+        #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; source and seed.
+        self._waiting: list[tuple[int, int, tuple[str, int]]] = []
 
-    def add(self, admitted: Admitted) -> Future[_Trained]:
-        """Have a candidate trained; equal sources share one training."""
+    def add(self, admitted: Admitted, proposal: Job) -> Mapping[int, Future[_Trained]]:
+        """Have a candidate trained with its seeds; return what will come of it, by the number of the seed."""
+        seeds = proposal.seeds if isinstance(proposal, Reevaluation) else self._first
+        return {seed: self._add(admitted, seed) for seed in seeds}
+
+    def _add(self, admitted: Admitted, seed: int) -> Future[_Trained]:
+        """Have a candidate trained with one seed; equal sources share one training."""
+        job = admitted.source, seed
         with self._lock:
-            if admitted.source in self._known:
-                return self._known[admitted.source]
-            answer = self._known[admitted.source] = Future()
-            heapq.heappush(self._waiting, (-admitted.profile.flops, len(self._known), admitted.source))
+            if job in self._known:
+                return self._known[job]
+            answer = self._known[job] = Future()
+            heapq.heappush(self._waiting, (-admitted.profile.flops, len(self._known), job))
         self._tools.executor.submit(self._train_longest)
         return answer
 
     def _train_longest(self) -> None:
         with self._lock:
-            *_, source = heapq.heappop(self._waiting)
+            *_, job = heapq.heappop(self._waiting)
         began = time.perf_counter()
         try:
-            result = self._tools.evaluate(source)
+            result = self._tools.evaluate(*job)
         except BaseException as error:  # who waits for the answer must raise it
-            self._known[source].set_exception(error)
+            self._known[job].set_exception(error)
         else:
-            self._known[source].set_result((result, time.perf_counter() - began))
+            self._known[job].set_result((result, time.perf_counter() - began))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,15 +187,15 @@ class _Judged:
 
     completion: Completion | None
     gated: Admitted | Rejection
-    #: What came of it in the end; of a rejected one, that it was rejected.
-    training: Future[_Trained]
+    #: What came of it in the end, by the number of the training seed; of a rejected one, that it was rejected.
+    trainings: Mapping[int, Future[_Trained]]
     #: Wall time of the gate.
     seconds: float
     attempts: tuple[Attempt, ...]
 
 
 def _judge(
-    proposal: Proposal,
+    proposal: Job,
     completion: Completion | None,
     tools: Tools,
     trainings: _Trainings,
@@ -193,7 +211,7 @@ def _judge(
     return _Judged(
         completion=completion,
         gated=gated,
-        training=_done((gated, 0.0)) if isinstance(gated, Rejection) else trainings.add(gated),
+        trainings={0: _done((gated, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
         seconds=time.perf_counter() - began + (0.0 if before is None else before.seconds),
         attempts=() if before is None else _with_attempt(before),
     )
@@ -212,26 +230,45 @@ def _with_attempt(before: _Judged) -> tuple[Attempt, ...]:
     return (*before.attempts, Attempt(completion=before.completion, rejection=before.gated))
 
 
-def _outcome(proposal: Proposal, judged: _Judged) -> Outcome:
-    """Wait for the training of what the gate admitted."""
+def _outcome(proposal: Job, judged: _Judged) -> Outcome:
+    """Wait for the trainings of what the gate admitted."""
     try:
-        result, seconds = judged.training.result()
+        found = {seed: training.result() for seed, training in judged.trainings.items()}
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
+    results = {seed: result for seed, (result, _) in found.items()}
+    trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
+    seed = _telling(results)
     return Outcome(
         proposal=proposal,
         completion=judged.completion,
         admitted=judged.gated if isinstance(judged.gated, Admitted) else None,
-        result=result,
-        seconds=judged.seconds + seconds,
+        result=results[seed],
+        seconds=judged.seconds + sum(seconds for _, seconds in found.values()),
         attempts=judged.attempts,
+        seed=seed,
+        trainings=trainings if len(trainings) == len(results) else {},
     )
 
 
-def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
+def _telling(results: Mapping[int, Training | Rejection]) -> int:
+    """Return the seed whose result stands for a candidate: the first that failed, or else that of the median loss.
+
+    A network that does not train with every seed is rejected: a median over the others would reward it for failing.
+    Of equal losses the earlier seed comes first; of an even number of trainings the upper median counts.
+    """
+    losses: list[tuple[float, int]] = []
+    for seed, result in results.items():
+        if isinstance(result, Rejection):
+            return seed
+        losses.append((result.fitness, seed))
+    return sorted(losses)[len(losses) // 2][1]
+
+
+def begun(proposal: Proposal, outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
     """Begin a candidate's line with what was asked and what the model said (`names_dropped`: see `Plan`)."""
-    proposal, completion = outcome.proposal, outcome.completion
+    completion = outcome.completion
     return CandidateLine(
         generation=proposal.generation,
         slot=proposal.slot,
@@ -253,6 +290,18 @@ def begun(outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
             for attempt in outcome.attempts
         ),
     )
+
+
+def trained_again(job: Reevaluation, outcome: Outcome, key: Callable[[int], str]) -> ReevaluationLine:
+    """Write the line of an elite's further training, without what the archive did with it."""
+    result, source = outcome.result, hashlib.sha256(job.source.encode()).hexdigest()
+    line = ReevaluationLine(generation=job.generation, slot=job.slot, id=job.elite, source=source, seed=outcome.seed)
+    if outcome.admitted is not None:
+        portable = outcome.admitted.profile.not_portable
+        line = replace(line, evaluation=key(outcome.seed), not_portable=portable)
+    if isinstance(result, Rejection):
+        return replace(line, stage=result.stage, reason=result.reason)
+    return replace(with_training(line, result), seeds=seed_lines(outcome.trainings, key))
 
 
 def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import TypeVar
 from tacevo.errors import RunError
 from tacevo.records import Json, Operator, Record, written
 from tacevo.search.archive import Bounds
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, ReevaluationLine, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -122,6 +122,13 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     """
     ids: set[str] = set()
     for line in lines:
+        if isinstance(line, ReevaluationLine) and line.id not in ids:
+            raise RunError(
+                f"the re-evaluation of {line.id}, which does not stand before it",
+                place=str(place),
+                expected="re-evaluations of earlier candidates",
+                remedy="restore the ledger",
+            )
         if not isinstance(line, CandidateLine):
             continue
         is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)

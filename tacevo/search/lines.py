@@ -4,16 +4,18 @@ A field without a default is in every line; one with a default only where it dif
 before a field existed therefore keep their bytes.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, Self, TypeVar
 
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Operator, Reason, Record, Stage, Training
 from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import AddStatus, Bounds
 from tacevo.typed import FreeJson
+
+T = TypeVar("T", bound="TrainedLine")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,12 +57,62 @@ class RepairedAnswer(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CandidateLine(Record):
-    """What became of one slot of a generation."""
+class SeedLine(Record):
+    """One of several trainings of a candidate, each with a seed of its own."""
+
+    #: The number of its training seed.
+    seed: int
+    #: Key of the training in its store.
+    evaluation: str
+    train_losses: tuple[float, ...]
+    #: The last one is the loss of which the fitness is the median.
+    validation_losses: tuple[float, ...]
+    predictions: str
+    weights: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrainedLine(Record):
+    """What came of the trainings of a slot."""
 
     generation: int
     slot: int
+    #: Of the candidate.
     id: str
+    #: SHA-256 of the source; None where the gate rejected the candidate.
+    source: str | None = None
+    #: Where and why the candidate was rejected; None of a trained one.
+    stage: Stage | None = None
+    reason: Reason | None = None
+    #: Key of the training in its store; None where the gate rejected the candidate.
+    evaluation: str | None = None
+    #: Kernels whose bits differ between CPUs.
+    not_portable: tuple[str, ...] = ()
+    #: What the training gave; None of a rejected candidate.
+    fitness: float | None = None
+    train_losses: tuple[float, ...] | None = None
+    validation_losses: tuple[float, ...] | None = None
+    predictions: str | None = None
+    weights: str | None = None
+    not_deterministic: tuple[str, ...] = ()
+    #: The number of the training seed, from 0, that evaluation, fitness, losses and digests are of: of several seeds
+    #: the one with the median loss, or the first that failed.
+    seed: int = 0
+    #: All trainings in the order of their seeds, where there are several; () of a rejected candidate.
+    seeds: tuple[SeedLine, ...] = ()
+
+    def by_seed(self) -> tuple[Self, ...]:
+        """Return a line for each training that this one records, with what is that training's."""
+        if not self.seeds:
+            return (self,)
+        names = [field.name for field in fields(SeedLine)]
+        return tuple(replace(self, **{name: getattr(one, name) for name in names}) for one in self.seeds)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CandidateLine(TrainedLine):
+    """What became of one slot of a generation that asked for a network."""
+
     operator: Operator
     parents: tuple[str, ...]
     #: Number of the instruction; None for crossovers, and where no model was asked.
@@ -72,13 +124,7 @@ class CandidateLine(Record):
     answer: str | None
     dropped: tuple[str, ...] = ()
     repairs: tuple[RepairedAnswer, ...] = ()
-    #: SHA-256 of the source; None where the gate rejected the candidate.
-    source: str | None = None
-    #: Where and why the candidate was rejected; None of a trained one.
-    stage: Stage | None = None
-    reason: Reason | None = None
-    #: Key of the training in its store, and what the probe measured; None where the gate rejected the candidate.
-    evaluation: str | None = None
+    #: What the probe measured; None where the gate rejected the candidate.
     parameters: int | None = None
     flops: int | None = None
     entropy: float | None = None
@@ -86,15 +132,7 @@ class CandidateLine(Record):
     density: float | None = None
     arch_div: float | None = None
     eff_ratio: float | None = None
-    #: Kernels whose bits differ between CPUs.
-    not_portable: tuple[str, ...] = ()
-    #: What the training gave, and what the archives did with it; None of a rejected candidate.
-    fitness: float | None = None
-    train_losses: tuple[float, ...] | None = None
-    validation_losses: tuple[float, ...] | None = None
-    predictions: str | None = None
-    weights: str | None = None
-    not_deterministic: tuple[str, ...] = ()
+    #: What the archives did with it; None of a rejected candidate.
     niche: int | None = None
     status: AddStatus | None = None
     curiosity: float | None = None
@@ -106,6 +144,17 @@ class CandidateLine(Record):
     def sent_temperature(self) -> float | None:
         """The temperature that the request was sent with; None where none was, as for the baseline."""
         return None if "temperature" in self.dropped else self.temperature
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReevaluationLine(TrainedLine):
+    """What became of one slot of a generation that trained an elite again; `id` is the elite's."""
+
+    #: The median of all losses of its source, by which it competes from now on; None where this training failed.
+    estimate: float | None = None
+    #: Whether it is still the elite of its niche.
+    kept: bool = False
+    kind: Literal["reevaluation"] = "reevaluation"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,11 +181,13 @@ class GenerationLine(Record):
     prompt_archive: str
     #: None where no answer was sent back.
     repaired: int | None = None
+    #: Slots that trained an elite again; they are not among the candidates. None where there were none.
+    reevaluated: int | None = None
     kind: Literal["generation"] = "generation"
 
 
 #: What a search itself commits.
-SearchLine = CandidateLine | GenerationLine
+SearchLine = CandidateLine | ReevaluationLine | GenerationLine
 
 Line = RunLine | RulesLine | SearchLine
 
@@ -144,6 +195,7 @@ _KINDS: Mapping[str, type[Line]] = {
     "run": RunLine,
     "rules": RulesLine,
     "candidate": CandidateLine,
+    "reevaluation": ReevaluationLine,
     "generation": GenerationLine,
 }
 
@@ -153,8 +205,8 @@ def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
     return _KINDS.get(str(entry.get("kind")))
 
 
-def with_training(line: CandidateLine, training: Training) -> CandidateLine:
-    """Return a candidate's line with what its training gave."""
+def with_training(line: T, training: Training) -> T:
+    """Return a line with what its training gave."""
     return replace(
         line,
         fitness=training.fitness,
@@ -163,6 +215,23 @@ def with_training(line: CandidateLine, training: Training) -> CandidateLine:
         predictions=training.predictions_sha256,
         weights=training.weights_sha256,
         not_deterministic=training.not_deterministic,
+    )
+
+
+def seed_lines(trainings: Mapping[int, Training], key: Callable[[int], str]) -> tuple[SeedLine, ...]:
+    """Return the lines of several trainings, by the numbers of their seeds; none of a single one."""
+    if len(trainings) < 2:
+        return ()
+    return tuple(
+        SeedLine(
+            seed=seed,
+            evaluation=key(seed),
+            train_losses=training.train_losses,
+            validation_losses=training.validation_losses,
+            predictions=training.predictions_sha256,
+            weights=training.weights_sha256,
+        )
+        for seed, training in trainings.items()
     )
 
 
@@ -199,11 +268,11 @@ def eras_in_words(eras: Sequence[RulesLine]) -> str:
     return "; ".join(words)
 
 
-def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, CandidateLine]]:
-    """Yield every candidate's line with the rules that it was made under."""
+def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, TrainedLine]]:
+    """Yield every line of a candidate, or of its re-evaluation, with the rules that it was made under."""
     rules = FIRST
     for line in lines:
-        if isinstance(line, CandidateLine):
+        if isinstance(line, TrainedLine):
             yield rules, line
         elif not isinstance(line, GenerationLine):
             rules = line.rules

@@ -36,7 +36,12 @@ def pool_of_parents(
         case ParentPolicy.tournament:
             return everyone[-population:]
         case _:
-            return tuple(candidates[elites.elites[niche].name] for niche in sorted(elites.elites))
+            return elites_of(candidates, elites)
+
+
+def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Candidate, ...]:
+    """Return the elites in the order of their niches."""
+    return tuple(candidates[archive.elites[niche].name] for niche in sorted(archive.elites))
 
 
 def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...]:

@@ -128,10 +128,13 @@ def plan_generation(
     to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it. Without
     parents (`none`) every slot asks for a network at random.
 
-    The generation is g >= 1, the temperature T_g. The elites, at least one, are in the order of their niches, or what a
-    control has in their place (`tacevo.search.parents`); the proposals are in the order of their slots.
+    The generation is g >= 1, the temperature T_g. The elites are in the order of their niches, or what a control has in
+    their place (`tacevo.search.parents`); the proposals are in the order of their slots. Where all elites failed when
+    they were trained again, the baseline is the parent.
     """
-    parents = [_founder(task)] if settings.parents is ParentPolicy.baseline else elites
+    parents = elites
+    if settings.parents is ParentPolicy.baseline or not elites:
+        parents = [_founder(task)]
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]

@@ -28,6 +28,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.confinement import require
+from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
 from tacevo.storage.store import Seen, sweep_stores
 from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
@@ -261,7 +262,9 @@ def _plan(
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
         estimates = estimates_of(run, chosen_by) if chosen_by else None
-        networks = networks_of(run.candidates, [elite.id for elite in archive.elites], elites, estimates)
+        known = fitness_by_id(run.ledger.lines)
+        candidates = [replace(line, fitness=known.get(line.id)) for line in run.candidates]
+        networks = networks_of(candidates, [elite.id for elite in archive.elites], elites, estimates)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,

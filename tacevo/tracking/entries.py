@@ -27,6 +27,7 @@ _GENERATION_METRICS = (
     "candidates",
     "trained",
     "repaired",
+    "reevaluated",
     "temperature",
 )
 
@@ -50,7 +51,7 @@ class Measure:
 
     key: str
     value: float
-    #: The generation of a search's metrics, the epoch of a loss, 0 of a candidate's other metrics.
+    #: The generation of a search's metrics, the epoch or seed of a loss, 0 of a candidate's other metrics.
     step: int
 
 
@@ -76,12 +77,13 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
 
 
 def candidate_measures(line: CandidateLine) -> tuple[Measure, ...]:
-    """Return a candidate's metrics: the losses of every epoch, and each figure that its ledger line has."""
+    """Return a candidate's metrics: the losses of every epoch and seed, and each figure that its ledger line has."""
     losses = [
         Measure(key=key, value=value, step=epoch)
         for key, values in (("train_loss", line.train_losses), ("validation_loss", line.validation_losses))
         for epoch, value in enumerate(values or (), 1)
     ]
+    losses += [Measure(key="seed_loss", value=one.validation_losses[-1], step=one.seed) for one in line.seeds]
     inserted = None if line.status is None else line.status is not AddStatus.rejected
     return (*losses, *_measures({**_figures(line, _CANDIDATE_METRICS), "inserted": inserted}, 0))
 

@@ -74,7 +74,7 @@ def searched(name: str, folder: Path) -> tuple[list[dict[str, Any]], fakes.Recor
 
 
 def common(one: list[dict[str, Any]], other: list[dict[str, Any]], generation: int) -> bool:
-    """Say whether two searches asked the same in a generation, and were answered the same."""
+    """Say whether two searches asked the same in a generation, and were answered and trained the same."""
     fields = (*REQUEST, "answer", "source", "evaluation", "fitness")
     first, second = (
         [tuple(str(line.get(field)) for field in fields) for line in lines if line["generation"] == generation]
@@ -181,7 +181,8 @@ def test_arm_is_taken_out_of_overrides() -> None:
 def test_settings_that_came_later_leave_the_identity_of_older_runs() -> None:
     """A run that uses none of them has the ledger header that it had before them."""
     told: Any = identity(compose([]))
-    assert not {"kind", "kept", "axes"} & set(told["archive"])
+    assert not {"kind", "kept", "axes", "reevaluated"} & set(told["archive"])
+    assert "seeds" not in told["training"]
     assert "operator_for" not in told["proposals"]
 
 
@@ -196,7 +197,21 @@ def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
     assert asked(arm(name)) == asked(arm("none"))
 
 
-@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar"}))
+def test_three_seeds_train_the_same_generation_0_by_other_seeds_too(folder: Path) -> None:
+    """Requests, answers and sources are those of `none`; a fitness is a median, of which seed 0 is one draw."""
+    lines, _ = searched("three_seeds", folder)
+    plain, _ = searched("none", folder)
+    fields = (*REQUEST, "answer", "source")
+    first = [line for line in lines if line["generation"] == 0]
+    assert [[line.get(field) for field in fields] for line in first] == [
+        [line.get(field) for field in fields] for line in plain if line["generation"] == 0
+    ]
+    for one, other in zip(first, plain, strict=False):
+        assert ("fitness" in one) == ("fitness" in other)
+        assert "fitness" not in one or one["seeds"][0]["evaluation"] == other["evaluation"]
+
+
+@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar", "three_seeds"}))
 def test_generation_0_is_answered_alike_and_then_the_search_is_another(name: str, folder: Path) -> None:
     """Arms share every answer and fitness of generation 0, and then part, but for the one that only stops recording."""
     lines, recorder = searched(name, folder)

@@ -49,6 +49,8 @@ ARMS = {
     "arch_div_only": {"archive.axes"},
     "eff_ratio_only": {"archive.axes"},
     "linear_eff_ratio": {"archive.eff_ratio_scale"},
+    "extract": {"archive.kind"},
+    "three_seeds": {"training.seeds"},
     "llm_vs_grammar": {"llm.provider", "llm.model", "llm.slip_rate"},
 }
 

@@ -46,6 +46,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "llm.budget_usd": [-0.01, NAN, INF],
     "archive.niches": [0, 20_001],
     "archive.prompt_niches": [0, 20_001],
+    "archive.reevaluated": [0.0, 1.0, -0.1, NAN],
     "archive.arch_div_bounds": [[], [0.0], [0.0, 1.0, 2.0], [1.0, 1.0], [1.0, 0.0], [NAN, 1.0], [0.0, INF]],
     "archive.eff_ratio_bounds": [[1.0, 0.0], [-INF, 0.0]],
     "temperature.start": [-0.1, 1.1, NAN],
@@ -62,6 +63,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "training.learning_rate": [0.0, -1.0, NAN, INF],
     "training.seconds": [0.0, NAN, INF],
     "training.memory_mib": [63],
+    "training.seeds": [-1, 0, 2],
     "gate.max_parameters": [0],
     "gate.max_flops": [0],
     "gate.max_modules": [0],
@@ -101,6 +103,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "prompts.pool": [None, 1],
     "proposals.mutation_probability": [0.0, 1.0],
     "training.epochs": [1],
+    "training.seeds": [1, 3],
     "executor.workers": [1],
     "llm.base_url": [None, "http://localhost", "https://me:secret@proxy.example:8443/a/v1/", "http://[::1]:8000"],
 }
@@ -227,6 +230,7 @@ DECIDES: dict[str, Any] = {
     "training.learning_rate": 0.01,
     "training.seconds": 60.0,
     "training.memory_mib": 1024,
+    "training.seeds": 3,
     "gate.max_parameters": 1000,
     "gate.max_flops": 1000,
     "gate.max_modules": 100,
@@ -267,7 +271,7 @@ def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
-    listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
+    listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
     listed |= {"training.device"}  # which needs other settings beside it: tests/training/test_determinism.py
     groups = {key.partition(".")[0] for key in keys() if "." in key}
     assert {key for key in keys() if key not in groups and not key.startswith(("task.", "data."))} == listed
@@ -287,6 +291,26 @@ def test_places_decide_where_there_are_no_niches() -> None:
     assert identity(changed("archive.kept", 11, best)) != identity(best)
 
 
+def test_part_that_is_trained_again_decides_where_there_is_one() -> None:
+    """It is part of a run that trains elites again, also at its default, and of no other."""
+    assert identity(changed("archive.reevaluated", 0.5)) == identity(CONFIG)
+    extract = changed("archive.kind", "extract")
+    assert identity(changed("archive.reevaluated", 0.5, extract)) != identity(extract)
+    told: Any = identity(extract)["archive"]
+    assert (told["kind"], told["reevaluated"]) == ("extract", 0.25)
+    assert identity(changed("archive.kept", 11, extract)) == identity(extract)
+    best = changed("archive.kind", "best")
+    assert identity(changed("archive.reevaluated", 0.5, best)) == identity(best)
+
+
+def test_less_than_a_slot_cannot_be_trained_again() -> None:
+    """The arm would be a copy of a search without, under another name."""
+    extract = changed("archive.kind", "extract", changed("search.candidates", 10))
+    assert changed("archive.reevaluated", 0.1, extract).archive.reevaluated == 0.1
+    with refused(ConfigError, place="archive.reevaluated", expected="at least 0.1", got="0.09"):
+        changed("archive.reevaluated", 0.09, extract)
+
+
 @pytest.mark.parametrize("key", DECIDES_WHEN_HOSTED)
 def test_setting_of_a_hosted_model_enters_the_identity_once_set(key: str) -> None:
     """Set it is part of the run; left alone it is not, so that runs without it stay the runs they were."""
@@ -300,7 +324,8 @@ def test_identity_without_later_settings_is_golden() -> None:
     told: Any = identity(CONFIG)
     assert set(told["prompts"]) == {"policy"}
     assert set(told["proposals"]) == {"mutation_probability", "parents", "best"}
-    assert not set(told["archive"]) & {"kind", "kept", "axes"}
+    assert not set(told["archive"]) & {"kind", "kept", "axes", "reevaluated"}
+    assert "seeds" not in told["training"]
 
 
 def test_delivery_stays_out_of_the_identity() -> None:

@@ -19,7 +19,7 @@ PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=
 REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")
 CRASH = Rejection(stage=Stage.train, reason=Reason.crashed, detail="signal 11")
 
-Evaluate = Callable[[str], Training | Rejection]
+Evaluate = Callable[[str, int], Training | Rejection]
 
 
 class FakeLLM:
@@ -51,7 +51,7 @@ def mutation(slot: int, text: str) -> Proposal:
     return Proposal(generation=0, slot=slot, operator=Operator.mutation, parents=("g00s00",), prompt=0, request=request)
 
 
-def trained(source: str) -> Training:
+def trained(source: str, seed: int = 0) -> Training:
     """Give a training whose weights tell the source."""
     return Training(train_losses=(1.0,), validation_losses=(0.5,), predictions_sha256="", weights_sha256=source)
 
@@ -77,7 +77,7 @@ def run(
             admit=lambda completion: inspect(completion.text),
             inspect=inspect,
             evaluate=evaluate,
-            evaluation_key=lambda source: source,
+            evaluation_key=lambda source, seed: source,
             executor=executor,
         )
         return list(develop(planned, tools, repairs=repairs))
@@ -102,7 +102,7 @@ def test_slot_order_holds_whatever_finishes_first() -> None:
     done = {source: threading.Event() for source in order}
     finished = []
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         for later in order[order.index(source) + 1 :]:
             assert done[later].wait(timeout=30)
         finished.append(source)
@@ -123,7 +123,7 @@ def test_equal_sources_are_trained_once() -> None:
     """Of four equal sources and the baseline's one more, each gets the one answer."""
     calls = []
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         calls.append(source)
         return trained(source)
 
@@ -137,7 +137,7 @@ def test_equal_sources_meet_while_training() -> None:
     calls = []
     held = threading.Event()
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         calls.append(source)
         if source == "other":
             held.set()
@@ -152,7 +152,7 @@ def test_equal_sources_keep_one_worker_only() -> None:
     """Of two workers one trains what two slots ask for, and the other goes on with the rest."""
     done = threading.Event()
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         assert source != "same" or done.wait(timeout=30)
         if source == "other":
             done.set()
@@ -177,7 +177,7 @@ def test_longest_that_waits_is_trained_first() -> None:
         assert asked.wait(timeout=30)
         return Admitted(source=source, profile=replace(PROFILE, flops=flops[source]))
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         order.append(source)
         return trained(source)
 
@@ -190,7 +190,7 @@ def test_refused_answer_is_never_trained() -> None:
     """What the gate turns away keeps its rejection and reaches no trainer."""
     calls = []
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         calls.append(source)
         return trained(source)
 
@@ -201,7 +201,7 @@ def test_refused_answer_is_never_trained() -> None:
 
 def test_failed_training_is_a_value() -> None:
     """A candidate that fails to train was admitted, has its rejection, and stops nobody else."""
-    outcomes = run(proposals("a", "b"), lambda source: CRASH if source == "a" else trained(source))
+    outcomes = run(proposals("a", "b"), lambda source, seed: CRASH if source == "a" else trained(source))
     assert outcomes[1].result == CRASH
     assert outcomes[1].admitted == Admitted(source="a", profile=PROFILE)
     assert weights(outcomes) == ["baseline", "b"]
@@ -211,7 +211,7 @@ def test_failed_training_is_a_value() -> None:
 def test_broken_sandbox_passes_through(text: str) -> None:
     """An exception is no verdict: it reaches the search, and every slot that waited for the same training."""
 
-    def evaluate(source: str) -> Training:
+    def evaluate(source: str, seed: int) -> Training:
         if source == text:
             raise SandboxError("the zygote is gone")
         return trained(source)
@@ -270,6 +270,6 @@ def test_without_repairs_nothing_is_sent_back() -> None:
 def test_failed_training_is_not_sent_back() -> None:
     """A repair mends what the gate found, not how a network trains."""
     llm = Correctable({})
-    outcomes = run(proposals("a"), lambda source: CRASH, llm=llm, repairs=3)
+    outcomes = run(proposals("a"), lambda source, seed: CRASH, llm=llm, repairs=3)
     assert [outcome.result for outcome in outcomes] == [CRASH, CRASH]
     assert sum(llm.rounds) == 1

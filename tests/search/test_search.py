@@ -68,7 +68,7 @@ def test_many_workers_with_uneven_delays_give_the_digest_of_one(plan: Plan) -> N
     """Work that finishes in any order is committed in slot order."""
     delays = random.Random(0)  # delays of a test; the order of threads is not reproducible anyway
 
-    def slow(source: str) -> Training | Rejection:
+    def slow(source: str, seed: int) -> Training | Rejection:
         time.sleep(delays.random() / 200)
         return fakes.evaluate(source)
 
@@ -84,7 +84,7 @@ def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step:
     whole = tmp_path / "whole.jsonl"
     trainings: list[str] = []
 
-    def counted(source: str) -> Training | Rejection:
+    def counted(source: str, seed: int) -> Training | Rejection:
         trainings.append(source)
         return fakes.evaluate(source)
 
@@ -93,7 +93,7 @@ def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step:
         path = tmp_path / f"killed{last}.jsonl"
         left = iter(range(last))
 
-        def until_killed(source: str, left: Iterator[int] = left) -> Training | Rejection:
+        def until_killed(source: str, seed: int, left: Iterator[int] = left) -> Training | Rejection:
             if next(left, None) is None:
                 raise KeyboardInterrupt
             return fakes.evaluate(source)
@@ -141,7 +141,7 @@ def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:
     path = tmp_path / "ledger.jsonl"
     run(fakes.plan(), path)
 
-    def drifting(source: str) -> Training | Rejection:
+    def drifting(source: str, seed: int) -> Training | Rejection:
         result = fakes.evaluate(source)
         return result if isinstance(result, Rejection) else replace(result, weights_sha256="2" * 64)
 
@@ -168,7 +168,7 @@ def test_parents_are_elites_of_the_archive_before_the_generation() -> None:
     for line, state in zip(recorder.lines, recorder.states, strict=True):
         if isinstance(line, GenerationLine):
             elites = {elite.name for elite in state.networks.archive.elites.values()}
-        elif line.generation > 0:
+        elif isinstance(line, CandidateLine) and line.generation > 0:
             assert set(line.parents) <= elites
             assert len(set(line.parents)) == {"mutation": 1, "crossover": 2}[line.operator]
 
@@ -304,7 +304,7 @@ def test_outcomes_are_observed_before_their_line() -> None:
 def test_baseline_that_does_not_train_is_the_users_mistake() -> None:
     """A search cannot begin from nothing; the message says why the baseline failed."""
 
-    def failing(source: str) -> Training | Rejection:
+    def failing(source: str, seed: int) -> Training | Rejection:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan in epoch 1")
 
     with refused(ConfigError, place="task fake", got="loss is nan in epoch 1"):
@@ -358,7 +358,7 @@ def test_repairing_run_gives_one_digest_with_any_workers_resumed_or_not(tmp_path
     digest, _ = run(repairing())
     left = iter(range(9))
 
-    def until_killed(source: str) -> Training | Rejection:
+    def until_killed(source: str, seed: int) -> Training | Rejection:
         if next(left, None) is None:
             raise KeyboardInterrupt
         return fakes.evaluate(source)

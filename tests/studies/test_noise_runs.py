@@ -12,21 +12,22 @@ import pytest
 from refusals import refused
 from smallest import Once
 
-from analysis.report.collection import collect
+from analysis.report.collection import collect, tables_of
 from analysis.runs.run import load_run
 from analysis.studies.noise import load_reestimates
 from analysis.studies.study import load_study
+from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
 from tacevo.config.recorded import read_recorded
 from tacevo.errors import RunError
-from tacevo.records import Mode, Training
+from tacevo.records import Mode, Reason, Stage, Training
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench
 from tacevo.storage.store import Store
 from tacevo.studies.directory import StudyDirectory, studies_of
-from tacevo.studies.lines import ScoreLine
+from tacevo.studies.lines import FailedLine, ScoreLine
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -149,6 +150,45 @@ def test_tables_set_record_and_re_estimates_beside_each_other(noisy: Path) -> No
         assert found_again.median == pytest.approx(median(losses))
     assert len(study.rankings) == 1
     assert noise.rankings == ()
+
+
+def test_archive_whose_elites_were_all_trained_again_is_corrected(folder: Path) -> None:
+    """Not by a part of them; the table stands with those of the noise run."""
+
+    def names() -> list[str]:
+        found = collect(folder / "run", folder / "cache")
+        return [table.name for table in tables_of(found, None) if table.name.startswith("corrected")]
+
+    whole = len({line.source for line in load_run(folder / "run").best(99)}) <= 2
+    assert bool(names()) == whole
+    assert main(["noise", "run", "seeds=1"]) == 0
+    (every,) = (one for one in studies_of(folder / "run") if one.read().seeds == 1)
+    assert f"corrected_force_{every.path.name}" in names()
+
+
+def failing(directory: StudyDirectory, network: str) -> None:
+    """Let the first training of a network have failed."""
+    scores = directory.read_scores()
+    place = next(place for place, row in enumerate(scores.rows) if row.network == network)
+    named: Any = {name: getattr(scores.rows[place], name) for name in ("network", "id", "seed", "evaluation")}
+    failed = FailedLine(**named, stage=Stage.train, reason=Reason.not_finite)
+    directory.scores.unlink()
+    directory.finish(scores.header, [*scores.rows[:place], failed, *scores.rows[place + 1 :]])
+
+
+def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) -> None:
+    """The others keep their re-estimates; without the baseline there is nothing to compare them with."""
+    run, directory = load_run(folder / "run"), noise_of(folder)
+    failing(directory, "variant 1")
+    found = load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+    assert found is not None
+    assert [network.name for network in found.networks] == ["baseline", "variant 2"]
+    assert [network.name for network in found.failed] == ["variant 1"]
+    assert [len(values) for values in found.estimates] == [2, 2]
+    assert any("variant 1" in note for note in noise_tables(found, "force")[0].notes)
+    failing(directory, "baseline")
+    with refused(RunError, expected="a baseline that trains with every seed"):
+        load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
 
 
 def test_noise_run_is_not_a_study_with_test_scores(noisy: Path) -> None:

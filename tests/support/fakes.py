@@ -128,8 +128,8 @@ def admit(completion: Completion) -> Admitted | Rejection:
     return inspect(completion.text)
 
 
-def evaluate(source: str) -> Training | Rejection:
-    """Train by hashing; one in ten fails."""
+def evaluate(source: str, seed: int = 0) -> Training | Rejection:
+    """Train by hashing; one in ten fails, with every seed."""
     if number(source, 10) == 0:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
     loss = (1 + number(source, 1_000)) / 1_000
@@ -145,7 +145,7 @@ def tools(llm: FakeLLM | None = None, executor: Executor | None = None) -> Tools
         admit=admit,
         inspect=inspect,
         evaluate=evaluate,
-        evaluation_key=content_hash,
+        evaluation_key=lambda source, seed: content_hash([source, seed] if seed else source),
         executor=executor or ThreadPoolExecutor(1),
     )
 

@@ -43,6 +43,7 @@ function factsOf(run, one) {
           ]
         : [];
     const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
+    if (one.seed_losses.length) fitness.push(["Of each seed", one.seed_losses.map(number).join(", ")]);
     if (one.reestimates.length) {
         const all = one.reestimates.map(number).join(", ");
         fitness.push(["Trained again", `${number(d3.median(one.reestimates))}, the median of ${all}`]);

@@ -63,6 +63,8 @@ class Candidate:
     fitness: float | None
     train_losses: tuple[float, ...]
     validation_losses: tuple[float, ...]
+    #: The last loss of each training seed of its source in the search, where there are several.
+    seed_losses: tuple[float, ...] = ()
     #: Fitness of further trainings of the same source with other seeds.
     reestimates: tuple[float, ...] = ()
     #: The niche that it had when it came, and what the archive did with it.

@@ -1,6 +1,7 @@
 """What the page shows of one run."""
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -38,6 +39,7 @@ from tacevo.choices import Axis, PromptPolicy, Scale
 from tacevo.config.identity import identity
 from tacevo.records import Kind
 from tacevo.search.lines import CandidateLine, eras_in_words
+from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import counted
 
@@ -144,9 +146,9 @@ def _is_own(line: CandidateLine, text: str) -> bool:
 def _headlines(found: Collection) -> tuple[str, str, str]:
     """Say what was searched, with which model and data, and what it rests on."""
     run, config, best = found.run, found.run.config, found.run.generations[-1].best
-    losses = f"; best validation loss {shown(best)} (one draw)" if best is not None else ""
+    losses = f"; best validation loss {shown(best)} ({run.record})" if best is not None else ""
     if losses and run.baseline.fitness is not None:
-        losses += f", the baseline's {shown(run.baseline.fitness)} (one draw)"
+        losses += f", the baseline's {shown(run.baseline.fitness)} ({run.record})"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again
@@ -190,6 +192,12 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
     run = found.run
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
+    known = estimates_of((*run.candidates, *run.reevaluations))
+
+    def several(line: CandidateLine) -> tuple[float, ...]:
+        losses = known.losses.get(str(line.source), ())
+        return tuple(loss for loss in losses if math.isfinite(loss)) if len(losses) > 1 else ()
+
     return tuple(
         Candidate(
             id=line.id,
@@ -216,6 +224,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
             fitness=line.fitness,
             train_losses=line.train_losses or (),
             validation_losses=line.validation_losses or (),
+            seed_losses=several(line),
             # Of studies that share seeds, equal losses are one training, which the store answered twice.
             reestimates=tuple(dict.fromkeys(value for one in found.reestimates for value in one.estimates_of(line.id))),
             niche=line.niche,

@@ -1,0 +1,81 @@
+"""The figures of an archive after its elites were trained again: what of it is found, and what is luck.
+
+An archive of recorded fitnesses is illusory: each niche holds the luckiest of its candidates. The corrected archive is
+filled again by re-estimates (Flageat and Cully 2023, arXiv:2302.00463). Descriptors follow from the source
+and carry no noise here, so every elite comes back to its niche, and coverage falls only where a training fails.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from analysis.studies.noise import Reestimates
+from tacevo.rounding import rounded
+from tacevo.search.archive import Archive, Elite, coverage, insert, qd_score
+from tacevo.search.files import EliteEntry
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArchiveFigures:
+    """What an archive is judged by."""
+
+    #: Sum of 1 / (1 + f) over its elites.
+    qd_score: float
+    #: Occupied part of its niches, in [0, 1].
+    coverage: float
+    #: Lowest loss, and whose it is; None of an empty archive.
+    best: float | None
+    best_id: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Corrected:
+    """An archive as recorded (illusory), and filled again by re-estimates."""
+
+    recorded: ArchiveFigures
+    reestimated: ArchiveFigures
+    #: Ids of the elites that were not trained with every seed, whose niches are empty in the corrected archive.
+    lost: tuple[str, ...]
+
+
+def correct(
+    elites: Sequence[EliteEntry], places: int, sources: Mapping[str, str | None], again: Reestimates
+) -> Corrected | None:
+    """Fill an archive again by the medians of re-estimates.
+
+    Args:
+        elites: of the archive, each with its niche and its recorded fitness.
+        places: how many niches the archive has.
+        sources: SHA-256 of each candidate's source, by id; equal sources are one network.
+        again: the re-estimates.
+
+    Returns:
+        None where an elite was not trained again: what is left would be another archive.
+    """
+    medians = {
+        network.source: found.median for network, found in zip(again.networks, again.noise.networks, strict=True)
+    }
+    failed = {network.source for network in again.failed}
+    if any(sources[elite.id] not in medians.keys() | failed for elite in elites):
+        return None
+    losses = {elite.id: medians.get(str(sources[elite.id])) for elite in elites}
+    return Corrected(
+        recorded=_figures({elite.id: elite.fitness for elite in elites}, elites, places),
+        reestimated=_figures(losses, elites, places),
+        lost=tuple(name for name, loss in losses.items() if loss is None),
+    )
+
+
+def _figures(losses: Mapping[str, float | None], elites: Sequence[EliteEntry], places: int) -> ArchiveFigures:
+    """Fill an empty archive with the elites that have a loss, each in its niche."""
+    archive = Archive()
+    for elite in elites:
+        loss = losses[elite.id]
+        if loss is not None:
+            archive, _ = insert(archive, elite.niche, Elite(name=elite.id, objective=-loss))
+    best = max(archive.elites.values(), key=lambda elite: elite.objective, default=None)
+    return ArchiveFigures(
+        qd_score=rounded(qd_score(archive)),
+        coverage=rounded(coverage(archive, places)),
+        best=None if best is None else -best.objective,
+        best_id=None if best is None else best.name,
+    )

@@ -1,0 +1,151 @@
+"""Training elites again, as part of a generation: the extraction of Extract-ME; pure.
+
+Flageat, Huber, Helenon, Doncieux and Cully 2025, arXiv:2502.06585: a part of each generation's evaluations goes to
+elites, whose samples accumulate, and each elite competes again by what all its samples say. Theirs keeps several
+solutions in a cell, so that another can take the place of an elite that sinks; here the archive's history keeps all of
+them. Theirs draws elites by rank; here those with the fewest trainings come first, so that none stays on a lucky draw.
+"""
+
+import hashlib
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from tacevo.randomness import stream
+from tacevo.search.archive import NetworkArchive, Places, Tessellation
+from tacevo.search.growing import Growing
+from tacevo.search.lines import CandidateLine, ReevaluationLine, TrainedLine
+from tacevo.search.proposals import Candidate, Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reevaluation:
+    """A slot of a generation that trains an elite again instead of asking for a network."""
+
+    generation: int
+    slot: int
+    #: Id of the elite.
+    elite: str
+    source: str
+    #: Numbers of the training seeds, none of which it was trained with before.
+    seeds: range
+    #: Nothing is asked for.
+    request: None = None
+
+    @property
+    def id(self) -> str:
+        """Name the slot as `Proposal.id` does."""
+        return f"g{self.generation:02d}s{self.slot:02d}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimates:
+    """All losses of each source that was trained, by its SHA-256; infinite where a training failed."""
+
+    losses: Growing[str, tuple[float, ...]] = field(default_factory=Growing)
+
+    def after(self, line: TrainedLine) -> "Estimates":
+        """Return the estimates after a line that has a source, and a training or the failure of one.
+
+        A candidate of a known source brings no new draw, because its seeds are those of the first one.
+        """
+        source, known = str(line.source), self.losses.get(str(line.source), ())
+        if known and isinstance(line, CandidateLine):
+            return self
+        return replace(self, losses=self.losses.adding(source, (*known, *losses_of(line))))
+
+    def fitness(self, source: str) -> float:
+        """Return the median of a source's losses; infinite where a training failed.
+
+        A network that does not train with every seed is out: a median over the others would reward it for failing.
+        """
+        losses = self.losses[source]
+        return math.inf if math.inf in losses else statistics.median(losses)
+
+
+def losses_of(line: TrainedLine) -> tuple[float, ...]:
+    """Return the last losses of the trainings of a line, seed by seed; an infinite one of a failure."""
+    if line.fitness is None:
+        return (math.inf,)
+    return tuple(one.validation_losses[-1] for one in line.seeds) or (line.fitness,)
+
+
+def estimates_of(lines: Sequence[object]) -> Estimates:
+    """Collect the losses of every source from the lines of a ledger."""
+    estimates = Estimates()
+    for line in lines:
+        if isinstance(line, ReevaluationLine) or (isinstance(line, CandidateLine) and line.fitness is not None):
+            estimates = estimates.after(line)
+    return estimates
+
+
+def fitness_by_id(lines: Sequence[object]) -> dict[str, float]:
+    """Return what a search knew of the fitness of each trained candidate at the end of some lines, by id.
+
+    It is the recorded fitness, or the estimate where the search trained elites again; infinite where that failed. Lines
+    of candidates and of re-evaluations need not be mixed in the order of the slots.
+    """
+    trained = [line for line in lines if isinstance(line, CandidateLine) and line.fitness is not None]
+    if any(isinstance(line, ReevaluationLine) for line in lines):
+        estimates = estimates_of(lines)
+        return {line.id: estimates.fitness(str(line.source)) for line in trained}
+    return {line.id: line.fitness for line in trained if line.fitness is not None}
+
+
+def plan_reevaluations(
+    elites: Sequence[Candidate], estimates: Estimates, settings: Settings, *, generation: int, number: int, seeds: int
+) -> tuple[Reevaluation, ...]:
+    """Plan which elites are trained again: those with the fewest trainings, by draw among equals.
+
+    They take the last slots of the generation, so that the others draw what they would draw without them.
+
+    Args:
+        elites: in the order of their niches; all of their sources are known.
+        estimates: of the sources.
+        settings: with the search's seed, and the slots of a generation.
+        generation: g >= 1.
+        number: of elites to train again, if there are so many.
+        seeds: of each re-evaluation.
+    """
+    if number == 0:
+        return ()
+    counts = [len(estimates.losses[_hashed(elite.source)]) for elite in elites]
+    drawn = stream(settings.seed, "reevaluations", generation).permutation(len(elites)).tolist()
+    chosen = sorted(drawn, key=lambda place: counts[place])[:number]
+    return tuple(
+        Reevaluation(
+            generation=generation,
+            slot=slot,
+            elite=elites[place].id,
+            source=elites[place].source,
+            seeds=range(counts[place], counts[place] + seeds),
+        )
+        for slot, place in enumerate(chosen, start=settings.candidates - len(chosen))
+    )
+
+
+def compete_again(
+    networks: NetworkArchive,
+    candidates: Growing[str, Candidate],
+    estimates: Estimates,
+    niches: Tessellation | Places,
+    line: ReevaluationLine,
+) -> tuple[NetworkArchive, Growing[str, Candidate], ReevaluationLine]:
+    """Let all candidates of a source that was trained again compete by its estimate; return them, and the whole line.
+
+    Who lost to them competes, too: the archive is filled again from its history. A failure puts the source out of the
+    archive for good.
+    """
+    fitness = estimates.fitness(str(line.source))
+    source = candidates[line.id].source
+    names = [one.id for one in candidates.values() if one.source == source]
+    for name in names:
+        candidates = candidates.adding(name, replace(candidates[name], fitness=fitness))
+    networks = networks.reestimated(niches, names, -fitness)
+    kept = any(elite.name == line.id for elite in networks.archive.elites.values())
+    return networks, candidates, replace(line, estimate=fitness if math.isfinite(fitness) else None, kept=kept)
+
+
+def _hashed(source: str) -> str:
+    return hashlib.sha256(source.encode()).hexdigest()

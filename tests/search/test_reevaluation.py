@@ -1,0 +1,295 @@
+"""Promise: elites that are trained again compete by the median of all their losses, within a generation's budget."""
+
+import itertools
+import math
+import random
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+import fakes
+import pytest
+from hand_runs import closed
+from hand_runs import run as hand_run
+from ledger_lines import header
+from refusals import refused
+from test_seeds import noisy
+
+from analysis.runs.archive_history import archive_history
+from tacevo.errors import DivergenceError
+from tacevo.records import Completion, Reason, Rejection, Request, Stage, Training
+from tacevo.search.algorithm import Plan, SearchState, run_search
+from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, by_rules, line_kind
+from tacevo.search.reevaluation import Estimates, fitness_by_id
+from tacevo.storage.ledger import Ledger, read_lines
+
+#: Two slots of each generation train an elite again.
+PLAN = replace(fakes.plan(generations=8), reevaluations=2)
+
+
+class Copies(fakes.FakeLLM):
+    """Answers with the baseline."""
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer every request alike."""
+        for place, completion in super().complete(requests):
+            yield place, replace(completion, text=fakes.TASK.baseline)
+
+
+def search(plan: Plan = PLAN, path: Path | None = None, **changes: object) -> tuple[str, fakes.Recorder]:
+    """Search by losses that differ from seed to seed; return the digest, and what an observer saw."""
+    recorder = fakes.Recorder()
+    tools = replace(fakes.tools(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
+    with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
+        run_search(plan, tools, ledger, recorder)
+        return ledger.digest, recorder
+
+
+def again(recorder: fakes.Recorder) -> list[ReevaluationLine]:
+    """Return the lines of further trainings."""
+    return [line for line in recorder.lines if isinstance(line, ReevaluationLine)]
+
+
+def losses_by_source(lines: list[SearchLine]) -> dict[str, dict[int, float]]:
+    """Collect the losses of each source by the numbers of their seeds, from the lines alone."""
+    found: dict[str, dict[int, float]] = {}
+    for line in lines:
+        if not isinstance(line, GenerationLine) and line.source is not None:
+            of_source = found.setdefault(line.source, {})
+            for one in line.by_seed():
+                loss = math.inf if one.validation_losses is None else one.validation_losses[-1]
+                of_source[one.seed] = loss
+    return found
+
+
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_every_elite_competes_by_the_median_of_its_losses(seeds: int) -> None:
+    """At the end of every generation: in each niche none of all candidates has a lower median."""
+    plan = replace(PLAN, seeds=seeds)
+    _, recorder = search(plan)
+    seen: list[SearchLine] = []
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        seen.append(line)
+        if isinstance(line, GenerationLine):
+            _check_archive(plan, seen, state)
+    assert any(not line.kept for line in again(recorder))
+
+
+def _check_archive(plan: Plan, lines: list[SearchLine], state: SearchState) -> None:
+    """Fill the niches again by brute force, and compare."""
+    known = {
+        source: math.inf if math.inf in of.values() else median(of.values())
+        for source, of in losses_by_source(lines).items()
+    }
+    best: dict[int, float] = {}
+    bounds = state.networks.bounds
+    assert bounds is not None
+    for line in lines:
+        if isinstance(line, CandidateLine) and line.fitness is not None and line.source is not None:
+            niche = plan.networks.niche_of(bounds.normalise(state.networks.history[line.id].point))  # type: ignore[union-attr]
+            best[niche] = min(best.get(niche, math.inf), known[line.source])
+    held = {niche: -elite.objective for niche, elite in state.networks.archive.elites.items()}
+    assert held == {niche: fitness for niche, fitness in best.items() if fitness < math.inf}
+    assert state.best == min(held.values())
+
+
+def test_budget_is_that_of_a_search_without() -> None:
+    """Every generation has as many slots as before, of which the last train elites again and ask nothing."""
+    _, recorder = search()
+    for generation in range(1, 9):
+        slots = [line for line in recorder.lines if line.kind != "generation" and line.generation == generation]
+        assert [line.slot for line in slots] == list(range(6))
+        assert [line.kind for line in slots] == ["candidate"] * 4 + ["reevaluation"] * 2
+    ended = [line for line in recorder.lines if isinstance(line, GenerationLine)]
+    assert [(line.candidates, line.reevaluated) for line in ended] == [(4, None)] + [(4, 2)] * 8
+    assert all(line.generation > 0 for line in again(recorder))
+
+
+def test_elites_with_the_fewest_trainings_come_first_each_time_with_new_seeds() -> None:
+    """No elite is trained again while another one has fewer trainings; no seed comes twice for a source."""
+    _, recorder = search()
+    counts: Counter[str] = Counter()
+    held: dict[str, str] = {}
+    for line, state in zip(recorder.lines, recorder.states, strict=True):
+        if isinstance(line, GenerationLine):
+            names = {elite.name for elite in state.networks.archive.elites.values()}
+            held = {name: state.candidates[name].source for name in names}
+            begun, taken = counts.copy(), set[str]()
+        elif isinstance(line, ReevaluationLine):
+            assert line.id in held
+            assert line.seed == counts[str(line.source)]
+            counts[str(line.source)] += 1
+            taken.add(line.id)
+            rest = [begun[_source_of(recorder, name)] for name in held.keys() - taken]
+            assert begun[str(line.source)] <= min(rest, default=math.inf)
+        elif isinstance(line, CandidateLine) and line.fitness is not None:
+            counts[str(line.source)] = max(counts[str(line.source)], 1)
+    seeds = [(line.source, line.seed) for line in again(recorder)]
+    assert len(set(seeds)) == len(seeds)
+
+
+def _source_of(recorder: fakes.Recorder, name: str) -> str:
+    return next(str(line.source) for line in recorder.lines if isinstance(line, CandidateLine) and line.id == name)
+
+
+def test_copy_of_a_network_that_was_trained_again_cannot_win_by_the_old_draw() -> None:
+    """Its seeds are those of the first one, so it has the same losses and the same median."""
+    lucky, unlucky = 0.1, 0.9
+
+    def luck(source: str, seed: int) -> Training | Rejection:
+        result = fakes.evaluate(fakes.TASK.baseline)
+        assert isinstance(result, Training)
+        return replace(result, validation_losses=(1.0, unlucky if seed else lucky))
+
+    _, recorder = search(replace(PLAN, generations=2), evaluate=luck, llm=Copies())
+    last = recorder.states[-1]
+    assert [line.seed for line in again(recorder)] == [1, 2]
+    assert {elite.name: -elite.objective for elite in last.networks.archive.elites.values()} == {"g00s00": unlucky}
+    assert {one.fitness for one in last.candidates.values()} == {unlucky}
+
+
+def test_elite_that_fails_when_trained_again_leaves_the_archive_for_good() -> None:
+    """Its line says why; no later candidate of its source comes back, and the search goes on from the others."""
+
+    def failing(source: str, seed: int) -> Training | Rejection:
+        if seed and source == fakes.TASK.baseline:
+            return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
+        return noisy(source, 0)
+
+    _, recorder = search(evaluate=failing)
+    (failed,) = (line for line in again(recorder) if line.stage is Stage.train)
+    assert (failed.id, failed.reason, failed.estimate, failed.kept, failed.fitness) == (
+        "g00s00",
+        Reason.not_finite,
+        None,
+        False,
+        None,
+    )
+    elites = recorder.states[-1].networks.archive.elites.values()
+    assert elites
+    assert "g00s00" not in {elite.name for elite in elites}
+
+
+def test_search_whose_elites_all_fail_again_goes_on_from_the_baseline() -> None:
+    """An empty archive has no best, nothing to train again, and mutations of the baseline."""
+
+    def once(source: str, seed: int) -> Training | Rejection:
+        if seed:
+            return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
+        return fakes.evaluate(source)
+
+    _, recorder = search(replace(PLAN, generations=2), evaluate=once, llm=Copies())
+    first, second = (line for line in recorder.lines if isinstance(line, GenerationLine) and line.generation)
+    assert (first.reevaluated, first.best, first.coverage) == (1, None, 0)
+    assert (second.reevaluated, second.best, second.candidates) == (None, None, 6)
+    asked = [line for line in recorder.lines if isinstance(line, CandidateLine) and line.generation == 2]
+    assert {line.parents for line in asked} == {("g00s00",)}
+
+
+def test_archive_can_lose_its_best_and_the_temperature_hears_of_it() -> None:
+    """The printed rule lowers T where the best is worse than before, which no other archive can bring about."""
+    _, recorder = search(replace(PLAN, generations=20))
+    ended = [line for line in recorder.lines if isinstance(line, GenerationLine)]
+    steps = [
+        (now.best > before.best, now.next_temperature < now.temperature)
+        for before, now in itertools.pairwise(ended)
+        if now.best is not None and before.best is not None and 0 < now.temperature < 1
+    ]
+    assert any(worse for worse, _ in steps)
+    assert all(worse == lowered for worse, lowered in steps)
+
+
+def test_slots_that_ask_share_the_draws_of_a_search_without() -> None:
+    """Generation 0 is the same, and in generation 1 the first slots ask the same, if the elites are the same."""
+    one, other = search()[1], search(replace(PLAN, reevaluations=0))[1]
+    asked = [
+        [
+            (line.generation, line.slot, line.request)
+            for line in recorder.lines
+            if isinstance(line, CandidateLine) and line.generation < 2 and line.slot < 4
+        ]
+        for recorder in (one, other)
+    ]
+    assert asked[0] == asked[1]
+
+
+def test_digest_is_that_of_one_worker_after_a_kill_and_in_a_replay(tmp_path: Path) -> None:
+    """Further trainings are part of the fold."""
+    path, delays, left = tmp_path / "ledger.jsonl", random.Random(0), iter(range(29))
+
+    def until_killed(source: str, seed: int) -> Training | Rejection:
+        time.sleep(delays.random() / 500)
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return noisy(source, seed)
+
+    with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
+        search(PLAN, path, evaluate=until_killed, executor=executor)
+    with ThreadPoolExecutor(8) as executor:
+        digest, _ = search(PLAN, path, executor=executor)
+    assert digest == search()[0] == search(PLAN, path)[0]
+
+
+def test_changed_further_training_is_a_named_divergence(tmp_path: Path) -> None:
+    """At its generation, slot and field."""
+    path = tmp_path / "ledger.jsonl"
+    _, recorder = search(PLAN, path)
+    first = next(line for line in again(recorder) if line.fitness is not None)
+
+    def drifting(source: str, seed: int) -> Training | Rejection:
+        result = noisy(source, seed)
+        return replace(result, weights_sha256="2" * 64) if seed and isinstance(result, Training) else result
+
+    with refused(DivergenceError, place=f"generation {first.generation}, slot {first.slot}, weights", got="2" * 64):
+        search(PLAN, path, evaluate=drifting)
+
+
+def test_lines_are_read_back_as_they_were_written(tmp_path: Path) -> None:
+    """With their rules, for a retraining."""
+    path = tmp_path / "ledger.jsonl"
+    _, recorder = search(PLAN, path)
+    assert list(read_lines(path, line_kind).lines) == recorder.lines
+    rules = [line for _, line in by_rules([header(), *recorder.lines])]
+    assert rules == [line for line in recorder.lines if not isinstance(line, GenerationLine)]
+
+
+def test_what_a_search_knew_follows_from_its_lines() -> None:
+    """Fitness by id, as the state has it at the end; of a search without further trainings, as recorded."""
+    for plan in (PLAN, replace(PLAN, reevaluations=0)):
+        _, recorder = search(plan)
+        last = recorder.states[-1]
+        assert fitness_by_id(recorder.lines) == {name: one.fitness for name, one in last.candidates.items()}
+
+
+def test_archive_of_every_generation_is_rebuilt_from_the_lines() -> None:
+    """For tables and figures, which do not replay a search."""
+    _, recorder = search()
+    candidates = [line for line in recorder.lines if isinstance(line, CandidateLine)]
+    ends = [state for line, state in zip(recorder.lines, recorder.states, strict=True) if line.kind == "generation"]
+    found = replace(
+        hand_run(candidates, [closed(number) for number in range(9)], archive={"kind": "extract"}),
+        reevaluations=tuple(again(recorder)),
+    )
+    archives = archive_history(found, fakes.NETWORKS.centroids)
+    assert [dict(archive.elites) for archive in archives] == [dict(state.networks.archive.elites) for state in ends]
+
+
+def test_archive_without_niches_trains_nothing_again() -> None:
+    """Its best of all would have to be drawn from all again; there is no such kind."""
+    archive = NetworkArchive()
+    archive, *_ = archive.offer(Places(niches=2), Placed(elite=Elite(name="a", objective=-1.0), point=(0.0, 0.0)))
+    with pytest.raises(ValueError, match="niches"):
+        archive.reestimated(Places(niches=2), ["a"], -2.0)
+
+
+def test_median_of_an_even_number_is_the_mean_of_the_middle_two() -> None:
+    """And a failure outweighs any number of losses."""
+    line = ReevaluationLine(generation=1, slot=0, id="g00s00", source="s", fitness=0.5)
+    found = Estimates().after(line).after(replace(line, fitness=0.7))
+    assert found.fitness("s") == pytest.approx(0.6)
+    assert found.after(replace(line, fitness=None)).fitness("s") == math.inf

@@ -1,0 +1,113 @@
+"""Promise: with several training seeds the fitness is the median of their losses, and the ledger names each of them."""
+
+import random
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import fakes
+import pytest
+
+from tacevo.records import Reason, Rejection, Stage, Training, written
+from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.lines import CandidateLine, line_kind
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.ledger import Ledger
+
+
+def noisy(source: str, seed: int) -> Training | Rejection:
+    """Train by hashing, each seed to another loss; one in ten fails with every seed, one in eight with seed 1."""
+    if seed == 1 and source != fakes.TASK.baseline and fakes.number(f"fails {source}", 8) == 0:
+        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
+    result = fakes.evaluate(source)
+    if isinstance(result, Rejection):
+        return result
+    loss = (1 + fakes.number(f"{source} {seed}", 1_000)) / 1_000
+    return replace(result, validation_losses=(1.0, loss), weights_sha256=f"{seed:064}")
+
+
+def three() -> Plan:
+    """Return a plan with three seeds a candidate."""
+    return replace(fakes.plan(), seeds=3)
+
+
+def search(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, list[CandidateLine]]:
+    """Search; return the digest, and the candidates' lines."""
+    recorder = fakes.Recorder()
+    tools = replace(fakes.tools(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
+    with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
+        run_search(plan, tools, ledger, recorder)
+        return ledger.digest, [line for line in recorder.lines if isinstance(line, CandidateLine)]
+
+
+def test_fitness_is_the_median_of_the_losses() -> None:
+    """The line has what the training of the median gave, and every training with its key, losses and digests."""
+    trained = [line for line in search(three())[1] if line.fitness is not None]
+    assert len(trained) > 5
+    for line in trained:
+        losses = [one.validation_losses[-1] for one in line.seeds]
+        assert [one.seed for one in line.seeds] == [0, 1, 2]
+        assert line.fitness == sorted(losses)[1] == losses[line.seed]
+        assert (line.evaluation, line.weights) == (line.seeds[line.seed].evaluation, f"{line.seed:064}")
+        assert [one.weights for one in line.seeds] == [f"{seed:064}" for seed in range(3)]
+        assert len({one.evaluation for one in line.seeds}) == 3
+    assert {line.seed for line in trained} == {0, 1, 2}
+
+
+def test_network_that_fails_with_one_seed_is_rejected() -> None:
+    """The verdict is that of the first seed that failed; a median over the others would reward it for failing."""
+    lines = [line for line in search(three())[1] if line.stage is Stage.train]
+    assert {line.seed for line in lines} == {0, 1}
+    assert all((line.seeds, line.fitness, line.niche) == ((), None, None) for line in lines)
+    one_seed = {line.id: line for line in search(replace(three(), seeds=1))[1]}
+    luckier = [line for line in lines if line.seed == 1 and one_seed[line.id].source == line.source]
+    assert luckier
+    assert all(one_seed[line.id].fitness is not None for line in luckier)
+
+
+def test_one_seed_writes_what_was_written_before() -> None:
+    """No line names seeds, so the ledgers of one seed keep their bytes; the golden ledger shows that they do."""
+    lines = search(replace(three(), seeds=1))[1]
+    assert not any({"seed", "seeds"} & written(line).keys() for line in lines)
+
+
+def test_each_source_is_trained_once_with_each_seed() -> None:
+    """Candidates of one source share their trainings within a generation."""
+    calls: list[tuple[str, int]] = []
+
+    def counted(source: str, seed: int) -> Training | Rejection:
+        calls.append((source, seed))
+        return noisy(source, seed)
+
+    search(replace(three(), generations=0, initial=60), evaluate=counted)
+    assert len(calls) == len(set(calls))
+    assert {seed for _, seed in calls} == {0, 1, 2}
+
+
+def test_digest_is_that_of_one_worker_after_a_kill_and_in_a_replay(tmp_path: Path) -> None:
+    """Seeds finish in any order, in any generation; the losses are in the order of the seeds."""
+    path, delays, left = tmp_path / "ledger.jsonl", random.Random(0), iter(range(17))
+
+    def until_killed(source: str, seed: int) -> Training | Rejection:
+        time.sleep(delays.random() / 500)
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return noisy(source, seed)
+
+    with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
+        search(three(), path, evaluate=until_killed, executor=executor)
+    with ThreadPoolExecutor(8) as executor:
+        digest, _ = search(three(), path, executor=executor)
+    assert digest == search(three())[0] == search(three(), path)[0]
+
+
+def test_every_training_of_a_line_can_be_compared_with_a_retraining() -> None:
+    """A line for each seed, with what is that training's."""
+    line = next(line for line in search(three())[1] if line.fitness is not None)
+    parts = line.by_seed()
+    assert [(one.seed, one.weights) for one in parts] == [(seed, f"{seed:064}") for seed in range(3)]
+    assert [one.evaluation for one in parts] == [
+        content_hash([fakes.TASK.baseline, seed] if seed else fakes.TASK.baseline) for seed in range(3)
+    ]
+    assert line.by_seed()[line.seed].validation_losses == line.validation_losses
