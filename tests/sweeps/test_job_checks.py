@@ -56,7 +56,7 @@ def test_runs_that_changed_places_are_found(sweep: Path) -> None:
     (sweep / names[0]).rename(sweep / "aside")
     (sweep / names[1]).rename(sweep / names[0])
     (sweep / "aside").rename(sweep / names[1])
-    rejected(sweep, place="job none-seed0, config")
+    rejected(sweep, place="job none-seed0, config", expected="as in its run")
 
 
 def test_job_that_is_there_twice_is_found(sweep: Path) -> None:
