@@ -114,7 +114,7 @@ class Subject:
 
 
 def origin_of_answers(config: RunConfig) -> str:
-    """Say what answered the requests, and plainly where that was no language model."""
+    """Say what answered the requests, and plainly where that was not a language model."""
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
     return f"Answers by the language model {config.llm.model} (llm={config.llm.provider})."
@@ -186,7 +186,7 @@ def _origin(run: RecordedRun, folder: str) -> str:
         settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"
-            f"    tacevo data simulate {' '.join(settings)} out=FOLDER"
+            f"    tacevo data simulate {' '.join(settings)} out=DIR"
         )
     return (
         f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{data.root}` "

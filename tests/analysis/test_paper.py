@@ -33,7 +33,7 @@ def engine(folder: Path, name: str, script: str) -> Path:
 
 
 def search_in(folder: Path, name: str) -> str | None:
-    """Find a program in one folder only."""
+    """Find a program in one directory only."""
     return shutil.which(name, path=os.fspath(folder))
 
 

@@ -20,7 +20,7 @@ SMALL = ["task=force", "data.images=40", "data.image_size=16"]
 
 @pytest.fixture(autouse=True)
 def _elsewhere(place: Path) -> None:
-    """Work in a folder of the test's own."""
+    """Work in a directory of the test's own."""
 
 
 def write_classes(root: Path, *, leaking: bool) -> list[str]:
@@ -167,7 +167,7 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
 def test_mistake_is_one_line_and_leaves_nothing(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The message names the setting as it was written, and no picture or folder appears."""
+    """The message names the setting as it was written, and no picture or directory appears."""
     assert main(["data", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert [path.name for path in Path.cwd().iterdir() if path.name != "cache"] == []
@@ -221,7 +221,7 @@ def test_bad_arguments_show_the_usage_of_their_command(
 
 
 def test_file_of_overrides_that_is_no_text_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """Bytes that are no UTF-8 are a mistake, told without a traceback."""
+    """Bytes that are not UTF-8 are a mistake, told without a traceback."""
     Path("sheet.png").write_bytes(b"\x89PNG\xff")
     with pytest.raises(SystemExit):
         main(["data", "check", "@sheet.png"])

@@ -15,7 +15,7 @@ CANDIDATES = 1 + 1 + 2
 
 
 class Searched(NamedTuple):
-    """A finished search: its folder, its run directory below it, and what it printed."""
+    """A finished search: its directory, its run directory below it, and what it printed."""
 
     folder: Path
     run: Path
@@ -33,20 +33,20 @@ def searched(folder: Path, answers: Path, *tracking: str) -> Searched:
 
 @pytest.fixture(scope="module")
 def untracked(swept: Path, tmp_path_factory: pytest.TempPathFactory) -> Searched:
-    """Give a search without tracking."""
+    """Return a search without tracking."""
     return searched(tmp_path_factory.mktemp("untracked"), swept, "tracking=none")
 
 
 @pytest.fixture(scope="module")
 def tracked(swept: Path, empty_store: Path, tmp_path_factory: pytest.TempPathFactory) -> Searched:
-    """Give a search that MLflow mirrors into an empty SQLite database in its directory."""
+    """Return a search that MLflow mirrors into an empty SQLite database in its directory."""
     folder = tmp_path_factory.mktemp("tracked")
     shutil.copy(empty_store, folder)
     return searched(folder, swept, "tracking=mlflow", f"tracking.uri={database(folder)}")
 
 
 def database(folder: Path) -> str:
-    """Name the tracking URI of the database in a folder."""
+    """Name the tracking URI of the database in a directory."""
     return f"sqlite:///{folder}/mlflow.db"
 
 

@@ -150,7 +150,7 @@ def test_rejections_are_compared_by_reason() -> None:
 
 
 def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> None:
-    """Running out of time is no property of a candidate; an evaluation that two candidates share is one."""
+    """Running out of time is not a property of a candidate; an evaluation that two candidates share is one."""
     slow = rejected("g00s02", "train", "out_of_time", evaluation="f")
     untrained = rejected("g00s03", "probe", "crashed")
     run = RecordedRun(
@@ -200,7 +200,7 @@ def test_only_what_was_promised_is_not_doubted() -> None:
 def test_bundle_does_not_take_the_walls_down(
     setting: str, words: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its candidates run behind walls or not at all; a folder is its owner's own."""
+    """Its candidates run behind walls or not at all; a directory is its owner's own."""
     members = members_of(published / "run.zip")
     run = json.loads(members["run/run.json"])
     key, _, value = setting.partition("=")

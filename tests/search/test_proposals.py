@@ -101,7 +101,7 @@ def planned(
 
 
 def requests_of(proposals: tuple[Proposal, ...]) -> list[Request]:
-    """Give the requests, which all but the baseline have."""
+    """Return the requests, which all but the baseline have."""
     return [proposal.request for proposal in proposals if proposal.request is not None]
 
 
@@ -208,7 +208,7 @@ def test_mutation_asks_with_parent_and_instruction_it_names() -> None:
 
 
 def test_crossover_has_two_different_parents() -> None:
-    """Nobody is crossed with itself; the instruction is the fixed one and is no prompt of the library."""
+    """Nobody is crossed with itself; the instruction is the fixed one and is not a prompt of the library."""
     for generation in range(1, 100):
         for proposal in planned(NEVER, generation=generation, elites=ELITES[:2]):
             assert sorted(proposal.parents) == ["g00s00", "g00s01"]
@@ -331,7 +331,7 @@ def test_dropped_draw_leaves_the_others_alone(seed: int, generation: int) -> Non
 
 
 def drawn(settings: Settings, generation: int = 1, prompts: PromptArchive | None = None) -> set[int | None]:
-    """Give the instructions that one generation asks for."""
+    """Return the instructions that one generation asks for."""
     return {proposal.prompt for proposal in planned(settings, generation=generation, prompts=prompts)}
 
 

@@ -81,7 +81,7 @@ def write_all(path: Path | None, lines: Sequence[object] = LINES) -> str:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """Give a ledger of four lines."""
+    """Return a ledger of four lines."""
     write_all(tmp_path / "ledger.jsonl")
     return tmp_path / "ledger.jsonl"
 
@@ -278,7 +278,7 @@ def test_line_that_was_taken_out_is_noticed(path: Path) -> None:
 
 @pytest.mark.parametrize("text", [b"{", b"[]", b"null", b"\xff", b"", b'{"x": NaN}'])
 def test_damaged_line_is_refused_with_its_number(text: bytes, path: Path) -> None:
-    """A whole line that is no JSON object is damage, not a torn end."""
+    """A whole line that is not a JSON object is damage, not a torn end."""
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([lines[0], text + b"\n", *lines[2:]]))
     with refused(RunError, place="ledger.jsonl, line 2"):

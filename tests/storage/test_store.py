@@ -113,7 +113,7 @@ def resealed(entry: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Store:
-    """Give a store with one recorded answer."""
+    """Return a store with one recorded answer."""
     made = Store(tmp_path, "things")
     made.write({"x": 1}, {"y": "ünï\u2028 \x00"})
     return made
@@ -293,7 +293,7 @@ def test_damaged_entry_is_never_computed_again(store: Store, tmp_path: Path) -> 
 
 
 def test_entry_is_readable_and_holds_the_request(store: Store, tmp_path: Path) -> None:
-    """Somebody who looks into the folder sees what was asked and what was answered."""
+    """Somebody who looks into the directory sees what was asked and what was answered."""
     assert entry_path(tmp_path).name == f"{store.key({'x': 1})}.json"
     entry = json.loads(entry_path(tmp_path).read_text(encoding="utf-8"))
     assert (entry["request"], entry["answer"]) == ({"x": 1}, store.read({"x": 1}))
@@ -371,7 +371,7 @@ def test_any_flipped_bit_of_an_entry_is_refused_or_harmless(store: Store, tmp_pa
 
 
 def answer_or_refusal(store: Store) -> tuple[Any, str]:
-    """Read the recorded answer; where it is refused, give the words of that."""
+    """Read the recorded answer; where it is refused, return the words of that."""
     try:
         return store.read({"x": 1}), ""
     except StoreError as error:
@@ -391,7 +391,7 @@ int flock(int file, int operation) {
 
 @pytest.fixture(scope="module")
 def lockless(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a library that takes the locks from a process, where there is a compiler."""
+    """Return a library that takes the locks from a process, where there is a compiler."""
     if shutil.which("cc") is None:
         pytest.skip("a file system without locks needs a C compiler")
     folder = tmp_path_factory.mktemp("lockless")
@@ -401,7 +401,7 @@ def lockless(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def without_locks(code: str, error: int, library: Path, folder: Path) -> str:
-    """Run code with a folder as its argument, where `flock` fails; give the last line of its errors."""
+    """Run code with a directory as its argument, where `flock` fails; return the last line of its errors."""
     environment = {**os.environ, "LD_PRELOAD": str(library), "LOCKLESS_ERROR": str(error)}
     command = [sys.executable, "-c", code, str(folder)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -423,7 +423,7 @@ def test_file_system_without_locks_is_written_to_and_never_swept(error: int, loc
 
 
 def test_lock_that_fails_otherwise_stops_a_write(lockless: Path, tmp_path: Path) -> None:
-    """A disk that cannot be read is no file system without locks: the write is refused, and nothing is left of it."""
+    """A disk that cannot be read is not a file system without locks: the write is refused and leaves nothing."""
     assert "cannot be written: Input/output error" in without_locks(WRITE, errno.EIO, lockless, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -462,7 +462,7 @@ def test_damaged_neighbour_does_not_hide_a_miss(tmp_path: Path) -> None:
 
 
 def test_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    """A file in the place of the store's folder is the user's to mend, and is left alone."""
+    """A file in the place of the store's directory is the user's to mend, and is left alone."""
     (tmp_path / "completions").write_text("mine")
     with pytest.raises(StoreError, match="cannot be written: Not a directory; what stood there is unchanged"):
         Store(tmp_path, "completions").write({"a": 1}, "one")
@@ -488,7 +488,7 @@ def test_every_entry_that_is_read_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("part", ["kind", "request", "answer"])
 def test_entry_without_a_part_is_an_error(part: str, tmp_path: Path) -> None:
-    """A right checksum over an entry that lacks a part is no answer."""
+    """A right checksum over an entry that lacks a part is not an answer."""
     Store(tmp_path, "things").write({"x": 1}, "one")
     path = entry_path(tmp_path)
     entry = {key: value for key, value in json.loads(path.read_text()).items() if key not in {part, "checksum"}}

@@ -174,7 +174,7 @@ def test_trained_candidate_keeps_losses_figures_and_source(run_dir: Path, uri: s
 
 
 def test_artifacts_lie_beside_the_database(run_dir: Path, uri: str, tmp_path: Path) -> None:
-    """A SQLite store keeps the sources in mlartifacts, in the folder of its database."""
+    """A SQLite store keeps the sources in mlartifacts, in the directory of its database."""
     mirror_once(run_dir, uri)
     files = sorted((tmp_path / "mlartifacts").rglob("*.py"))
     assert sorted(file.read_text(encoding="utf-8") for file in files) == ["# g00s00\n", "# g00s01\n"]
