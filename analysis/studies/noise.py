@@ -38,6 +38,11 @@ class Reestimates:
     #: How the networks rank after each epoch, beside their test scores; () of a noise run.
     rankings: tuple[Ranking, ...]
 
+    @property
+    def kind(self) -> str:
+        """What it is, in words."""
+        return "study" if self.rankings else "noise run"
+
     def estimates_of(self, name: str) -> tuple[float, ...]:
         """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
         return next((found for one, found in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
@@ -64,7 +69,7 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         RunError: it is not finished or was edited, a training failed, or the store lacks one.
         StoreError: an entry of the store is damaged.
     """
-    scores = directory.read_finished()
+    _, scores = directory.read_finished()
     header, rows, place = scores.header, scores.rows, str(directory.path)
     if not _trains_alike(header, config, fingerprint):
         return None

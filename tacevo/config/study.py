@@ -16,6 +16,10 @@ def _is_all_or_count(value: int | str) -> bool:
     return value == "all" or (isinstance(value, int) and value >= 1)
 
 
+#: The directory of a finished run.
+Run = Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyStoreConfig(Record):
     """Where trainings are recorded."""
@@ -52,8 +56,7 @@ class StudyConfig(Record):
     """The full training of a run's best networks and its baseline, each with several seeds."""
 
     executor: ExecutorConfig
-    #: The directory of a finished run.
-    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
+    run: Run
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Count
     #: What `best` means.
@@ -75,6 +78,7 @@ class NoiseConfig(Record):
     """The search's own training of a run's elites and its baseline, with other seeds."""
 
     executor: ExecutorConfig
+    run: Run
     #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
     #: Training seeds of each network.
