@@ -51,6 +51,6 @@ def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:
             remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
         )
     losses: dict[str, list[float]] = {}
-    for row in directory.read_finished().rows:
+    for row in directory.read_finished()[1].rows:
         losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
     return {name: median(found) for name, found in losses.items() if max(found) < math.inf}
