@@ -70,7 +70,7 @@ $(PEERS)/.ready: $(READY) benchmarks/peers.txt
 replay: $(READY) ## replay the published runs that come with the project, and compare everything
 	@for run in cache/published/*.zip; do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
 
-# Published runs, or folders of yours: make paper RUNS="DIR DIR"
+# Published runs, or directories of yours: make paper RUNS="DIR DIR"
 RUNS ?= cache/published/force-grammar.zip cache/published/grating-grammar.zip
 
 paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR", into build/paper

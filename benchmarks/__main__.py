@@ -156,7 +156,7 @@ def tracking(*, settings: Sequence[str] = SMALL, rounds: int = 3) -> Iterator[Fi
 
 
 def _search(place: Path, *settings: str) -> None:
-    """Search in a folder, with stores of its own."""
+    """Search in a directory, with stores of its own."""
     search(compose([*settings, f"run.dir={place}/run", f"store.root={place}/cache"]), _silent())
 
 

@@ -117,7 +117,7 @@ def _medians(found: Sequence[Filled]) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="bundle or folder of a run or a sweep")
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="bundle or directory of a run or a sweep")
     for row in rows(parser.parse_args().files):
         print(row, flush=True)
 

@@ -69,7 +69,7 @@ SETTINGS = ("experiment=published_force", "tracking=none", "executor.workers=2")
 class Work:
     """What a contender gets for one search."""
 
-    #: A new folder, in which it may write.
+    #: A new directory, in which it may write.
     place: Path
     #: Address of the server.
     url: str

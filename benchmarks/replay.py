@@ -43,7 +43,7 @@ class Cost:
 
 
 def synthetic_replays(*, generations: Sequence[int] = GENERATIONS) -> Iterator[Figure]:
-    """Replay synthetic runs of two sizes as folders, publish them, and replay the bundles.
+    """Replay synthetic runs of two sizes as directories, publish them, and replay the bundles.
 
     The peer of the larger run is the smaller one, as often as it takes to have as many candidates: the ratio is 1 where
     a candidate costs the same in both.

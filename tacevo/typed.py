@@ -27,8 +27,11 @@ def _finite(value: Json) -> Json:
     return value
 
 
-#: JSON in a record, of finite numbers. (Pydantic reads any JSON here: it cannot build a type that holds itself.)
-FreeJson = Annotated[Json, GetPydanticSchema(lambda _, handler: handler(Any)), AfterValidator(_finite)]
+#: JSON whose numbers something else checks. (Pydantic reads anything here: it cannot build a type that holds itself.)
+UncheckedJson = Annotated[Json, GetPydanticSchema(lambda _, handler: handler(Any))]
+
+#: JSON in a record, of finite numbers.
+FreeJson = Annotated[UncheckedJson, AfterValidator(_finite)]
 
 #: What can stand at a key, by the type of pydantic's error.
 _EXPECTED = {

@@ -90,7 +90,11 @@ def write_document(chapters: Sequence[Chapter], directory: Path) -> Path:
 
 
 def write_chapter(
-    title: str, tables: Sequence[Table], pictures: Sequence[Picture], directory: Path, on_drawn: OnDrawn
+    title: str,
+    tables: Sequence[Table],
+    pictures: Sequence[Picture],
+    directory: Path,
+    on_drawn: OnDrawn = lambda name: None,
 ) -> Chapter:
     """Write what a chapter holds into a directory of its own, beside the document; labels begin with its name.
 

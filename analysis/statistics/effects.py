@@ -6,11 +6,11 @@ a single median one of order statistics: docs/statistics.md says why.
 
 import math
 from dataclasses import asdict, dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
-from scipy.special import ndtri
 
 from analysis.statistics.samples import Sample, checked
 from tacevo.rounding import rounded
@@ -97,7 +97,7 @@ def superiority(x: ArrayLike, y: ArrayLike) -> Interval:
     below = first[:, None] < second[None, :]
     estimate = float((below + 0.5 * (first[:, None] == second[None, :])).mean())
     pairs, more = len(first) * len(second), (len(first) + len(second)) / 2 - 1
-    z = float(ndtri((1 + LEVEL) / 2))
+    z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 
     def outside(chance: float) -> float:
         spread = chance * (1 - chance) * (1 + more * ((1 - chance) / (2 - chance) + chance / (1 + chance))) / pairs

@@ -44,6 +44,11 @@ class Reestimates:
     #: What the recorded fitness of a network is, in words.
     record: str = drawn(1)
 
+    @property
+    def kind(self) -> str:
+        """What it is, in words."""
+        return "study" if self.rankings else "noise run"
+
     def estimates_of(self, name: str) -> tuple[float, ...]:
         """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
         return next((found for one, found in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
@@ -70,7 +75,7 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         RunError: it is not finished or was edited, a training of the baseline failed, or the store lacks one.
         StoreError: an entry of the store is damaged.
     """
-    scores = directory.read_finished()
+    _, scores = directory.read_finished()
     header, rows, place = scores.header, scores.rows, str(directory.path)
     if not _trains_alike(header, config, fingerprint):
         return None

@@ -22,8 +22,7 @@ def load_study(path: Path) -> Study:
         RunError: it does not hold a study, is not finished, was edited, or is not one score for each network and seed;
             the message names the rows.
     """
-    directory = StudyDirectory(path)
-    record, scores = directory.read(), directory.read_finished()
+    record, scores = StudyDirectory(path).read_finished()
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
     found, facts = scores.header, scores.header.data
     if found.terms is None:

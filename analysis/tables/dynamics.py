@@ -182,7 +182,8 @@ def reestimated(run: Run, reestimates: Sequence[Reestimates]) -> tuple[str, floa
     for one in sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name)):
         reference, found = one.noise.networks[0].median, one.of(run.ranked()[0].id)
         if found is not None and reference:
-            return f"re-estimated, median of {counted(one.noise.seeds, 'other seed')}", reference, found.median
+            words = f"re-estimated by a {one.kind}, median of {counted(one.noise.seeds, 'other seed')}"
+            return words, reference, found.median
     return None
 
 

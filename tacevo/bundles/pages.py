@@ -116,7 +116,7 @@ class Subject:
 
 
 def origin_of_answers(run: RecordedRun) -> str:
-    """Say what answered the requests, and plainly where that was no language model."""
+    """Say what answered the requests, and plainly where that was not a language model."""
     config = run.config
     if not _asked(run):
         return "No model was asked: the networks were given."
@@ -196,7 +196,7 @@ def _origin(run: RecordedRun, folder: str) -> str:
         settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"
-            f"    tacevo data simulate {' '.join(settings)} out=FOLDER"
+            f"    tacevo data simulate {' '.join(settings)} out=DIR"
         )
     return (
         f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{data.root}` "

@@ -115,7 +115,7 @@ def _paper(options: argparse.Namespace) -> int:
         check_alike([compared.study for one in found for compared in one.studies])
         directory = output_directory(options.output)
         published = with_published([one.run for one in found])
-        chapters = [write_chapter("The paper beside these runs", published, [], directory / "published", print)]
+        chapters = [write_chapter("The paper beside these runs", published, [], directory / "published")]
         # LaTeX reads no file whose name holds certain characters, so runs are numbered.
         chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(gathered, start=1)]
     document = write_document(chapters, directory)

@@ -3,7 +3,7 @@
 import argparse
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from tacevo.errors import ConfigError
 
@@ -56,14 +56,22 @@ def output_directory(name: str | Path) -> Path:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose files of overrides (`@FILE`) may have empty lines and comments.
+    """A parser whose mistakes are errors as all others, and whose files of overrides (`@FILE`) may have comments.
 
-    The parser of the given command is the parsed `parser`, so that a mistake shows this command's usage.
+    The parser of the given command is the parsed `parser`, so that a mistake names this command.
     """
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.set_defaults(parser=self)
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse a command line.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError(message, place=self.prog, remedy=f"`{self.prog} --help` says what can be given")
 
     def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
         """Read one line of a file of overrides."""

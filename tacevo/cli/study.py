@@ -1,24 +1,27 @@
 """The commands `tacevo study`, of a run or of the jobs of a sweep, and `tacevo noise`."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.given import compose_given, gives_networks
-from tacevo.config.study import StudyConfig
+from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 from tacevo.studies.given import record_given
 from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
-from tacevo.text import counted
+from tacevo.text import counted, listed
+
+Configured = TypeVar("Configured", StudyConfig, NoiseConfig)
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
-    "run": "the directory of a finished run, whose networks are studied; or",
+    "run": "the directory of a finished run, whose networks are studied, and may stand alone: RUN; or",
     "sweep": "that of a sweep: a study of each finished job, with its best elite; or",
     "networks": "files of networks, directories and patterns of such; none for the baseline of task= alone",
     "elites": "how many elites of run=, best first, beside the baseline (4)",
@@ -39,6 +42,7 @@ SETTINGS = {
 
 #: The same of a noise run; conf/noise.yaml has the defaults.
 NOISE_SETTINGS = {
+    "run": SETTINGS["run"],
     "elites": "how many elites, best validation loss first, beside the baseline (all)",
     "seeds": "training seeds of each network (5)",
     "executor.workers": SETTINGS["executor.workers"],
@@ -91,7 +95,6 @@ def add_noise(parser: Parser) -> None:
         "so that tables and report can say what its recorded fitnesses are worth. No test image is used. The exit "
         "status\nis 1 if a training did not finish."
     )
-    parser.add_argument("run", metavar="RUN", help="the directory of a finished run")
     _finish(parser, NOISE_SETTINGS, _NOISE_EPILOG)
     parser.set_defaults(command=_noise)
 
@@ -103,8 +106,24 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
     parser.epilog = f"settings, with their defaults:\n{settings}\n\n{examples}{_CONTINUED}"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.fromfile_prefix_chars = "@"
-    parser.add_argument("overrides", nargs="*", metavar="SETTING", help="KEY=VALUE, or @FILE with one of them a line")
+    settings = "KEY=VALUE, or @FILE with one of them a line; RUN stands for run=RUN"
+    parser.add_argument("overrides", nargs="*", metavar="RUN or SETTING", help=settings)
     parser.set_defaults(interrupted="the trainings that ended are kept, and the same command continues")
+
+
+def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[str]) -> Configured:
+    """Compose the settings of a command, one of which, the run, may be given as a bare word.
+
+    Raises:
+        ConfigError: as `compose`, or two runs are named.
+    """
+    runs = [word for word in words if "=" not in word or Path(word).exists()]
+    settings = [word for word in words if word not in runs]
+    if not runs:
+        return compose(settings)
+    if named := [*runs[1:], *(setting for setting in settings if setting.startswith("run="))]:
+        raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
+    return replace(compose([*settings, "run=RUN"]), run=runs[0])
 
 
 def _study(options: argparse.Namespace) -> int:
@@ -114,7 +133,7 @@ def _study(options: argparse.Namespace) -> int:
             studied = study(replace(config, run=str(record_given(run, files, view))), view)
     else:
         data = [override for override in options.overrides if override.startswith(("data=", "data."))]
-        config = compose_study([override for override in options.overrides if override not in data])
+        config = _composed(compose_study, [override for override in options.overrides if override not in data])
         if config.sweep is not None:
             if data:
                 expected = "no setting of data with sweep=: jobs are compared on their own data"
@@ -136,9 +155,9 @@ def _study_sweep(sweep: Path, config: StudyConfig) -> int:
 
 
 def _noise(options: argparse.Namespace) -> int:
-    config = compose_noise(options.overrides)
+    config = _composed(compose_noise, options.overrides)
     with Progress() as view:
-        studied = estimate_noise(Path(options.run), config, view)
+        studied = estimate_noise(config, view)
     return _report(studied, "noise run", "lower elites=")
 
 

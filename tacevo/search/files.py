@@ -115,7 +115,7 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     """Check that the candidates begin with the baseline, and name earlier ones and instructions of the task.
 
     A replay finds every edit; this is for what reads a run without replaying it. Files are found by a candidate's id,
-    which therefore is no path.
+    which therefore is not a path.
 
     Raises:
         RunError: one of them does not.

@@ -16,7 +16,7 @@ from typing import Generic, Self, TypeVar
 from tacevo.errors import DivergenceError, RunError
 from tacevo.records import Json, written
 from tacevo.storage.canonical import canonical, content_hash, differences, shown, value_at
-from tacevo.typed import FreeJson, convert, parse
+from tacevo.typed import UncheckedJson, convert, parse
 
 #: A record of one line.
 L_co = TypeVar("L_co", covariant=True)
@@ -167,7 +167,7 @@ def read_line(text: bytes, kind_of: KindOf[L_co], place: str) -> tuple[L_co, str
     Raises:
         RunError: it is not a line of such a ledger.
     """
-    entry = parse(dict[str, FreeJson], text, place=place, error=RunError, remedy=_RESTORE)
+    entry = parse(dict[str, UncheckedJson], text, place=place, error=RunError, remedy=_RESTORE)
     kind = kind_of(entry)
     if kind is None:
         raise RunError(_brief(entry), place=place, expected="a line of a known kind", remedy=_RESTORE)

@@ -125,21 +125,21 @@ class StudyDirectory:
             )
         return Scores(header=headers[0], rows=rows, digest=sealed.digest)
 
-    def read_finished(self) -> Scores:
-        """Read the scores, and compare their digest with study.json's; for what uses them without a replay.
+    def read_finished(self) -> tuple[StudyRecord, Scores]:
+        """Read study.json and the scores, and compare their digests; for what uses them without a replay.
 
         Raises:
             RunError: as `read_scores`, or the digests differ.
         """
-        scores = self.read_scores()
-        if self.read().digest != scores.digest:
+        record, scores = self.read(), self.read_scores()
+        if record.digest != scores.digest:
             raise RunError(
                 "another digest, or none",
                 place=f"{self.path}/study.json",
                 expected="the digest that scores.jsonl ends with",
                 remedy=_CONTINUES,
             )
-        return scores
+        return record, scores
 
     def _lines(self) -> Sealed[StudyHeader | ScoreLine | FailedLine]:
         try:

@@ -117,14 +117,14 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
     return _carry_out(plan, config.elites if searched else 0, config.executor, view, elsewhere)
 
 
-def estimate_noise(path: Path, config: NoiseConfig, view: Progress) -> Studied:
+def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
     """Train the elites of a finished run as its search did, with other seeds, or resume such a noise run.
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_recorded(path, config.store.root)
+    run = read_recorded(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
     training = recipe_of(run.config)
     plan = _plan(

@@ -96,7 +96,7 @@ def test_only_shared_seeds_are_paired() -> None:
 
 
 def test_identical_values_are_not_tested() -> None:
-    """The same network archive seed by seed is no finding of p = 1; other arms are corrected as if it were."""
+    """The same network archive seed by seed is not a finding of p = 1; other arms are corrected as if it were."""
     found = compare_arms(outcomes({"none": NONE, "same": NONE, "better": BETTER}))
     same = contrast(found, "same")
     assert (same.comparability, same.test, same.p_holm, same.effects) == (Comparability.identical, None, None, None)
@@ -169,7 +169,7 @@ def test_one_value_everywhere_is_identical() -> None:
 
 @pytest.mark.parametrize(("none", "other"), [([0.5], [0.4, 0.3]), ([0.5, 0.6], [0.4]), ([0.5], [0.5])])
 def test_single_seed_has_neither_interval_nor_test(none: list[float], other: list[float]) -> None:
-    """One run is no sample, on either side."""
+    """One run is not a sample, on either side."""
     found = compare_arms(outcomes({"none": none, "a": other}))
     it = contrast(found, "a")
     assert (it.comparability, it.test, it.effects, it.paired.difference) == (
@@ -255,7 +255,7 @@ def test_another_arm_draws_no_numbers_of_this_one() -> None:
 
 
 def test_unknown_values_are_left_out() -> None:
-    """A run whose tokens nobody wrote down is no run of 0 tokens."""
+    """A run whose tokens nobody wrote down is not a run of 0 tokens."""
     found = compare_arms(outcomes({"none": NONE, "a": BETTER}))
     assert found.arms[0].metrics[Metric.tokens].median is None
     assert contrast(found, "a", Metric.tokens).comparability is Comparability.too_few_seeds
@@ -311,5 +311,5 @@ def test_run_that_ended_early_stays_where_it_ended() -> None:
 
 
 def test_search_of_generation_0_has_no_trainable_share() -> None:
-    """Generation 0 is no generation of the search."""
+    """Generation 0 is not a generation of the search."""
     assert values_of(run_to(0.5))[Metric.trainable] is None

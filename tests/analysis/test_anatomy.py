@@ -103,13 +103,13 @@ def test_no_shortcut_is_made_up(steps: Steps) -> None:
 
 
 def test_shortcut_is_no_part_of_the_trunk() -> None:
-    """Its projection is no 1x1 convolution of the network, its pooling no pooling."""
+    """Its projection is not a 1x1 convolution of the network, nor its pooling a pooling."""
     found = read(lambda net, x: net.point(F.avg_pool2d(x, 2)) + net.same(F.max_pool2d(x, 2)))
     assert (found.pointwise, found.average_pools, found.max_pools, found.blocks) == (0, 0, 1, 2)
 
 
 def test_separable_convolution_is_one_block() -> None:
-    """Its width is that of its second half, which is no 1x1 convolution of its own."""
+    """Its width is that of its second half, which is not a 1x1 convolution of its own."""
     found = read(lambda net, x: net.narrow(net.wide(net.depthwise(x).relu()).relu()))
     assert found.convolutions[1] == Convolution(channels=16, kernel=3, strided=False, depthwise=True)
     assert (found.blocks, found.pointwise) == (2, 1)
@@ -178,7 +178,7 @@ def test_norms_and_dropouts_have_a_place() -> None:
 
 
 def test_layers_of_tokens_are_no_head() -> None:
-    """A linear layer on every position is no layer of the head, one on the vector is."""
+    """A linear layer on every position is not a layer of the head, one on the vector is."""
     found = read(lambda net, x: net.hidden(net.hidden(x.flatten(2).transpose(1, 2)).mean(1)))
     assert (found.head, found.hidden, found.head_depth) == ((8, 3), (8,), 2)
 

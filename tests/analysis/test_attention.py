@@ -147,7 +147,7 @@ def test_decoy_attends_to_nothing(decoy: nn.Module) -> None:
 
 @pytest.mark.parametrize("attend", [spatial_gate, shifted_excitation, rescaled])
 def test_gate_is_no_part_of_the_trunk(attend: Attend) -> None:
-    """Its convolution is no block, its sigmoid no activation, its pooling no pooling; x + x * gate is no shortcut."""
+    """Its convolution is not a block, nor its sigmoid an activation, its pooling a pooling, x + x * gate a shortcut."""
     assert replace(anatomy_of(Weighted(attend)), attention=frozenset()) == anatomy_of(Weighted())
 
 

@@ -183,6 +183,6 @@ def test_baseline_alone_is_refused() -> None:
 
 
 def test_margin_relative_to_nothing_is_refused() -> None:
-    """A tenth of an error of 0 is no margin."""
+    """A tenth of an error of 0 is not a margin."""
     with refused(RunError, place="the baseline's median mse", got="0", remedy="margins.KIND.kind=absolute"):
         compare(study_of({"baseline": [0.0] * 5, "variant 1": [0.0, 0.1, 0.2, 0.3, 0.4]}))

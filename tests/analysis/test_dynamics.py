@@ -60,7 +60,7 @@ def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
 
 
 def test_copy_is_the_source_of_a_parent() -> None:
-    """A child that equals a candidate which is not its parent is no copy."""
+    """A child that equals a candidate which is not its parent is not a copy."""
     slots = [trained(0, 0), trained(0, 1), trained(1, 0, source="g00s00"), trained(1, 1, source="g00s01")]
     assert copies(run(slots, [])) == {"g01s00"}
 

@@ -1,114 +1,26 @@
-"""Promise: every figure says what its records say, is as wide as a column, and has the same bytes whenever drawn.
+"""Promise: every figure says what its records say."""
 
-What a person must judge, whether a figure is legible, no test here claims.
-"""
-
-import io
-import os
 import re
-import subprocess
-import sys
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-from hand_runs import bounds_of, closed, elite, prompt_trial, rejected, run, trained
-from kept import gratings
+from drawings import CENTROIDS, ELITES, FORCES, MEDIANS, RUN, SLOTS, confused, of_networks
+from hand_runs import bounds_of, closed, run, trained
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from PIL import Image
 from studies import study_of
 
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
-from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
-from analysis.figures.style import house_style, render
+from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.figures.style import render
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.studies.images import image_findings
-from analysis.studies.scores import Study
-from tacevo.records import Kind, Reason, Stage
-from tacevo.search.archive import find_centroids
-
-CENTROIDS = np.array(find_centroids(niches=9, dimensions=2, samples=300, seed=0))
-
-SLOTS = [
-    trained(0, 0, 0.8),
-    trained(0, 1, 0.6, temperature=0.55, descriptors=(0.2, 11.0)),
-    trained(1, 0, 0.4, parents=("g00s01",), prompt=0, temperature=0.62, descriptors=(0.4, 14.0)),
-    trained(1, 1, 0.5, parents=("g00s00", "g00s01"), prompt=None),
-    rejected(1, 2, Stage.policy, Reason.forbidden_import, prompt=1),
-    rejected(2, 0, Stage.extract, Reason.no_class),
-]
-ELITES = [
-    elite("g00s01", niche=2, fitness=0.6),
-    elite("g01s00", niche=7, fitness=0.4),
-]
-TRIALS = (
-    prompt_trial(niche=1, prompt=0, temperature=0.6, inserted=True, curiosity=1.7),
-    prompt_trial(niche=4, prompt=1, temperature=0.65, inserted=False, curiosity=0.5),
-)
-RUN = replace(
-    run(
-        SLOTS,
-        [closed(0, 0.6, trained=2, candidates=2), closed(1, 0.4, trained=2, candidates=3), closed(2, None, trained=0)],
-        elites=ELITES,
-        bounds=((0.1, 0.5), (10.0, 20.0)),
-    ),
-    prompt_trials=TRIALS,
-)
-#: Of the archive after each generation.
-MEDIANS = [0.7, 0.5, 0.5]
-CALIBRATED = image_findings(*gratings()).calibrations
-FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
-
-
-def confused() -> Study:
-    """Return a study of a classification in which every network mistakes one image of class b for a c."""
-    networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
-    study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
-    counts = ((4, 0, 0), (0, 2, 1), (0, 0, 3))
-    return replace(
-        study,
-        data=replace(study.data, names=("a", "b", "c")),
-        scores=tuple(replace(one, confusion=counts) for one in study.scores),
-    )
-
-
-def of_networks(study: Study, count: int) -> Study:
-    """Keep the first networks of a study."""
-    return replace(study, networks=study.networks[:count])
-
-
-DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
-    "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
-    "trainable": (lambda: trainable(progress(RUN)), 3.5),
-    "growth": (lambda: growth(RUN, 9, 6), 3.5),
-    "temperature": (lambda: temperature(RUN), 3.5),
-    "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
-    "prompt_map": (lambda: prompt_map(RUN, CENTROIDS, range(9)), 3.5),
-    "prompt_productivity": (lambda: prompt_productivity(by_prompt(RUN)), 3.5),
-    "lineage": (lambda: lineage(find_lineage(RUN, "g01s01")), 3.5),
-    "training_curves": (lambda: training_curves([SLOTS[0], SLOTS[2]]), 3.5),
-    "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
-    "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
-    "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
-    "reliability": (lambda: reliability("grating", CALIBRATED), 7.16),
-    "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),
-}
-
-
-@pytest.fixture(scope="module", params=DRAWN)
-def figure(request: pytest.FixtureRequest) -> tuple[Figure, bytes]:
-    """Return every figure in turn, drawn once, and its picture."""
-    drawn = DRAWN[request.param][0]()
-    return drawn, render(drawn, ".png")
+from tacevo.records import Kind
 
 
 def texts(figure: Figure) -> list[str]:
@@ -133,94 +45,6 @@ def cells_of(axes: Axes, label: str | None) -> int:
     found = [one for one in axes.collections if isinstance(one, PolyCollection)]
     chosen = [one for one in found if (one.get_label() == label if label else one.get_array() is not None)]
     return sum(len(one.get_paths()) for one in chosen)
-
-
-def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, bytes], request: pytest.FixtureRequest) -> None:
-    """To the pixel: nothing is cropped or added when it is saved."""
-    (width,) = (width for name, (_, width) in DRAWN.items() if f"[{name}]" in request.node.name)
-    assert Image.open(io.BytesIO(figure[1])).width == int(width * 300)
-
-
-def test_letters_have_7_or_8_points(figure: tuple[Figure, bytes]) -> None:
-    """Sub- and superscripts aside, which are parts of a text."""
-    sizes = {text.get_fontsize() for text in figure[0].findobj(Text) if isinstance(text, Text) and text.get_text()}
-    assert sizes <= {7.0, 8.0}
-
-
-def test_no_text_leaves_its_figure(figure: tuple[Figure, bytes]) -> None:
-    """Every word that is drawn lies within the page; half a point of slack for what surrounds the letters."""
-    drawn, _ = figure
-    with house_style():
-        drawn.draw_without_rendering()
-    page = drawn.bbox.padded(0.5 * drawn.dpi / 72)
-    hidden = [text for axes in drawn.axes for text in _hidden_ticks(axes)]
-    shown = [text for text in drawn.findobj(Text) if isinstance(text, Text) and text.get_text() and text.get_visible()]
-    assert shown
-    for text in shown:
-        if text not in hidden:
-            box = text.get_window_extent()
-            assert page.x0 <= box.x0, text.get_text()
-            assert box.x1 <= page.x1, text.get_text()
-            assert page.y0 <= box.y0, text.get_text()
-            assert box.y1 <= page.y1, text.get_text()
-
-
-def _hidden_ticks(axes: Axes) -> list[Text]:
-    """List the labels of ticks outside the limits, which Matplotlib keeps and never draws."""
-    hidden = []
-    for axis in (axes.xaxis, axes.yaxis):
-        low, high = sorted(axis.get_view_interval())
-        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-        hidden += [label for tick in ticks if not low <= tick.get_loc() <= high for label in (tick.label1, tick.label2)]
-    return hidden
-
-
-@pytest.mark.parametrize("name", DRAWN)
-def test_drawn_twice_it_has_the_same_bytes(name: str) -> None:
-    """Two drawings of the same records are one file."""
-    draw, _ = DRAWN[name]
-    assert render(draw(), ".svg") == render(draw(), ".svg")
-
-
-@pytest.mark.slow
-def test_bytes_do_not_depend_on_the_process() -> None:
-    """Neither the seed of Python's hashes nor the user's own Matplotlib settings nor the time enters a file."""
-    code = (
-        "import hashlib, sys, matplotlib; sys.path[:0] = ['tests/support', 'tests/analysis']; "
-        "matplotlib.rcParams['font.size'] = 5 * int(sys.argv[1]);"
-        "import test_figures as t; from analysis.figures.style import render;"
-        "[print(hashlib.sha256(render(t.DRAWN[name][0](), ending)).hexdigest())"
-        " for name in ('prompt_map', 'trainable', 'confusion_matrices') for ending in ('.pdf', '.svg', '.png')]"
-    )
-    outputs = set()
-    for seed in ("1", "2"):
-        command, variables = [sys.executable, "-c", code, seed], {**os.environ, "PYTHONHASHSEED": seed}
-        root = Path(__file__).parents[2]
-        done = subprocess.run(command, cwd=root, env=variables, capture_output=True, text=True, check=True)
-        outputs.add(done.stdout)
-    assert [len(output.split()) for output in outputs] == [9]
-
-
-def test_fonts_are_embedded_as_truetype() -> None:
-    """Type 3 fonts, which many journals refuse, are in no PDF."""
-    content = render(network_map(RUN, CENTROIDS), ".pdf")
-    assert b"/FontFile2" in content
-    assert b"/Type3" not in content
-    assert b"CreationDate" not in content
-
-
-def test_text_of_an_svg_is_text() -> None:
-    """It can be searched for and read out."""
-    assert b">Architectural Diversity<" in render(network_map(RUN, CENTROIDS), ".svg")
-
-
-def test_drawing_leaves_no_state_behind() -> None:
-    """Neither the global settings change nor does pyplot, which keeps every figure, ever come in."""
-    before = dict(mpl.rcParams)
-    render(fitness_evolution(RUN, MEDIANS), ".png")
-    assert dict(mpl.rcParams) == before
-    code = "import sys, analysis.report.figure_list; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_map_draws_every_niche() -> None:

@@ -182,7 +182,7 @@ def test_equal_sources_are_one_network() -> None:
 
 
 def test_archive_smaller_than_the_top_is_counted_whole() -> None:
-    """Three elites, one of which is the baseline, are no four."""
+    """Three elites, one of which is the baseline, are not four."""
     hand, profiles = searched()
     assert count_motifs(hand, read_anatomies(hand, profiles)).top == 2
 

@@ -70,7 +70,7 @@ def test_improvement_is_one_draw_until_it_is_re_estimated() -> None:
     """Then the re-estimate stands below it: 20 % by one draw is a third worse by the medians of three seeds."""
     alone, beside = improvement_table(searched()), improvement_table(searched(), [reestimates()])
     assert alone.notes == beside.notes == (ONE_DRAW,)
-    words = "re-estimated, median of 3 other seeds"
+    words = "re-estimated by a noise run, median of 3 other seeds"
     assert beside.rows == (
         *alone.rows,
         (f"fitness of the baseline, {words}", 0.6),

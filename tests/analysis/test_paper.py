@@ -33,7 +33,7 @@ def engine(folder: Path, name: str, script: str) -> Path:
 
 
 def search_in(folder: Path, name: str) -> str | None:
-    """Find a program in one folder only."""
+    """Find a program in one directory only."""
     return shutil.which(name, path=os.fspath(folder))
 
 
@@ -54,7 +54,7 @@ def test_chapter_names_the_files_that_it_wrote(tmp_path: Path) -> None:
     """What the document asks for lies there, seen from the document."""
     table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
     picture = Picture(name="lineage", caption="c.", draw=lambda: Figure(figsize=(3.5, 1)))
-    chapter = write_chapter("run", [table], [picture], tmp_path / "run1", lambda name: None)
+    chapter = write_chapter("run", [table], [picture], tmp_path / "run1")
     assert [*chapter.tables, *(figure.file for figure in chapter.figures)] == ["run1/gate.tex", "run1/lineage.pdf"]
     assert all(
         (tmp_path / file).is_file() for file in ("run1/gate.tex", "run1/gate.md", "run1/gate.csv", "run1/lineage.pdf")
@@ -65,7 +65,7 @@ def test_chapters_of_one_task_share_no_label(tmp_path: Path) -> None:
     """Two runs have tables and figures of the same names; a reference still means one thing."""
     table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
     picture = Picture(name="lineage", caption="c.", draw=lambda: Figure(figsize=(3.5, 1)))
-    chapters = [write_chapter("t", [table], [picture], tmp_path / name, lambda name: None) for name in ("run1", "run2")]
+    chapters = [write_chapter("t", [table], [picture], tmp_path / name) for name in ("run1", "run2")]
     texts = [(tmp_path / chapter.tables[0]).read_text() for chapter in chapters]
     labels = re.findall(r"\\label\{(.*?)\}", "".join([*texts, document(chapters)]))
     assert sorted(labels) == ["fig:run1:lineage", "fig:run2:lineage", "tab:run1:gate", "tab:run2:gate"]
@@ -81,7 +81,7 @@ def test_latex_sets_the_document(tmp_path: Path) -> None:
     empty = Table(name="empty", caption="c", columns=("x",), rows=())
     picture = Picture(name="lineage", caption=every, draw=lambda: Figure(figsize=(3.5, 1)))
     tables = [wide, narrow, empty]
-    chapters = [write_chapter(every, tables, [picture], tmp_path / name, lambda name: None) for name in ("a", "b")]
+    chapters = [write_chapter(every, tables, [picture], tmp_path / name) for name in ("a", "b")]
     pdf = make_pdf(write_document(chapters, tmp_path), shutil.which)
     assert pdf is not None
     assert pdf.read_bytes().startswith(b"%PDF")
@@ -92,7 +92,7 @@ def test_latex_sets_the_document(tmp_path: Path) -> None:
 def test_without_latex_there_is_no_pdf(tmp_path: Path) -> None:
     """The document stays, to be compiled elsewhere."""
     source = write_document([CHAPTER], tmp_path)
-    assert make_pdf(source, lambda name: None) is None
+    assert make_pdf(source) is None
     assert list(tmp_path.iterdir()) == [source]
 
 

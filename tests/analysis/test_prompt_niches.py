@@ -49,7 +49,7 @@ def test_temperatures_follow_from_start_and_step_and_end_at_the_limits() -> None
 
 
 def test_run_without_trials_reaches_nothing() -> None:
-    """The mutations of generation 0 are no trials."""
+    """The mutations of generation 0 are not trials."""
     run = run_of(0, rule="stall")
     assert reachable_temperatures(run) == frozenset()
     assert reachable_prompt_niches(run, np.array([[0.5, 0.5]])) == frozenset()

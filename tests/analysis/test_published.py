@@ -148,7 +148,7 @@ def test_kinds_of_data_and_names_of_models_are_told() -> None:
     ],
 )
 def test_differences_of_the_set_up_are_named(settings: list[str], named: str) -> None:
-    """Of shipped configurations, and only those; the niches, which the paper does not state, are no difference."""
+    """Of shipped configurations, and only those; the niches, which the paper does not state, are not a difference."""
     assert beside_published([run_of(*settings)]).notes[-1] == f"Set up otherwise in hand: {named}."
 
 

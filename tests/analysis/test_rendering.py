@@ -168,7 +168,7 @@ def test_table_without_rows_is_still_a_table() -> None:
 
 
 def test_older_table_is_replaced_and_a_failed_one_stays(tmp_path: Path) -> None:
-    """A second writing leaves just the new files; a folder in the way is named."""
+    """A second writing leaves just the new files; a directory in the way is named."""
     for _ in range(2):
         write_tables([TABLE], tmp_path)
         assert {path.name for path in tmp_path.iterdir()} == table_texts(TABLE).keys()

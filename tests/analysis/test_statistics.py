@@ -115,7 +115,7 @@ def test_values_that_are_not_finite_name_their_seeds(bad: list[float]) -> None:
 
 @pytest.mark.parametrize("bad", [[], [1.0], [[1.0, 2.0]]])
 def test_wrong_shapes_are_refused(bad: list[float]) -> None:
-    """One value has no spread, and a table of values is no sample."""
+    """One value has no spread, and a table of values is not a sample."""
     with pytest.raises(ValueError, match=r"x must have shape \(n,\) with n >= 2 seeds; got shape"):
         mann_whitney(bad, [1, 2, 3])
 

@@ -101,7 +101,8 @@ def test_runs_that_one_budget_ended_may_differ_in_their_generations() -> None:
 
 @pytest.mark.parametrize("package", CHECKED)
 def test_other_versions_are_refused(package: str) -> None:
-    """Of all that can change a result."""
+    """Of all that can change a result; a mirror of another version decides nothing."""
+    beside(finished("a", 0, replace(RUN, versions={**VERSIONS, "mlflow": "9.9"})))
     other = finished("a", 0, replace(RUN, versions={**VERSIONS, package: "2.0"}))
     values = '"1.0" in none-seed0 and "2.0" in a-seed0'
     with refused(IncomparableError, place=f"version of {package}", got=values, remedy="store.root"):
@@ -124,11 +125,6 @@ def test_other_rules_are_refused(eras: Sequence[RulesLine], words: str) -> None:
     first = '"static 1, probe 4, training 1, core 1" in none-seed0'
     with refused(IncomparableError, place="rules", got=f'{first} and "{words}" in a-seed0'):
         beside(finished("a", 0, replace(RUN, eras=tuple(eras))))
-
-
-def test_versions_that_change_no_result_may_differ() -> None:
-    """A mirror of another version decides nothing."""
-    beside(finished("a", 0, replace(RUN, versions={**VERSIONS, "mlflow": "9.9"})))
 
 
 def test_arm_of_two_configurations_is_refused() -> None:

@@ -73,7 +73,7 @@ def test_lost_centroids_are_computed_and_checked(published: Path, tmp_path: Path
 
 
 def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
-    """A broken entry is no reason to compute silently."""
+    """A broken entry is not a reason to compute silently."""
     shutil.copytree(published / "cache" / "centroids", tmp_path / "centroids")
     for path in (tmp_path / "centroids").rglob("*.json"):
         path.write_text("{}")

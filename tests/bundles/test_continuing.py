@@ -21,7 +21,7 @@ MORE = ["search.generations=2", UNTRACKED, "run.dir=mine"]
 
 
 def content(folder: Path) -> dict[Path, bytes]:
-    """Read every file of a folder."""
+    """Read every file of a directory."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
@@ -85,7 +85,7 @@ def test_edited_run_is_not_continued(published: Path, place: Path, capsys: pytes
 def test_published_folder_is_no_place_for_the_new_run(
     published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was published stays as it is, however the user spells its folder."""
+    """What was published stays as it is, however the user spells its directory."""
     same = f"run.dir={published}/../published/run"
     assert main(["continue", str(published / "run"), *MORE, same]) == 2
     assert "run.dir: expected another directory than that of the published run" in capsys.readouterr().err
@@ -124,7 +124,7 @@ def test_override_that_makes_another_run_is_refused_by_name(override: str, named
 
 @pytest.mark.parametrize("generations", [0, 1])
 def test_run_that_is_not_longer_is_refused(generations: int) -> None:
-    """As many generations as the run has, or fewer, are no continuation."""
+    """As many generations as the run has, or fewer, are not a continuation."""
     with refused(ConfigError, place="search.generations", expected="more than the 1", got=f"{generations}"):
         continued(compose(TINY), [f"search.generations={generations}"], end=1)
 

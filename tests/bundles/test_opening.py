@@ -21,7 +21,7 @@ def test_folder_is_opened_where_it_lies(published: Path) -> None:
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
-    """A folder of the run's own name, stores beside it, and neither afterwards."""
+    """A directory of the run's own name, stores beside it, and neither afterwards."""
     with opened(published / "run.zip") as found:
         assert found.folder.name == "run"
         assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
@@ -32,7 +32,7 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    """Neither a folder of something else nor a name of nothing."""
+    """Neither a directory of something else nor a name of nothing."""
     for path, words in ((tmp_path, "expected the directory of a run"), (tmp_path / "missing", "does not exist")):
         with pytest.raises(RunError, match=words), opened(path):
             pass
@@ -40,7 +40,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
 
 @pytest.fixture
 def swept(tmp_path: Path) -> tuple[SweepDirectory, Job]:
-    """Give a sweep of one job, finished, whose failure of an earlier time still stands there."""
+    """Return a sweep of one job, finished, whose failure of an earlier time still stands there."""
     directory = SweepDirectory(tmp_path / "sweep")
     job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
     begin(directory, job)
@@ -66,7 +66,7 @@ def test_job_whose_ledger_lost_its_end_is_not_finished(swept: tuple[SweepDirecto
 
 
 def fail_within(place: Path, error: type[BaseException], made: list[Path]) -> None:
-    """Fail over a file in the private folder that stands for a place, and say where that was."""
+    """Fail over a file in the private directory that stands for a place, and say where that was."""
     with private_folder(place) as folder:
         made.append(folder)
         raise error(f"{folder}/run/a.json differs")
@@ -82,7 +82,7 @@ def test_private_folder_is_gone_after_an_error(error: type[BaseException], tmp_p
 
 
 def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> None:
-    """A user never sees the temporary folder."""
+    """A user never sees the temporary directory."""
     made: list[Path] = []
     with pytest.raises(DivergenceError, match=rf"^{tmp_path}/x\.zip/run/a\.json differs$"):
         fail_within(tmp_path / "x.zip", DivergenceError, made)

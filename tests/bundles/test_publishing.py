@@ -22,7 +22,7 @@ from tacevo.storage.store import KINDS, Store
 
 
 def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> None:
-    """Another folder and name of the run, other stores, time zone, umask, hash seed, locale and working directory."""
+    """Another directory and name of the run, other stores, time zone, umask, hash seed, locale, working directory."""
     shutil.copytree(published / "run", tmp_path / "elsewhere")
     shutil.copytree(published / "cache", tmp_path / "stores")
     Store(tmp_path / "stores", "completions").write({"of": "another run"}, {"x": 1})
@@ -46,7 +46,7 @@ def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> No
 
 
 def test_nothing_tells_of_the_machine(published: Path) -> None:
-    """Neither a folder nor the host's name stands in any member, packed or not."""
+    """Neither a directory nor the host's name stands in any member, packed or not."""
     members = members_of(published / "run.zip")
     members[STORE] = lzma.decompress(members[STORE])
     told = [name for name, data in members.items() if str(published).encode() in data or b"/tmp/" in data]
@@ -186,7 +186,7 @@ def test_terms_that_cannot_be_used_are_refused(
 
 @pytest.mark.slow
 def test_retrained_bundle_keeps_its_images_in_a_new_folder(published: Path, tmp_path: Path) -> None:
-    """Its own stores are packed, so `--store` may name a folder that is yet to be made."""
+    """Its own stores are packed, so `--store` may name a directory that is yet to be made."""
     command = ["replay", str(published / "run.zip"), "--retrain", "1", "--store", str(tmp_path / "new")]
     assert main(command) == 0
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["data"]
@@ -217,7 +217,7 @@ def test_study_of_another_place_is_refused(published: Path, tmp_path: Path, caps
 def test_run_that_its_stores_do_not_give_is_not_published(
     published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Publishing begins with a replay; the message names the user's folder, and no file is left."""
+    """Publishing begins with a replay; the message names the user's directory, and no file is left."""
     shutil.copytree(published / "run", tmp_path / "run")
     edited = tmp_path / "run" / "candidates" / "g00s00.py"
     edited.write_text(edited.read_text() + "# edited\n")

@@ -21,7 +21,7 @@ from tacevo.storage.sweep_directory import SweepDirectory, sweep_digest
 
 @pytest.fixture
 def whole(swept: Path) -> Members:
-    """Give the members of a sound bundle."""
+    """Return the members of a sound bundle."""
     return members_of(swept / "sweep.zip")
 
 
@@ -32,14 +32,14 @@ def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
 
 
 def run_of(members: Members, job: str) -> Members:
-    """Give the files of one job's run, without its folder."""
+    """Return the files of one job's run, without its directory."""
     place = f"sweep/{job}/"
     return {name.removeprefix(place): data for name, data in members.items() if name.startswith(place)}
 
 
 @pytest.mark.slow
 def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
-    """Another folder and name of the sweep, other stores, and more in them."""
+    """Another directory and name of the sweep, other stores, and more in them."""
     shutil.copytree(swept / "sweep", tmp_path / "elsewhere")
     shutil.copytree(swept / "cache", tmp_path / "stores")
     Store(tmp_path / "stores", "completions").write({"of": "another run"}, {"x": 1})
@@ -58,7 +58,7 @@ def test_published_sweep_can_be_published_again(swept: Path, tmp_path: Path) -> 
 
 
 def test_nothing_tells_of_the_machine(swept: Path, whole: Members) -> None:
-    """Neither sweep.json nor a run nor the store names a folder."""
+    """Neither sweep.json nor a run nor the store names a directory."""
     whole[STORE] = lzma.decompress(whole[STORE])
     assert [name for name, data in whole.items() if str(swept).encode() in data or b"/tmp/" in data] == []
 
@@ -86,7 +86,7 @@ def test_pages_say_what_it_is(whole: Members) -> None:
 def test_replay_tells_every_digest_and_the_sweeps(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A published sweep and its folder give the same; in an empty folder, nothing else is needed."""
+    """A published sweep and its directory give the same; in an empty directory, nothing else is needed."""
     monkeypatch.chdir(tmp_path)
     digests = {job: str(RunDirectory(swept / "sweep" / job).read_run().digest) for job in OWN}
     for place in ("sweep", "sweep.zip"):
@@ -164,7 +164,7 @@ def test_edited_job_is_found(change: dict[str, Any], words: str, whole: Members,
 
 
 def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None:
-    """The jobs and the folders are the same."""
+    """The jobs and the directories are the same."""
     told = json.loads(whole[JOBS])
     fewer = {**told, "jobs": told["jobs"][:2]}
     refused({**whole, JOBS: jobs_text(fewer)}, "got directory 'fixed_temperature-seed0', which is not a job")

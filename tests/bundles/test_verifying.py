@@ -1,6 +1,6 @@
 """Promise: whoever edits a published run is found out, also where all checksums were written anew; nothing is left.
 
-What nobody can find from a bundle alone, and hence is no part of the promise: figures and pages whose checksums were
+What nobody can find from a bundle alone, and hence is not part of the promise: figures and pages whose checksums were
 written anew (the bundle's digest is another one then), and records that were all made up to fit each other, which
 `--retrain` finds.
 """
@@ -34,13 +34,13 @@ from tacevo.storage.store import KINDS
 
 @pytest.fixture
 def whole(published: Path) -> Members:
-    """Give the members of a sound bundle."""
+    """Return the members of a sound bundle."""
     return members_of(published / "run.zip")
 
 
 @pytest.fixture(autouse=True)
 def _nothing_stays_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Keep temporary files in a folder of their own, which must be empty at the end."""
+    """Keep temporary files in a directory of their own, which must be empty at the end."""
     (tmp_path / "temporary").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     yield
@@ -75,7 +75,7 @@ def changed(entries: list[dict[str, Any]], kind: str, change: Callable[[Any], ob
 
 
 def test_replay_needs_nothing_but_the_bundle(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In an empty folder, it says what was compared, and ends with the run's digest."""
+    """In an empty directory, it says what was compared, and ends with the run's digest."""
     assert main(["replay", str(published / "run.zip")]) == 0
     said = capsys.readouterr().out
     digest = json.loads((published / "run" / "run.json").read_text())["digest"]
@@ -86,7 +86,7 @@ def test_replay_needs_nothing_but_the_bundle(published: Path, place: Path, capsy
 
 
 def test_retraining_works_on_a_bundle(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The data set is made as for a run folder, and a training comes out bit for bit."""
+    """The data set is made as for a run directory, and a training comes out bit for bit."""
     assert main(["replay", str(published / "run.zip"), "--retrain", "1"]) == 0
     assert "retrained: 1 of" in capsys.readouterr().out
 
@@ -101,7 +101,7 @@ def test_every_member_is_held_against_its_checksum(whole: Members, refused: Refu
 
 
 def test_edited_checksum_is_named(whole: Members, refused: Refused) -> None:
-    """The manifest is held against the members as well."""
+    """The manifest is compared with the members as well."""
     lines = whole[MANIFEST].decode().splitlines()
     name = lines[0].split("  ")[1]
     edited = "\n".join([f"{'0' * 64}  {name}", *lines[1:]]) + "\n"
@@ -229,7 +229,7 @@ def test_missing_entry_is_told_with_its_place(kind: str, whole: Members, refused
 
 
 def test_study_under_another_name_is_found(whole: Members, refused: Refused) -> None:
-    """Folder and study.json alike, with its tables: more seeds in a name than in the study, say."""
+    """Directory and study.json alike, with its tables: more seeds in a name than in the study, say."""
     old = next(name for name in whole if name.endswith("study.json")).split("/")[2]
     new = old.replace("seeds4", "seeds40")
     study = json.loads(whole[f"run/studies/{old}/study.json"])
@@ -276,7 +276,7 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", "", "a/b", "x" * 300, 5, None, "a\nb"])
 def test_name_of_a_run_that_is_no_folders_is_refused(name: Any, whole: Members, refused: Refused) -> None:
-    """It becomes that of a folder."""
+    """It becomes that of a directory."""
     run = {**json.loads(whole["run/run.json"]), "name": name}
     refused({**whole, "run/run.json": json.dumps(run).encode()}, "run.json, name: expected ")
 

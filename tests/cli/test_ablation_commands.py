@@ -46,7 +46,7 @@ def with_hash(directory: SweepDirectory, job: Job) -> Job:
 
 @pytest.fixture
 def sweep(compared: Path, place: Path) -> Path:
-    """Give a copy of the sweep, to be spoilt, and work beside it."""
+    """Return a copy of the sweep, to be spoilt, and work beside it."""
     shutil.copytree(compared / "sweep", place / "sweep")
     return Path("sweep")
 
@@ -137,7 +137,7 @@ def test_edited_run_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) 
 
 
 def test_run_of_another_seed_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Pairs would be no pairs."""
+    """Pairs would not be pairs."""
     shutil.rmtree(sweep / "none-seed1")
     shutil.copytree(sweep / "none-seed0", sweep / "none-seed1")
     assert main(["ablations", "sweep"]) == 2

@@ -17,7 +17,7 @@ from tacevo.cli.app import main
 
 
 def study_of(run: Path) -> Path:
-    """Return the folder of the only study of a run."""
+    """Return the directory of the only study of a run."""
     (path,) = run.glob("studies/*")
     return path
 
@@ -29,7 +29,7 @@ def bundle(published: Path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Read all files of a folder."""
+    """Read all files of a directory."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
@@ -351,7 +351,7 @@ def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> No
     ],
 )
 def test_published_run_gives_what_its_folder_gives(command: str, results: str, run: Path, bundle: Path) -> None:
-    """A bundle is read like the folder it was made from, the study with it, and nothing is written beside it."""
+    """A bundle is read like the directory it was made from, the study with it, and nothing is written beside it."""
     beside = set(bundle.parent.iterdir())
     assert main([command, str(run), "-o", f"folder-{results}"]) == 0
     assert main([command, str(bundle), "-o", f"bundle-{results}"]) == 0
@@ -372,7 +372,7 @@ def test_published_run_takes_no_results(
 
 @pytest.mark.slow
 def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:
-    """A folder and a bundle may stand side by side; two of one name may not."""
+    """A directory and a bundle may stand side by side; two of one name may not."""
     renamed = run.rename("renamed")
     assert main(["paper", str(renamed), str(bundle), "-o", "pages"]) == 0
     assert {path.name for path in Path("pages").iterdir()} >= {"run1", "run2", "paper.tex"}

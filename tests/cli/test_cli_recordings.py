@@ -24,7 +24,7 @@ SMALL = [
 
 
 def searched(overrides: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Search, replay, and give the search's summary."""
+    """Search, replay, and return the search's summary."""
     assert main(["search", *SMALL, *overrides]) == 0
     found = capsys.readouterr().out
     (run,) = Path("runs").iterdir()

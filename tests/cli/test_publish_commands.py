@@ -1,4 +1,4 @@
-"""Promise: a sweep whose jobs are no comparison is published without one, and the user is told why."""
+"""Promise: a sweep whose jobs are not a comparison is published without one, and the user is told why."""
 
 import json
 import shutil
@@ -11,7 +11,7 @@ from tacevo.errors import IncomparableError, RunError
 
 
 def test_why_there_is_no_comparison_is_told(sweep: Path, swept: Path) -> None:
-    """The tables of the runs stay; the message names no private folder."""
+    """The tables of the runs stay; the message names no private directory."""
     whole = table_files(sweep, swept / "cache", pytest.fail)
     path = sweep / "none-seed1" / "run.json"
     run = json.loads(path.read_text())

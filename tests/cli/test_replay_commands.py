@@ -44,7 +44,7 @@ def test_unfinished_study_in_a_folder_is_passed_over(run: Path, capsys: pytest.C
 def test_replay_needs_no_sandbox(
     recorded: str, published: Path, without_sandbox: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A run with its study is replayed, as a folder and as a bundle, where no sandbox can be made."""
+    """A run with its study is replayed, as a directory and as a bundle, where no sandbox can be made."""
     assert main(["replay", str(published / recorded)]) == 0
     assert "every score is as recorded" in capsys.readouterr().out
 

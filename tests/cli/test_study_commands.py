@@ -3,6 +3,7 @@
 import io
 import re
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 from refusals import refused
@@ -91,9 +92,9 @@ def test_unknown_setting_is_refused(override: str, remedy: str) -> None:
 @pytest.mark.parametrize("override", ["elites=0", "elites=some"])
 def test_elites_of_a_noise_run_are_all_or_a_number(override: str) -> None:
     """Unless set, all."""
-    assert (compose_noise([]).elites, compose_noise(["elites=3"]).elites) == ("all", 3)
+    assert (compose_noise(["run=x"]).elites, compose_noise(["run=x", "elites=3"]).elites) == ("all", 3)
     with refused(ConfigError, expected="all, or an integer of at least 1"):
-        compose_noise([override])
+        compose_noise(["run=x", override])
 
 
 def test_settings_reach_the_configuration() -> None:
@@ -102,6 +103,20 @@ def test_settings_reach_the_configuration() -> None:
     assert (config.run, config.elites, config.store.root) == ("runs/a", 2, "elsewhere")
     assert isinstance(config.executor, ExecutorConfig)
     assert config.executor.workers == 7
+
+
+@pytest.mark.parametrize("command", ["study", "noise"])
+def test_run_is_a_setting_or_a_bare_word(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Wherever it stands, and although its name looks like a setting; two runs are refused, and so is none."""
+    place = tmp_path / "run=1"
+    place.mkdir()
+    for words in (["seeds=5", str(place)], [str(place)], [f"run='{place}'", "seeds=5"]):
+        assert main([command, *words]) == 2
+        assert capsys.readouterr().err.startswith(f"error: {place}: expected the directory of a run")
+    assert main([command, "a", "run=b"]) == 2
+    assert capsys.readouterr().err == "error: run: expected one run, as RUN or run=RUN; got a, run=b\n"
+    assert main([command, "seeds=5"]) == 2
+    assert "run: expected the directory of a finished run" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -83,7 +83,7 @@ def flat(value: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def differing(overrides: list[str]) -> dict[str, Any]:
-    """Compose, and give the settings that differ from the defaults."""
+    """Compose, and return the settings that differ from the defaults."""
     defaults = flat(to_plain(composed()))
     return {key: value for key, value in flat(to_plain(compose(overrides))).items() if value != defaults[key]}
 
@@ -265,7 +265,7 @@ def test_every_file_of_the_library_belongs_to_a_task() -> None:
 
 
 def test_data_of_another_shape_are_refused() -> None:
-    """The number of outputs is held against the data before anything is trained."""
+    """The number of outputs is compared with the data before anything is trained."""
     config = composed("task=force")
     facts = replace(facts_of(config), outputs=2, names=("left", "right"))
     with refused(ConfigError, place="task.outputs", expected="2, as the data set has (left, right)", got="3"):

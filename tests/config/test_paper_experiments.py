@@ -76,21 +76,24 @@ STUDY: dict[str, Any] = {
 TASKS = pytest.mark.parametrize(("task", "images"), [("force", 3000), ("grating", 3507)])
 
 
-def insist(config: RunConfig, task: str, images: int, llm: Any) -> None:
-    """Compare a configuration with what is written above."""
-    assert identity(config) == {**PAPER, "llm": llm}
-    assert config.search.generations == 20
-    assert config.task.name == task
+def written(task: str, images: int, llm: Any) -> list[Any]:
+    """Return what is written above, in the order of `chosen`."""
+    return [{**PAPER, "llm": llm}, 20, task, {**DATA, "images": images}]
+
+
+def chosen(config: RunConfig) -> list[Any]:
+    """Return what a configuration has of it."""
     plain = to_json(config.data)
-    assert {key: plain[key] for key in DATA} == DATA
-    assert plain["images"] == images
+    data = {key: plain[key] for key in (*DATA, "images")}
+    return [identity(config), config.search.generations, config.task.name, data]
 
 
 @TASKS
 @pytest.mark.parametrize("llm", [PAPER["llm"], GRAMMAR])
 def test_paper_experiments_are_what_is_written_here(task: str, images: int, llm: Any) -> None:
     """Every setting that decides a result has the value above; who changes one changes this test, and says why."""
-    insist(compose([f"experiment=paper_{task}", f"llm={llm['provider']}"]), task, images, llm)
+    config = compose([f"experiment=paper_{task}", f"llm={llm['provider']}"])
+    assert chosen(config) == written(task, images, llm)
 
 
 @TASKS
@@ -128,8 +131,9 @@ def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_p
         (conf / name).write_text(text, encoding="utf-8")
     GlobalHydra.instance().clear()
     with initialize_config_dir(config_dir=str(conf), version_base="1.3"):
-        chosen = hydra_compose("config", overrides=[f"experiment=paper_{task}", "llm=anthropic"])
-        insist(from_plain(OmegaConf.to_container(chosen, resolve=True)), task, images, PAPER["llm"])  # type: ignore[arg-type]
+        composed = hydra_compose("config", overrides=[f"experiment=paper_{task}", "llm=anthropic"])
+    config = from_plain(OmegaConf.to_container(composed, resolve=True))  # type: ignore[arg-type]
+    assert chosen(config) == written(task, images, PAPER["llm"])
 
 
 def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:

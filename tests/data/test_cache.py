@@ -53,7 +53,7 @@ def start(cache: Path, fate: str, *, seed: int = 0, before: tuple[str, ...] = ()
 
 
 def unfinished(cache: Path) -> list[Path]:
-    """List the hidden folders, which hold images in the making."""
+    """List the hidden directories, which hold images in the making."""
     return [path for path in cache.iterdir() if path.name.startswith(".") and path.is_dir()]
 
 
@@ -100,7 +100,7 @@ def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
 
 
 def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Path) -> None:
-    """Two data sets made at once after a kill: neither takes the other's unfinished folder for a leftover."""
+    """Two data sets made at once after a kill: neither takes the other's unfinished directory for a leftover."""
     start(tmp_path, "die").communicate()
     started = [start(tmp_path, "live", seed=seed) for seed in (0, 1, 0, 1)]
     outputs = [process.communicate()[0] for process in started]
@@ -122,14 +122,14 @@ def test_file_that_may_not_grow_is_refused(tmp_path: Path) -> None:
     assert unfinished(tmp_path) == []
 
 
-#: Runs a command with a disk of 128 kB in place of a folder, which only it sees, and lists what is left on it.
+#: Runs a command with a disk of 128 kB in place of a directory, which only it sees, and lists what is left on it.
 SMALL_DISK = (
     'mount -t tmpfs -o size=128k tmpfs "$0" && { "$@"; status=$?; find "$0" -mindepth 1 -type d; exit $status; }'
 )
 
 
 def test_full_disk_is_refused_and_left_clean(tmp_path: Path) -> None:
-    """A disk of 128 kB: a clear line instead of the bus error that a memory map dies of, and no folder left."""
+    """A disk of 128 kB: a clear line instead of the bus error that a memory map dies of, and no directory left."""
     private = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
     if subprocess.run([*private, SMALL_DISK, str(tmp_path), "true"], capture_output=True, check=False).returncode:
         pytest.skip("this machine lets no test mount a disk")

@@ -61,7 +61,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 
 def test_fingerprint_can_be_checked_afterwards(tmp_path: Path) -> None:
-    """It does not depend on itself, nor on the folder of the images."""
+    """It does not depend on itself, nor on the directory of the images."""
     here, there = make(tmp_path / "here"), make(tmp_path / "there")
     assert here.facts.fingerprint == there.facts.fingerprint == fingerprint(here)
     assert len(here.facts.fingerprint) == 64

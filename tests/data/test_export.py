@@ -1,4 +1,4 @@
-"""Exported simulations: the loader reads the same tensors back, and the folder is whole or absent."""
+"""Exported simulations: the loader reads the same tensors back, and the directory is whole or absent."""
 
 import csv
 import json
@@ -38,7 +38,7 @@ def simulated(task: SensorTask, *, images: int | None = None, spacings: tuple[fl
 
 
 def exported(root: Path, task: SensorTask) -> TacVerse:
-    """Name an exported folder as a source."""
+    """Name an exported directory as a source."""
     return TacVerse(root=root, task=task, sensor=SIMULATED_SENSOR, pattern=PATTERN, image_size=20)
 
 
@@ -63,7 +63,7 @@ def test_units_survive(task: SensorTask, tmp_path: Path) -> None:
 
 
 def test_units_are_those_of_the_simulation_and_of_no_other_images(tmp_path: Path) -> None:
-    """Images of another sensor in the same folder have no stated unit, nor ours without their description."""
+    """Images of another sensor in the same directory have no stated unit, nor ours without their description."""
     source = exported(tmp_path / "out", SensorTask.force)
     export(simulated(SensorTask.force), tmp_path / "out", workers=1)
     assert source.catalogue().units == ("N", "N", "N")
@@ -98,7 +98,7 @@ def test_gratings_are_named_after_their_size(tmp_path: Path) -> None:
 
 
 def test_export_says_what_it_is(tmp_path: Path) -> None:
-    """Parameters and a command that reads the folder lie beside the images."""
+    """Parameters and a command that reads the directory lie beside the images."""
     source = simulated(SensorTask.grating)
     export(source, tmp_path / "out", workers=1)
     assert json.loads((tmp_path / "out" / "simulation.json").read_text()) == source.describe()
@@ -131,20 +131,20 @@ def stop(done: int, total: int) -> NoReturn:
 
 
 def test_interrupted_export_leaves_nothing(tmp_path: Path) -> None:
-    """Neither the folder nor a hidden part of it."""
+    """Neither the directory nor a hidden part of it."""
     with pytest.raises(KeyboardInterrupt):
         export(simulated(SensorTask.force), tmp_path / "out", workers=1, progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 
 def fill(out: Path) -> None:
-    """Put a file into a folder."""
+    """Put a file into a directory."""
     out.mkdir()
     (out / "mine.txt").write_text("mine")
 
 
 def make_file(out: Path) -> None:
-    """Make a file instead of a folder."""
+    """Make a file instead of a directory."""
     out.write_text("mine")
 
 
@@ -170,7 +170,7 @@ def test_current_folder_is_refused_before_anything_is_drawn(
 
 
 def test_link_to_an_empty_folder_is_followed(tmp_path: Path) -> None:
-    """The folder behind it is filled, and the link stays."""
+    """The directory behind it is filled, and the link stays."""
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "disk")
     export(simulated(SensorTask.force), tmp_path / "out", workers=1)

@@ -1,4 +1,4 @@
-"""Image folders: one class per folder, ordered, noticed when edited, refused when broken."""
+"""Directories of images: one class per directory, ordered, noticed when edited, refused when broken."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from tacevo.errors import DataError
 
 
 def test_classes_are_ordered_as_numbers_where_all_are_numbers(tmp_path: Path) -> None:
-    """Spacings of 10 mm come after 2 mm, with any suffix and any depth of folders."""
+    """Spacings of 10 mm come after 2 mm, with any suffix and any depth of directories."""
     catalogue = save_folder(tmp_path, "10/a.png", "2/b.JPG", "2/deep/er/c.jpeg", "0.5/d.png").catalogue()
     assert catalogue.names == ("0.5", "2", "10")
     assert catalogue.labels.tolist() == [0, 1, 1, 2]
@@ -24,7 +24,7 @@ def test_classes_are_ordered_by_name_otherwise(tmp_path: Path) -> None:
 
 
 def test_other_files_are_left_alone(tmp_path: Path) -> None:
-    """Notes, hidden folders and files beside the classes are not images of a class."""
+    """Notes, hidden directories and files beside the classes are not images of a class."""
     source = save_folder(tmp_path, "a/1.png", "b/1.png", "beside.png", ".hidden/1.png")
     (tmp_path / "a" / "notes.txt").write_text("a rainy day")
     assert source.catalogue().labels.tolist() == [0, 1]

@@ -224,7 +224,7 @@ def test_file_is_hashed_in_pieces(tmp_path: Path) -> None:
 
 
 def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:
-    """A folder where a file should be has no bytes."""
+    """A directory where a file should be has no bytes."""
     with refused(DataError, place=str(tmp_path), got="a file that cannot be read (Is a directory)"):
         files_hash([tmp_path])
 

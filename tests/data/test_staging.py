@@ -1,4 +1,4 @@
-"""A staged folder is whole or absent, made by one process at a time, and leaves nothing behind when that fails."""
+"""A staged directory is whole or absent, made by one process at a time, and leaves nothing behind when that fails."""
 
 import errno
 import fcntl
@@ -34,7 +34,7 @@ def test_folder_appears_only_when_it_is_whole(tmp_path: Path) -> None:
 
 
 def fill_half(folder: Path, error: type[BaseException]) -> None:
-    """Fail while a folder is filled."""
+    """Fail while a directory is filled."""
     with staged(folder) as stage:
         assert stage is not None
         (stage / "a").write_text("half")
@@ -50,7 +50,7 @@ def test_failure_leaves_no_folder(tmp_path: Path, error: type[BaseException]) ->
 
 
 def test_who_comes_second_waits_and_has_nothing_to_do(tmp_path: Path) -> None:
-    """The second maker is offered no folder, and only once the first one's is whole."""
+    """The second maker is offered no directory, and only once the first one's is whole."""
     offered: list[Path | None] = []
     seen: list[bool] = []
 
@@ -114,7 +114,7 @@ def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("mode", [0o000, 0o444])
 def test_leftover_of_another_user_is_skipped(shared: Path, mode: int) -> None:
-    """In a shared cache a lock that may not be opened, or a folder that may not be removed, is its owner's affair."""
+    """In a shared cache a lock that may not be opened or a directory that may not be removed is its owner's affair."""
     left = shared / f".dead{PART}"
     left.mkdir()
     (left / "images.npy").write_text("half")
@@ -156,7 +156,7 @@ def test_own_part_that_may_not_be_removed_is_named(shared: Path) -> None:
 
 
 def test_own_leftover_is_cleared_before_it_is_filled_again(tmp_path: Path) -> None:
-    """What a killed process wrote for the same folder does not get into it."""
+    """What a killed process wrote for the same directory does not get into it."""
     (tmp_path / f".set{PART}").mkdir()
     (tmp_path / f".set{PART}" / "old").write_text("half")
     with staged(tmp_path / "set") as stage:

@@ -260,7 +260,7 @@ def test_header_that_lacks_columns_is_explained(tmp_path: Path, header: str, rem
 
 
 def test_paths_of_another_system_are_explained(tmp_path: Path) -> None:
-    """A table from Windows has backslashes; leaving those rows out would be no remedy."""
+    """A table from Windows has backslashes; leaving those rows out would not be a remedy."""
     with pytest.raises(DataError, match=r"line 2 .*write their paths with / instead of") as caught:
         save_table(tmp_path, "images\\0.png,1,2,\n").describe()
     assert "skip_missing" not in str(caught.value)
@@ -280,7 +280,7 @@ def test_images_that_no_row_names_are_told(tmp_path: Path) -> None:
 
 
 def test_linked_images_are_looked_for_beside_the_links(tmp_path: Path) -> None:
-    """What lies in the folder that the table means counts, not what lies where its links lead."""
+    """What lies in the directory that the table means counts, not what lies where its links lead."""
     source = save_table(tmp_path / "set", "0.png,1,2,\n1.png,3,4,\n")
     (tmp_path / "store").mkdir()
     save_image(tmp_path / "store" / "other.png", 9)

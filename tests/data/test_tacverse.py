@@ -227,7 +227,7 @@ def test_two_images_of_one_press_and_frame_are_refused(tmp_path: Path, twin: str
 
 
 def test_empty_pattern_is_refused(tmp_path: Path) -> None:
-    """A folder without images has no classes."""
+    """A directory without images has no classes."""
     with refused(DataError, place="data.pattern", expected=".jpeg", got="Blackdot"):
         save_gratings(tmp_path).describe()
 

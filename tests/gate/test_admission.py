@@ -272,7 +272,7 @@ def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, rea
         pytest.param([_with_profile(flops=-1)], id="negative"),
         pytest.param([_with_profile(flops=10**400)], id="FLOPs beyond every float"),
         pytest.param([_with_profile(modules=1_001)], id="modules over the limit"),
-        pytest.param([_with_profile(not_portable=["everything"])], id="operation that is no portability flag"),
+        pytest.param([_with_profile(not_portable=["everything"])], id="operation that is not a portability flag"),
         pytest.param([_with_profile(not_portable=["sqrt", "sqrt"])], id="flag twice"),
         pytest.param([_with_graph(nodes=ANSWER["profile"]["graph"]["nodes"] * 501)], id="nodes over the limit"),
         pytest.param([_with_graph(edges=[[1, 0]])], id="edge backwards"),
@@ -299,7 +299,7 @@ def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, rea
     ],
 )
 def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Any]) -> None:
-    """A candidate can write frames of its own; what is no probe's answer counts against it."""
+    """A candidate can write frames of its own; what is not a probe's answer counts against it."""
     found = gate(FakeSandbox(sent(*headers)).run, tmp_path).inspect(VALID)
     assert isinstance(found, Rejection)
     assert (found.stage, found.reason) == (Stage.probe, Reason.crashed)

@@ -108,7 +108,7 @@ GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
     [
         pytest.param(Reason.construction_failed, "x = 1", id="no class"),
         pytest.param(Reason.construction_failed, "ImageRegressionCNN = 3", id="class is a number"),
-        pytest.param(Reason.construction_failed, VALID.replace("(nn.Module)", ""), id="class is no module"),
+        pytest.param(Reason.construction_failed, VALID.replace("(nn.Module)", ""), id="class is not a module"),
         pytest.param(Reason.construction_failed, VALID.replace("num_outputs=3", "width"), id="argument without value"),
         pytest.param(Reason.construction_failed, candidate("return x", "self.a = undefined"), id="unknown name"),
         pytest.param(Reason.forward_failed, candidate("return self.head(x)"), id="shapes do not fit"),

@@ -89,7 +89,7 @@ def test_output_names_its_steps() -> None:
 
 
 def test_network_that_returns_its_input_ends_nowhere() -> None:
-    """The image is no step."""
+    """The image is not a step."""
     assert trace(nn.Identity(), torch.ones(1, 4, 8, 8)).ends == ()
 
 

@@ -102,7 +102,7 @@ class Einsum(nn.Module):
         self.head = nn.Linear(5, 3)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Reshape the parameter first, which is no operation on data."""
+        """Reshape the parameter first, which is not an operation on data."""
         x = torch.einsum("nc,ck->nk", x.mean((2, 3)), self.mixing.t())
         return self.head(x)  # type: ignore[no-any-return]
 
@@ -225,7 +225,7 @@ def test_dropout_does_not_hide_a_skip() -> None:
 
 
 def test_factory_starts_no_flow() -> None:
-    """What takes only shape and type from its argument is no operation on data."""
+    """What takes only shape and type from its argument is not an operation on data."""
     model = Custom(lambda x, _: x.new_zeros(1, 3) + torch.ones_like(x).mean((2, 3)))
     assert ops_of(model) == []
 

@@ -179,7 +179,7 @@ def test_batch_that_the_server_lost_is_never_replaced_silently(lost: str, server
 
 
 def test_damaged_record_is_refused(server: LLMServer, tmp_path: Path) -> None:
-    """Half a record is no reason to submit again."""
+    """Half a record is not a reason to submit again."""
     list(batched(server.url, tmp_path).complete(ASKED))
     (path,) = records(tmp_path)
     path.write_text(path.read_text(encoding="utf-8")[:40], encoding="utf-8")

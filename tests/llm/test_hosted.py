@@ -9,21 +9,18 @@ import logging
 import os
 import signal
 import threading
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hosted import KEY, PROVIDERS, hosted, request
-from llm_script import Script, text_of
+from hosted import KEY, PROVIDERS, hosted, request, texts
+from llm_script import Script
 from llm_server import serving
 from refusals import refused
 from waiting import eventually
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM
-from tacevo.llm.prices import ListedPrice, PriceTable
-from tacevo.llm.recording import RecordingLLM, ever_answered
+from tacevo.llm.recording import RecordingLLM
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.records import Completion, Request
 from tacevo.storage.canonical import value_at
@@ -33,12 +30,6 @@ QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
 pytestmark = pytest.mark.usefixtures("keys")
 both = pytest.mark.parametrize("provider", PROVIDERS)
-
-
-def texts(llm: HostedLLM, *asked: str) -> list[str]:
-    """Ask, and return the answers in the order of the requests."""
-    answers = dict(llm.complete([request(text) for text in asked]))
-    return [answers[position].text for position in range(len(asked))]
 
 
 @both
@@ -155,191 +146,6 @@ def test_wrong_path_in_the_address_is_told(provider: str) -> None:
     """A base_url with a part too much: the message shows the path that was asked for, and the setting to mend."""
     with serving() as server, pytest.raises(ConfigError, match=r"404: .*/api/v1/.* was asked for: .*llm\.base_url"):
         texts(hosted(f"{server.url}/api", provider), "a")
-
-
-@both
-@pytest.mark.parametrize("fault", ["401", "402", "403", "404", "credit"])
-def test_refused_key_model_or_payment_stops_the_run(fault: str, provider: str) -> None:
-    """What no retry can mend is the user's to mend, is reported at once, and is never recorded as an answer."""
-    with serving() as server:
-        llm = hosted(server.url, provider)
-        assert texts(llm, "a") == ["a!"]
-        with refused(ConfigError, got="the server says: ", remedy="check the API key, the account"):
-            texts(llm, f"b [fault {fault}]")
-        assert sorted(server.tried.values()) == [1, 1]
-
-
-@both
-@pytest.mark.parametrize(
-    ("fault", "stop_reason"), [("too_long", "invalid_request"), ("413", "invalid_request"), ("filtered", "refusal")]
-)
-def test_request_that_can_never_be_answered_stops_no_run(fault: str, stop_reason: str, provider: str) -> None:
-    """A completion without text stands in for the answer, and the gate rejects it; the request is not retried."""
-    with serving() as server:
-        answers = dict(hosted(server.url, provider).complete([request(f"a [fault {fault}]"), request("b")]))
-        assert (answers[0].text, answers[0].stop_reason, answers[0].output_tokens) == ("", stop_reason, 0)
-        assert answers[1].text == "b!"
-        assert sorted(server.tried.values()) == [1, 1]
-
-
-@both
-@pytest.mark.parametrize(
-    ("fault", "fields"),
-    [
-        ("too_long", {"got": "too long", "remedy": "set llm.max_tokens or llm.model"}),
-        ("invalid", {"got": "this is not understood"}),
-    ],
-)
-def test_settings_with_which_no_request_is_answered_are_at_fault(
-    fault: str, fields: dict[str, str], provider: str
-) -> None:
-    """A token limit that the model does not have would else be recorded as a generation of empty answers."""
-    with serving() as server, refused(ConfigError, **fields):
-        texts(hosted(server.url, provider), f"a [fault {fault}]", f"b [fault {fault}]")
-
-
-@both
-def test_settings_that_an_earlier_run_was_answered_with_are_not_at_fault(provider: str, tmp_path: Path) -> None:
-    """A resumed run that lacks nothing but one odd request goes on; other settings prove nothing."""
-    store = Store(tmp_path, "completions")
-    odd = request("b [fault invalid]")
-    with serving() as server:
-        list(RecordingLLM(hosted(server.url, provider), store).complete([request("a")]))
-        other = replace(odd, max_tokens=78)
-        with refused(ConfigError, got="this is not understood"):
-            list(resumed(server.url, provider, store).complete([other]))
-        ((_, completion),) = resumed(server.url, provider, store).complete([odd])
-        assert completion.stop_reason == "invalid_request"
-        with refused(ConfigError, got="this is not understood"):
-            list(resumed(server.url, provider, store).complete([other]))
-
-
-def resumed(url: str, provider: str, store: Store) -> RecordingLLM:
-    """Make what a new process makes over an old store."""
-    models = Models(lambda asked: ever_answered(store, asked))
-    return RecordingLLM(hosted(url, provider, models=models), store)
-
-
-@both
-def test_doubtful_refusal_is_about_the_request_where_others_are_answered(provider: str) -> None:
-    """One odd request of three stops no run."""
-    with serving() as server:
-        asked = [request(text) for text in ("a", "b [fault invalid]", "c")]
-        answers = dict(hosted(server.url, provider).complete(asked))
-        assert [answers[position].stop_reason for position in range(3)] == ["end_turn", "invalid_request", "end_turn"]
-
-
-@both
-def test_refusal_of_all_that_follows_an_answer_is_recorded_for_none(provider: str, tmp_path: Path) -> None:
-    """Money or an account may have ended in words that nobody knows: the store is not filled with refusals."""
-    store = Store(tmp_path, "completions")
-    with serving() as server:
-        llm = RecordingLLM(hosted(server.url, provider, concurrency=1), store)
-        with refused(ConfigError, got="this is not understood"):
-            list(llm.complete([request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]))
-        with refused(ConfigError, got="this is not understood"):
-            list(llm.complete([request(text) for text in ("d [fault invalid]", "e [fault invalid]")]))
-    assert [value_at(entry.request, ("messages", -1, "content")) for entry in store.entries()] == ["a"]
-
-
-@both
-def test_same_refusals_are_about_the_requests_where_an_answer_follows(provider: str) -> None:
-    """What was sent after the last of them was answered, so the account stands."""
-    with serving() as server:
-        asked = [request(text) for text in ("a [fault invalid]", "b [fault invalid]", "c")]
-        answers = dict(hosted(server.url, provider, concurrency=1).complete(asked))
-        reasons = [answers[number].stop_reason for number in range(3)]
-        assert reasons == ["invalid_request", "invalid_request", "end_turn"]
-
-
-@both
-def test_answer_to_what_was_sent_before_a_refusal_proves_nothing(provider: str) -> None:
-    """It was in flight when the money ended, and arrives last."""
-    with serving() as server:
-        server.held = {"a": threading.Event()}
-        threading.Timer(0.3, server.held["a"].set).start()
-        with refused(ConfigError, got="this is not understood"):
-            texts(hosted(server.url, provider, concurrency=2), "a", "b [fault invalid]", "c [fault invalid]")
-
-
-@both
-def test_refused_settings_are_remembered(provider: str) -> None:
-    """Once known, they are not even sent."""
-    with serving(Script(refused=("temperature", "top_p"))) as server:
-        llm = hosted(server.url, provider, concurrency=1)
-        assert len(list(llm.complete([request(text, settings=(("top_p", 0.9),)) for text in "ab"]))) == 2
-        assert [text_of(body) for body in server.bodies] == ["a", "a", "a", "b"]
-
-
-#: What the models of a server take, and what is then sent and dropped of a temperature and a top_p.
-TAKES = {
-    "both": (Script(), {"temperature", "top_p"}),
-    "one or the other": (Script(exclusive=("temperature", "top_p")), {"temperature"}),
-    "no temperature": (Script(refused=("temperature",)), {"top_p"}),
-    "neither": (Script(refused=("temperature", "top_p")), set()),
-    "neither, and not together": (Script(refused=("temperature", "top_p"), exclusive=("temperature", "top_p")), set()),
-}
-
-
-@both
-@pytest.mark.parametrize("takes", TAKES)
-def test_models_are_sent_the_settings_that_they_take(takes: str, provider: str) -> None:
-    """As much as is taken, and the temperature rather than `top_p` where it is one of both; the rest is recorded."""
-    script, sent = TAKES[takes]
-    both_set = {"temperature", "top_p"}
-    with serving(script) as server:
-        asked = [request(text, settings=(("top_p", 0.9),)) for text in "abc"]
-        answers = dict(hosted(server.url, provider).complete(asked))
-        assert {completion.dropped for completion in answers.values()} == {tuple(sorted(both_set - sent))}
-        assert all(both_set & body.keys() == sent for body in server.bodies[-1:])
-        ((_, plain),) = hosted(server.url, provider).complete([request("d")])
-        assert plain.dropped == (() if "temperature" in sent or takes.startswith("one") else ("temperature",))
-
-
-LISTED = ListedPrice(input_usd=1.0, output_usd=5.0, dated="2026-11-21", source="a page")
-
-#: A table with a model that is retired, one that is not, and one that costs nothing.
-PRICES = PriceTable(
-    models={
-        "model-x": replace(LISTED, retired="2026-04-20"),
-        "model-y": LISTED,
-        "ours": replace(LISTED, input_usd=0.0, output_usd=0.0),
-    },
-    batch_factor=0.5,
-)
-
-
-@both
-def test_model_that_the_server_lacks_is_reported_with_those_that_it_has(provider: str) -> None:
-    """And with the day on which the model was retired."""
-    with serving(Script(models=("model-y-20251001", "model-z"))) as server:
-        llm = hosted(server.url, provider, models=Models(prices=PRICES))
-        expected = "a model that the server has (model-y-20251001, model-z)"
-        with refused(ConfigError, place="llm.model", expected=expected, got="model-x, which was retired on 2026-04-20"):
-            texts(llm, *"abcdefgh")
-
-
-@both
-@pytest.mark.parametrize(
-    ("models", "expected"),
-    [(Models(prices=PRICES), "a model that llm.prices has (model-y)"), (Models(), "a model that the server has")],
-)
-def test_server_without_a_list_of_models_is_no_further_fault(models: Models, expected: str, provider: str) -> None:
-    """The message has what the price table knows, and what the server said."""
-    with serving() as server, refused(ConfigError, expected=expected, got="the server says: 404"):
-        texts(hosted(server.url, provider, models=models), "a [fault unknown]")
-
-
-@both
-@pytest.mark.parametrize(
-    ("fault", "stop_reason"), [("refusal", "refusal"), ("max_tokens", "max_tokens"), ("empty", "end_turn")]
-)
-def test_refusals_and_cut_off_answers_are_answers(fault: str, stop_reason: str, provider: str) -> None:
-    """They are paid for, and a replay reproduces them."""
-    with serving() as server:
-        ((_, completion),) = hosted(server.url, provider).complete([request(f"a [fault {fault}]")])
-        assert completion.stop_reason == stop_reason
-        assert (completion.input_tokens, completion.output_tokens) == (11, 7)
 
 
 @both

@@ -37,7 +37,7 @@ def stored(root: Path) -> list[str]:
 
 
 def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count: int) -> None:
-    """Hold answers, store and the server's own count against each other."""
+    """Compare answers, store and the server's own count."""
     questions = {f"question {number}" for number in range(count)}
     assert answers == {f"{question}!": 2 for question in questions}
     assert Counter(stored(root)) == dict.fromkeys(questions, 1)
@@ -71,21 +71,6 @@ ask(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))
 """
 
 
-def kill_again_and_again(root: Path, *, kills: int, count: int) -> None:
-    """Kill a run in its middle, several times; what was stored before a kill is never asked for after it."""
-    rng = random.Random(0)
-    safe: list[tuple[int, set[str]]] = []  # requests the server had seen at a kill, and the questions stored by then
-    with serving(Script(rate=0.3, seed=3, delay=0.02)) as server:
-        for kill in range(1, kills + 1):
-            kill_at(server, root, count * (kill - rng.random() / 2) / (kills + 1), count)
-            safe.append((len(server.bodies), {*stored(root)}))
-        ask(server.url, root, count)
-        asked = [text_of(body) for body in server.bodies]
-    assert len({*stored(root)}) == count
-    assert 0 < len(safe[0][1]) < len(safe[-1][1]) < count
-    assert [questions & {*asked[seen:]} for seen, questions in safe] == [set()] * kills
-
-
 def kill_at(server: LLMServer, root: Path, goal: float, count: int) -> None:
     """Let a run go until so many answers are stored, and kill it."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -99,13 +84,19 @@ def kill_at(server: LLMServer, root: Path, goal: float, count: int) -> None:
         time.sleep(0.01)
 
 
-@pytest.mark.slow
-def test_two_kills(tmp_path: Path) -> None:
-    """A run that is killed twice."""
-    kill_again_and_again(tmp_path, kills=2, count=300)
-
-
-@pytest.mark.long
-def test_ten_kills(tmp_path: Path) -> None:
-    """A run that is killed ten times."""
-    kill_again_and_again(tmp_path, kills=10, count=4_000)
+@pytest.mark.parametrize(
+    ("kills", "count"), [pytest.param(2, 300, marks=pytest.mark.slow), pytest.param(10, 4_000, marks=pytest.mark.long)]
+)
+def test_killed_run_asks_for_no_stored_answer_again(kills: int, count: int, tmp_path: Path) -> None:
+    """Killed in its middle, several times: what was stored before a kill is never asked for after it."""
+    rng = random.Random(0)
+    safe: list[tuple[int, set[str]]] = []  # requests the server had seen at a kill, and the questions stored by then
+    with serving(Script(rate=0.3, seed=3, delay=0.02)) as server:
+        for kill in range(1, kills + 1):
+            kill_at(server, tmp_path, count * (kill - rng.random() / 2) / (kills + 1), count)
+            safe.append((len(server.bodies), {*stored(tmp_path)}))
+        ask(server.url, tmp_path, count)
+        asked = [text_of(body) for body in server.bodies]
+    assert len({*stored(tmp_path)}) == count
+    assert 0 < len(safe[0][1]) < len(safe[-1][1]) < count
+    assert [questions & {*asked[seen:]} for seen, questions in safe] == [set()] * kills

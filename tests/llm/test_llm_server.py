@@ -98,7 +98,7 @@ def test_every_recorded_answer_comes_whole_through_the_sdks(provider: str, tmp_p
 
 @recorded_ones
 def test_server_is_started_by_hand() -> None:
-    """Its first line is its address; it serves the folder, and Ctrl-C ends it quietly."""
+    """Its first line is its address; it serves the directory, and Ctrl-C ends it quietly."""
     command = [sys.executable, str(SERVER), "--answers", str(ANSWERS), "--task", "grating"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -110,7 +110,7 @@ def test_server_is_started_by_hand() -> None:
 
 
 def test_folder_without_answers_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The message names the folder, and what was looked for."""
+    """The message names the directory, and what was looked for."""
     with pytest.raises(SystemExit, match="2"):
         main(["--answers", str(tmp_path)])
     assert f"{tmp_path} holds no recorded answers force_*.json" in capsys.readouterr().err

@@ -45,7 +45,7 @@ Whole = tuple[Path, str]
 
 
 def here(*overrides: str) -> int:
-    """Search in this process; give the exit status."""
+    """Search in this process; return the exit status."""
     return main(["search", *SEARCH, UNTRACKED, *overrides])
 
 

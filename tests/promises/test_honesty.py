@@ -107,7 +107,7 @@ def test_change_of_a_class_of_torch_is_seen() -> None:
 
 
 def test_frozen_weights_outside_are_not_counted() -> None:
-    """What does not learn is no parameter, wherever it is kept; docs/security.md says so."""
+    """What does not learn is not a parameter, wherever it is kept; docs/security.md says so."""
     frozen = candidate(f"return {GOOD} @ self.mix", "self.mix = torch.randn(3, 3)")
     assert check(frozen, contract()) is None
     assert probed(frozen)["profile"]["parameters"] == probed(VALID)["profile"]["parameters"]

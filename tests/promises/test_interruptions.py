@@ -30,7 +30,7 @@ pytestmark = unhurried
 
 
 def kill_until_finished(folder: Path, kills: list[Kill]) -> Counter[Phase]:
-    """Search in a folder, killed again and again, until a session comes to its end; count the kills by phase.
+    """Search in a directory, killed again and again, until a session comes to its end; count the kills by phase.
 
     Those that struck are taken out of `kills`. One whose phase did not come any more goes to the end, for another
     search; a new search is killed while it makes its data, because none does that later.

@@ -18,7 +18,7 @@ class Around:
 
     workers: int = 2
     environment: dict[str, str] = field(default_factory=dict)
-    #: The working directory, below the folder of the run and the stores.
+    #: The working directory, below the directory of the run and the stores.
     place: str = "."
     umask: int = 0o022
 

@@ -71,7 +71,7 @@ def _refusing() -> Iterator[None]:
 
 
 def printed(job: str, *emulator: str, variables: Mapping[str, str] | None = None, check: bool = True) -> dict[str, str]:
-    """Do a job in a process of its own under portable numerics; give the digest of each thing that it computed."""
+    """Do a job in a process of its own under portable numerics; return the digest of each thing that it computed."""
     module = job.partition(".")[0]
     command = [*emulator, sys.executable, "-W", "ignore", "-c", f"import {module}; {job}()"]
     fixed = {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "0"}

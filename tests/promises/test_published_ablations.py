@@ -1,4 +1,4 @@
-"""Promise: a published sweep is compared as its folder is, with the user's stores and output where they are named."""
+"""Promise: a published sweep is compared as its directory is, with the stores and the output that the user names."""
 
 import shutil
 from pathlib import Path
@@ -9,12 +9,12 @@ from tacevo.cli.app import main
 
 
 def written(folder: Path) -> dict[str, bytes]:
-    """Read all files of a folder by name."""
+    """Read all files of a directory by name."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_bundle_and_folder_give_the_same_files(swept: Path, tmp_path: Path) -> None:
-    """Tables and figures, byte by byte, whatever the folder of the sweep is called."""
+    """Tables and figures, byte by byte, whatever the directory of the sweep is called."""
     assert main(["ablations", str(swept / "sweep"), "-o", str(tmp_path / "folder")]) == 0
     (tmp_path / "renamed").symlink_to(swept / "sweep")
     assert main(["ablations", str(tmp_path / "renamed"), "-o", str(tmp_path / "renamed out")]) == 0

@@ -53,7 +53,7 @@ rules.LAST_RELEASES = {{("core", {CURRENT.core}): "0.1.0", ("training", {CURRENT
     "name", [pytest.param(name, marks=[] if name.startswith("force") else pytest.mark.slow) for name in DIGESTS]
 )
 def test_later_release_replays_the_first_published_runs(name: str) -> None:
-    """Whichever number of the rules is raised; what it would write otherwise is said, and is no failure."""
+    """Whichever number of the rules is raised; what it would write otherwise is said, and is not a failure."""
     replayed = tacevo("replay", GOLDEN / name, before=LATER)
     assert replayed.stdout.splitlines()[-1] == f"digest: {DIGESTS[name]}"
     assert "summary and tables were written by another release" in replayed.stdout

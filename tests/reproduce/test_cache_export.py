@@ -68,7 +68,7 @@ def test_import_into_nothing_is_enough_for_a_replay(exported: Path, tmp_path: Pa
 
 
 def test_export_has_the_same_bytes_from_anywhere(exported: Path, place: Path) -> None:
-    """Another day, folder and set of stores give the same file."""
+    """Another day, directory and set of stores give the same file."""
     shutil.copytree(exported / "run", place / "elsewhere")
     import_file(exported / "run.jsonl.xz", place / "stores")
     assert main(["cache", "export", "elsewhere", "-o", "again.jsonl.xz", "--store", "stores"]) == 0

@@ -73,7 +73,7 @@ def test_difference_behind_other_headers_is_named_too() -> None:
 
 
 def test_settings_that_differ_are_listed_but_not_where_the_runs_lie() -> None:
-    """A folder's name is no difference between runs."""
+    """A directory's name is not a difference between runs."""
     one = replace(RUN, config={**RUN.config, "llm": {"model": "a"}, "run": {"dir": "x"}, "store": {"root": "y"}})
     other = replace(RUN, config={**RUN.config, "llm": {"model": "b"}, "run": {"dir": "z"}, "store": {"root": "w"}})
     (setting,) = compare(one, other).settings

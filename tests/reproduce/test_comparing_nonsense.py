@@ -14,7 +14,7 @@ DEEP = b"[" * 100_000
 
 
 def refused(run: Path, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """See that the comparison ends in one line that names the user's folder."""
+    """See that the comparison ends in one line that names the user's directory."""
     assert main(["replay", str(run), "--diff", str(published / "run")]) == 2
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1

@@ -19,7 +19,7 @@ def run(published: Path) -> Path:
 
 
 def with_setting(run: Path, folder: Path, group: str, key: str, value: int) -> RunDirectory:
-    """Give a run.json with one setting edited."""
+    """Return a run.json with one setting edited."""
     described = json.loads((run / "run.json").read_text())
     described["config"][group][key] = value
     (folder / "run.json").write_text(json.dumps(described))

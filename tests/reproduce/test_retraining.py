@@ -121,8 +121,7 @@ def test_nothing_is_called_equal_that_was_not_compared(trained: int, rejected: i
 @pytest.mark.parametrize("number", ["0", "-1", "two"])
 def test_number_must_be_one(number: str, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistake on the command line is told before the run is read."""
-    with pytest.raises(SystemExit, match="2"):
-        main(["replay", "run", f"--retrain={number}"])
+    assert main(["replay", "run", f"--retrain={number}"]) == 2
     assert "expected a number of evaluations >= 1" in capsys.readouterr().err
 
 
@@ -150,7 +149,7 @@ def test_rejections_are_compared_by_reason() -> None:
 
 
 def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> None:
-    """Running out of time is no property of a candidate; an evaluation that two candidates share is one."""
+    """Running out of time is not a property of a candidate; an evaluation that two candidates share is one."""
     slow = rejected("g00s02", "train", "out_of_time", evaluation="f")
     untrained = rejected("g00s03", "probe", "crashed")
     run = RecordedRun(
@@ -200,7 +199,7 @@ def test_only_what_was_promised_is_not_doubted() -> None:
 def test_bundle_does_not_take_the_walls_down(
     setting: str, words: str, published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its candidates run behind walls or not at all; a folder is its owner's own."""
+    """Its candidates run behind walls or not at all; a directory is its owner's own."""
     members = members_of(published / "run.zip")
     run = json.loads(members["run/run.json"])
     key, _, value = setting.partition("=")

@@ -1,4 +1,4 @@
-"""Promise: published settings name no folder of a machine, and overrides give what the configuration says."""
+"""Promise: published settings name no directory of a machine, and overrides give what the configuration says."""
 
 import pytest
 from refusals import refused

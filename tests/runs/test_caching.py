@@ -81,7 +81,7 @@ def test_ls_filters(kind: str | None, model: str | None, found: list[str], root:
 
 
 def test_ls_of_nothing_says_so(root: Path) -> None:
-    """A filter that fits nothing is no error."""
+    """A filter that fits nothing is not an error."""
     assert list_stores(root, kind=None, model="gpt") == f"no such entries in {root}"
 
 
@@ -93,7 +93,7 @@ def test_ls_counts_damaged_entries_apart(root: Path) -> None:
 
 
 def test_sound_stores_are_verified(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every entry of every kind is checked; what a killed writer left is no entry."""
+    """Every entry of every kind is checked; what a killed writer left is not an entry."""
     (root / "probes" / "00").mkdir()
     (root / "probes" / "00" / ".00.json.1-2.part").write_text("{")
     assert verify(root) == ([], 4)
@@ -135,7 +135,7 @@ def test_damage_is_named_and_gives_status_1(
     [({"of": "something else"}, {"x": 1}), ({"model": 5}, to_json(answer())), ({"model": "m"}, "text")],
 )
 def test_completion_that_is_none_is_found(asked: Any, said: Any, root: Path) -> None:
-    """A sound entry among the completions that is no completion is named, and stops no command."""
+    """A sound entry among the completions that is not a completion is named, and stops no command."""
     Store(root, "completions").write(asked, said)
     (problem,) = verify(root)[0]
     assert "; delete it" in problem
@@ -153,7 +153,7 @@ def test_explain_tells_an_entry_and_its_neighbour(root: Path) -> None:
 
 
 def test_explain_says_what_an_unrecorded_request_differs_in(root: Path, tmp_path: Path) -> None:
-    """A request in a file is looked up, and held against the nearest recording, field by field."""
+    """A request in a file is looked up, and compared with the nearest recording, field by field."""
     asked = {**to_json(request(1)), "temperature": 0.25, "messages": [{"role": "user", "content": "Narrow it."}]}
     file = tmp_path / "request.json"
     file.write_text(json.dumps(asked))
@@ -234,7 +234,7 @@ def test_file_without_a_request_is_refused(content: str, words: str, root: Path,
 
 @pytest.mark.parametrize("arguments", [["ls"], ["verify"], ["explain", "abcd"]])
 def test_missing_store_is_one_line(arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder that is not there is the user's mistake, and is not made."""
+    """A directory that is not there is the user's mistake, and is not made."""
     assert main(["cache", *arguments, "--store", str(tmp_path / "nowhere")]) == 2
     assert "expected the directory of stores; got no such directory; name it by --store" in capsys.readouterr().err
     assert not (tmp_path / "nowhere").exists()

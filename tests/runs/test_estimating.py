@@ -25,7 +25,7 @@ Estimating = Callable[..., list[str]]
 
 @pytest.fixture
 def overrides(tmp_path: Path) -> Estimating:
-    """Give the overrides of a search with an empty store."""
+    """Return the overrides of a search with an empty store."""
     return lambda *more: [*SMALL, f"store.root={tmp_path}/cache", *more]
 
 
@@ -50,7 +50,7 @@ def record(overrides: list[str], requests: list[Request], *, tokens: tuple[int, 
 def test_estimate_needs_no_key_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before any call: status 0, the numbers, and an empty folder."""
+    """Before any call: status 0, the numbers, and an empty directory."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     assert main(["search", "--estimate", *SMALL]) == 0

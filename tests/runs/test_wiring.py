@@ -25,7 +25,7 @@ from tacevo.storage.store import Store
 
 
 def load(tmp_path: Path, *overrides: str) -> Dataset:
-    """Load what lies in the folder `recording` with small images."""
+    """Load what lies in the directory `recording` with small images."""
     settings = [f"data.root={tmp_path / 'recording'}", f"store.root={tmp_path / 'cache'}", "data.image_size=16"]
     return load_data(compose([*settings, *overrides]), Progress())
 
@@ -61,7 +61,7 @@ def test_release_is_loaded_by_its_own_split(tmp_path: Path) -> None:
 
 
 def test_sensor_and_pattern_of_a_release_arrive(tmp_path: Path) -> None:
-    """Both are folders; the classes are the sizes below them."""
+    """Both are directories; the classes are the sizes below them."""
     save_gratings(tmp_path / "recording", *(f"{size}_{press}.png" for size in (0.5, 1.5) for press in range(10)))
     parent = tmp_path / "recording" / "Grating_Classification"
     (parent / "ViTacTip" / "Blackdot").rename(parent / "ViTacTip" / "Tran")

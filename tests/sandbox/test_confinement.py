@@ -27,10 +27,19 @@ def test_level_that_is_not_offered_is_refused(weaker: Confinement, wanted: Confi
         require(wanted, weaker)
 
 
-@pytest.mark.parametrize(("wanted", "offered"), list(itertools.combinations_with_replacement(LEVELS, 2)))
-def test_level_that_is_offered_is_granted(wanted: Confinement, offered: Confinement) -> None:
+def is_granted(wanted: Confinement, offered: Confinement) -> bool:
+    """Return whether a run that demands a level starts on a machine that offers another."""
+    try:
+        require(wanted, offered)
+    except SandboxError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("offered", LEVELS)
+def test_level_that_is_offered_is_granted(offered: Confinement) -> None:
     """Asking for what there is, or for less, is fine."""
-    require(wanted, offered)
+    assert [level for level in LEVELS if is_granted(level, offered)] == LEVELS[: LEVELS.index(offered) + 1]
 
 
 def test_what_this_machine_has_is_granted() -> None:

@@ -25,7 +25,7 @@ def test_addresses_are_scrubbed() -> None:
 
 
 def test_shapes_are_kept() -> None:
-    """A matrix of 30400x64 is no address."""
+    """A matrix of 30400x64 is not an address."""
     assert one_line("mat1 of 1x30400 and mat2 of 30400x64") == "mat1 of 1x30400 and mat2 of 30400x64"
 
 

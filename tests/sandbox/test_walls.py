@@ -73,7 +73,7 @@ def answer(sandbox: Sandbox, entry: str, header: Any = None) -> Any:
 
 
 def folder_with_files(folder: Path) -> Path:
-    """Make a folder with what the attacks on names change."""
+    """Make a directory with what the attacks on names change."""
     folder.mkdir()
     for name in ("file", "victim", "doomed"):
         (folder / name).write_text("content")
@@ -82,13 +82,13 @@ def folder_with_files(folder: Path) -> Path:
 
 
 def state(folder: Path) -> list[tuple[object, ...]]:
-    """Give all that the attacks could have changed in a folder."""
+    """Return all that the attacks could have changed in a directory."""
     found = {path.name: path.lstat() for path in sorted(folder.iterdir())}
     return [(name, seen.st_mode, seen.st_ino, seen.st_mtime_ns, seen.st_size) for name, seen in found.items()]
 
 
 def test_no_name_or_mode_in_the_file_system_changes(walled: Sandbox, plain: Sandbox, tmp_path: Path) -> None:
-    """What needs no open file is refused too: folders, links, modes, times, attributes, removal."""
+    """What needs no open file is refused too: directories, links, modes, times, attributes, removal."""
     open_folder, guarded = folder_with_files(tmp_path / "open"), folder_with_files(tmp_path / "guarded")
     before = state(guarded)
     worked = answer(plain, "attempt_names", {"folder": str(open_folder), "marked": True})

@@ -185,7 +185,7 @@ def test_niches_of_many_points_are_those_of_each(points: list[tuple[float, float
 
 
 def test_one_bad_point_among_many_is_named() -> None:
-    """A coordinate that is no number is refused wherever it stands."""
+    """A coordinate that is not a number is refused wherever it stands."""
     with pytest.raises(ValueError, match=r"a point needs 2 finite coordinates; got \(nan, 0\.5\)"):
         QUARTERS.niches_of([(0.5, 0.5), (math.nan, 0.5)])
 

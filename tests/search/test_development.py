@@ -52,7 +52,7 @@ def mutation(slot: int, text: str) -> Proposal:
 
 
 def trained(source: str, seed: int = 0) -> Training:
-    """Give a training whose weights tell the source."""
+    """Return a training whose weights tell the source."""
     return Training(train_losses=(1.0,), validation_losses=(0.5,), predictions_sha256="", weights_sha256=source)
 
 
@@ -209,7 +209,7 @@ def test_failed_training_is_a_value() -> None:
 
 @pytest.mark.parametrize("text", ["a", "b"])
 def test_broken_sandbox_passes_through(text: str) -> None:
-    """An exception is no verdict: it reaches the search, and every slot that waited for the same training."""
+    """An exception is not a verdict: it reaches the search, and every slot that waited for the same training."""
 
     def evaluate(source: str, seed: int) -> Training:
         if source == text:

@@ -45,7 +45,7 @@ def test_a_ledger_comes_back_as_records() -> None:
         ({"kind": "verdict"}, "line 1", "a line of a known kind"),
         ({"kind": ["candidate"]}, "line 1", "a line of a known kind"),
         ({"slot": "0"}, "line 1, slot", "an integer"),
-        ({"fitness": 1e999}, "line 1", "JSON"),
+        ({"fitness": 1e999}, "line 1, fitness", "finite number"),
         ({"mood": "good"}, "line 1, mood", "only keys of this version"),
         ({"dropped": []}, "line 1", "the line of its hash"),
     ],

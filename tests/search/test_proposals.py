@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 from tacevo.choices import ParentPolicy, PromptPolicy
 from tacevo.randomness import stream
-from tacevo.records import Contract, Instruction, Kind, Loss, Message, Operator, Reason, Rejection, Request, Stage, Task
+from tacevo.records import Contract, Instruction, Kind, Loss, Operator, Request, Task
 from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import PromptArchive, Trial
 from tacevo.search.proposals import (
@@ -29,7 +29,6 @@ from tacevo.search.proposals import (
     mutation_text,
     plan_generation,
     plan_initial,
-    repair_request,
     system_prompt,
 )
 
@@ -104,7 +103,7 @@ def planned(
 
 
 def requests_of(proposals: tuple[Proposal, ...]) -> list[Request]:
-    """Give the requests, which all but the baseline have."""
+    """Return the requests, which all but the baseline have."""
     return [proposal.request for proposal in proposals if proposal.request is not None]
 
 
@@ -211,7 +210,7 @@ def test_mutation_asks_with_parent_and_instruction_it_names() -> None:
 
 
 def test_crossover_has_two_different_parents() -> None:
-    """Nobody is crossed with itself; the instruction is the fixed one and is no prompt of the library."""
+    """Nobody is crossed with itself; the instruction is the fixed one and is not a prompt of the library."""
     for generation in range(1, 100):
         for proposal in planned(NEVER, generation=generation, elites=ELITES[:2]):
             assert sorted(proposal.parents) == ["g00s00", "g00s01"]
@@ -362,7 +361,7 @@ def test_dropped_draw_leaves_the_others_alone(seed: int, generation: int) -> Non
 
 
 def drawn(settings: Settings, generation: int = 1, prompts: PromptArchive | None = None) -> set[int | None]:
-    """Give the instructions that one generation asks for."""
+    """Return the instructions that one generation asks for."""
     return {proposal.prompt for proposal in planned(settings, generation=generation, prompts=prompts)}
 
 
@@ -405,48 +404,3 @@ def test_pool_leaves_generation_0_and_all_other_draws_alone() -> None:
 def test_fewer_slots_are_the_first_of_more() -> None:
     """A larger B adds slots and changes none."""
     assert planned(replace(SETTINGS, candidates=9))[:4] == planned(SETTINGS)
-
-
-ASKED = Request(
-    model="m",
-    system="s",
-    messages=(Message(role="user", content="Widen it."),),
-    temperature=0.7,
-    max_tokens=9,
-    draw=3,
-    settings=(("top_p", 0.9),),
-)
-FAULT = Rejection(stage=Stage.probe, reason=Reason.bad_output, detail="expected (2, 3); got (2, 4)")
-
-
-def test_repair_goes_on_with_the_conversation() -> None:
-    """The answer and the gate's stage, reason and detail are added; nothing else of the request changes."""
-    repair = repair_request(ASKED, "class A: ...", FAULT)
-    assert repair is not None
-    assert replace(repair, messages=ASKED.messages) == ASKED
-    first, answer, reason = repair.messages
-    assert first == ASKED.messages[0]
-    assert answer == Message(role="assistant", content="class A: ...")
-    assert reason.role == "user"
-    assert "'probe' for the reason 'bad_output': expected (2, 3); got (2, 4)" in reason.content
-
-
-def test_second_repair_holds_the_first() -> None:
-    """Each attempt sees all that was said before it."""
-    once = repair_request(ASKED, "one", FAULT)
-    assert once is not None
-    twice = repair_request(once, "two", FAULT)
-    assert twice is not None
-    assert twice.messages[:3] == once.messages
-    assert [turn.role for turn in twice.messages] == ["user", "assistant"] * 2 + ["user"]
-
-
-@pytest.mark.parametrize("reason", [Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long])
-def test_what_no_turn_can_mend_is_not_sent_back(reason: Reason) -> None:
-    """There is nothing to correct, or nothing that could be sent."""
-    assert repair_request(ASKED, "text", replace(FAULT, stage=Stage.extract, reason=reason)) is None
-
-
-def test_blank_answer_is_not_sent_back() -> None:
-    """A provider takes no empty turn, whatever the reason."""
-    assert repair_request(ASKED, " \n", replace(FAULT, stage=Stage.extract, reason=Reason.truncated)) is None

@@ -37,12 +37,12 @@ def run(plan: Plan, path: Path | None = None, **effects: object) -> tuple[str, f
 
 
 def candidates(recorder: fakes.Recorder) -> list[CandidateLine]:
-    """Give the candidates' lines."""
+    """Return the candidates' lines."""
     return [line for line in recorder.lines if isinstance(line, CandidateLine)]
 
 
 def generations(recorder: fakes.Recorder) -> list[GenerationLine]:
-    """Give the generations' lines."""
+    """Return the generations' lines."""
     return [line for line in recorder.lines if isinstance(line, GenerationLine)]
 
 
@@ -320,7 +320,7 @@ def test_small_run_is_golden() -> None:
 
 
 def repairing() -> Plan:
-    """Give a plan that sends answers back twice."""
+    """Return a plan that sends answers back twice."""
     return replace(fakes.plan(generations=4), repairs=2)
 
 

@@ -47,7 +47,7 @@ def searched(
     plan: Plan,
     llm: fakes.FakeLLM,
 ) -> list[SearchLine]:
-    """Run a plan; give the lines of its ledger."""
+    """Run a plan; return the lines of its ledger."""
     recorder = fakes.Recorder()
     run_search(plan, fakes.tools(llm), Ledger(), recorder)
     return recorder.lines
@@ -90,7 +90,7 @@ def test_ledger_under_the_first_core_gains_no_field() -> None:
 
 
 def test_temperature_that_was_not_sent_is_none() -> None:
-    """What was planned is no temperature of the request."""
+    """What was planned is not a temperature of the request."""
     assert candidate("g01s00", temperature=0.5).sent_temperature == 0.5
     assert candidate("g01s00", temperature=0.5, dropped=("top_p",)).sent_temperature == 0.5
     assert candidate("g01s00", temperature=0.5, dropped=("temperature",)).sent_temperature is None

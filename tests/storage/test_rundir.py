@@ -35,7 +35,7 @@ with RunDirectory(Path(sys.argv[1])).locked():
 
 @pytest.fixture
 def directory(tmp_path: Path) -> RunDirectory:
-    """Give a run directory that is not made yet."""
+    """Return a run directory that is not made yet."""
     return RunDirectory(tmp_path / "runs" / "one")
 
 

@@ -259,7 +259,7 @@ def test_study_that_trains_otherwise_gives_no_re_estimates(noisy: Path) -> None:
 
 
 def test_training_that_the_store_lacks_is_named(folder: Path) -> None:
-    """The study stays whole, which is no failed check; why it has no re-estimates is said."""
+    """The study stays whole, which is not a failed check; why it has no re-estimates is said."""
     shutil.rmtree(folder / "cache" / "studies")
     found = collect(folder / "run", folder / "cache")
     assert (len(found.studies), len(found.reestimates)) == (1, 1)

@@ -19,7 +19,7 @@ SURROUNDINGS: dict[str, Any] = {"scale": (), "units": (), "versions": {}, "machi
 
 @pytest.fixture
 def directory(tmp_path: Path) -> StudyDirectory:
-    """Give a finished study."""
+    """Return a finished study."""
     made = StudyDirectory(tmp_path / "run" / "studies" / "mine")
     made.begin(HEADER, **SURROUNDINGS)
     made.finish(HEADER, ROWS)
@@ -74,7 +74,7 @@ def test_other_scores_are_a_difference(directory: StudyDirectory) -> None:
 )
 @pytest.mark.parametrize(("was", "now"), [('"kind"', '"king"'), (":", ": NaN, "), ("{", "["), ('"hash"', '"hush"')])
 def test_edited_row_is_named(line: int, named: str, was: str, now: str, directory: StudyDirectory) -> None:
-    """Another word, NaN, what is no JSON, and a hash that went missing."""
+    """Another word, NaN, what is not JSON, and a hash that went missing."""
     lines = directory.scores.read_text().splitlines()
     lines[line] = lines[line].replace(was, now, 1)
     directory.scores.write_text("\n".join(lines) + "\n")

@@ -65,7 +65,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def only(folder: Path) -> Path:
-    """Give the folder of the only study."""
+    """Return the directory of the only study."""
     (path,) = folder.glob("run/studies/*")
     return path
 
@@ -321,7 +321,7 @@ def test_export_takes_the_study_along(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A longer search has other elites; its replay says so, and a new study has a folder of its own."""
+    """A longer search has other elites; its replay says so, and a new study has a directory of its own."""
     longer = ["search.generations=1", "search.candidates=1"]
     assert main(["search", *TINY[:-1], *longer[1:], "run.dir=longer"]) == 0
     assert main(["study", "run=longer", *STUDY[1:]]) == 0

@@ -1,4 +1,4 @@
-"""Traps that a hostile candidate springs if it gets out: a folder, ports, sockets, a secret in the environment.
+"""Traps that a hostile candidate springs if it gets out: a directory, ports, sockets, a secret in the environment.
 
 The places are those that the shared hostile programs aim at when they find no environment.
 """
@@ -65,7 +65,7 @@ def canaries() -> Iterator[Canaries]:
     """Set the traps for a while; the caller has put `SECRET` into the environment.
 
     Raises:
-        OSError: a port is in use for long, or the folder belongs to somebody else.
+        OSError: a port is in use for long, or the directory belongs to somebody else.
     """
     FOLDER.mkdir(exist_ok=True)
     FOLDER.chmod(0o777)

@@ -68,7 +68,7 @@ def candidate(forward: str, init: str = "") -> str:
 
 
 def examples(folder: str) -> list[Any]:
-    """Read every example of a shared folder, each with its file's name under `file`."""
+    """Read every example of a shared directory, each with its file's name under `file`."""
     files = sorted((SHARED / folder).glob("*.json"))
     return [{**json.loads(path.read_text(encoding="utf-8")), "file": path.stem} for path in files]
 

@@ -65,3 +65,9 @@ def request(text: str, *, settings: tuple[tuple[str, Setting], ...] = (), draw: 
         draw=draw,
         settings=settings,
     )
+
+
+def texts(llm: HostedLLM, *asked: str) -> list[str]:
+    """Ask, and return the answers in the order of the requests."""
+    answers = dict(llm.complete([request(text) for text in asked]))
+    return [answers[position].text for position in range(len(asked))]

@@ -44,7 +44,7 @@ ENDLESS_AFTERWARDS = {
     "finaliser of the module": _first("class Trap:\n    def __del__(self):\n        while True: pass\ntrap = Trap()"),
 }
 
-#: Each returns something that is no prediction.
+#: Each returns something that is not a prediction.
 NO_PREDICTIONS = {
     "one column": _output("y[:, :1]"),
     "one row": _output("y[:1]"),

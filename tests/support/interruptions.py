@@ -53,7 +53,7 @@ class Phase(StrEnum):
     finishing = "finishing"
 
 
-#: Where the sign of a phase appears, below the folder of the search: a new name, or another size or time of one.
+#: Where the sign of a phase appears, below the directory of the search: a new name, or another size or time of one.
 _SIGNS = {
     Phase.making: "cache/data/.*part",
     Phase.completing: "cache/completions/*/*",
@@ -106,7 +106,7 @@ def start(
     place: str = ".",
     umask: int = -1,
 ) -> subprocess.Popen[str]:
-    """Start the search in a folder; every process of it, candidates too, names that folder in its command line.
+    """Start the search in a directory; every process of it, candidates too, names that directory in its command line.
 
     Args:
         folder: where; it keeps temporary files, too.
@@ -131,7 +131,7 @@ def start(
 
 
 def finish(search: subprocess.Popen[str]) -> str:
-    """Let a search go to its end; give the digest that it prints."""
+    """Let a search go to its end; return the digest that it prints."""
     out, errors = search.communicate(timeout=PATIENCE)
     assert search.returncode == 0, errors
     name, _, digest = out.splitlines()[-1].partition(": ")
@@ -197,12 +197,12 @@ def _seen(folder: Path, phase: Phase) -> set[tuple[str, int]]:
 
 
 def ends(folder: Path) -> bool:
-    """Wait until no living process names a folder or stands in it."""
+    """Wait until no living process names a directory or stands in it."""
     return eventually(lambda: not processes_of(folder), seconds=PATIENCE)
 
 
 def processes_of(folder: Path) -> list[str]:
-    """List the living processes that name a folder in their command line or stand in it."""
+    """List the living processes that name a directory in their command line or stand in it."""
     found = (_command_in(process, folder) for process in Path("/proc").glob("[0-9]*"))
     return [command for command in found if command is not None]
 
@@ -233,7 +233,7 @@ def results(folder: Path) -> dict[str, bytes]:
 
 
 def mirrored(database: Path) -> tuple[int, str]:
-    """Count the runs in MLflow's database, deleted ones left out, and give the digest that is tagged there."""
+    """Count the runs in MLflow's database, deleted ones left out, and return the digest that is tagged there."""
     with contextlib.closing(sqlite3.connect(database)) as connection:
         (count,) = connection.execute("select count(*) from runs where lifecycle_stage = 'active'").fetchone()
         tagged = connection.execute("select value from tags where key = 'tacevo.digest'").fetchall()

@@ -319,7 +319,7 @@ def recorded_answers(folder: Path, task: str) -> Script:
         task: whose answers; empty for those of every task.
 
     Raises:
-        ValueError: the folder holds none, or one that ended otherwise.
+        ValueError: the directory holds none, or one that ended otherwise.
     """
     paths = sorted(folder.glob(f"{task or '*'}_*.json"))
     if not paths:

@@ -144,7 +144,7 @@ def everything(uri: str) -> dict[tuple[str, ...], Any]:
 
 
 def build_sweep(folder: Path, lines: Sequence[Line], *, arms: Sequence[str] = ("none", "greedy")) -> None:
-    """Write the folder of a sweep, with a whole run for each arm, and one that is not begun for the next seed."""
+    """Write the directory of a sweep, with a whole run for each arm, and one that is not begun for the next seed."""
     jobs = [
         Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="0" * 64)
         for arm in arms

@@ -12,7 +12,7 @@ import pytest
 
 @contextmanager
 def small_disk(folder: Path, kibibytes: int) -> Iterator[None]:
-    """Mount a file system in memory of so many KiB on a folder."""
+    """Mount a file system in memory of so many KiB on a directory."""
     _mount("-t", "tmpfs", "-o", f"size={kibibytes}k", "tmpfs", str(folder))
     try:
         yield
@@ -27,7 +27,7 @@ def enlarge(folder: Path, kibibytes: int) -> None:
 
 @contextmanager
 def read_only(folder: Path) -> Iterator[None]:
-    """Let nobody write below a folder for a while, not even root."""
+    """Let nobody write below a directory for a while, not even root."""
     _mount("--bind", str(folder), str(folder))
     try:
         _mount("-o", "remount,bind,ro", str(folder))

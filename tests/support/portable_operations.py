@@ -30,7 +30,7 @@ def operations() -> None:
 
 
 def computed(expression: str) -> str:
-    """Compute an expression, and the gradients of what it began with; give the digest of all of it.
+    """Compute an expression, and the gradients of what it began with; return the digest of all of it.
 
     Returns:
         64 hex digits, or `refused` where torch has no deterministic form of it.

@@ -37,7 +37,7 @@ def save_image(path: Path, value: int, size: tuple[int, int] = (8, 8)) -> None:
 
 
 def save_table(root: Path, rows: str, *, images: int = 3, header: str = "image_name, fx ,fz,note\n") -> Table:
-    """Write a table and images named 0.png, 1.png, ... into a folder."""
+    """Write a table and images named 0.png, 1.png, ... into a directory."""
     root.mkdir(parents=True, exist_ok=True)
     (root / "labels.csv").write_text(header + rows)
     for number in range(images):

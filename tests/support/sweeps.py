@@ -82,5 +82,5 @@ class Heard(Progress):
 
 
 def files_of(folder: Path) -> dict[str, int]:
-    """List the files below a folder, with the times of their last change in ns."""
+    """List the files below a directory, with the times of their last change in ns."""
     return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}

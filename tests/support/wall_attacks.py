@@ -47,7 +47,7 @@ def _raw(number: int, *arguments: int) -> int:
 
 
 def attempt_names(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
-    """Change and read names and modes in a folder that holds a `file`, without opening anything."""
+    """Change and read names and modes in a directory that holds a `file`, without opening anything."""
     folder = Path(header["folder"])
     acts: dict[str, Callable[[], object]] = {
         "stat": partial(os.stat, folder / "file"),

@@ -56,11 +56,11 @@ def test_runs_that_changed_places_are_found(sweep: Path) -> None:
     (sweep / names[0]).rename(sweep / "aside")
     (sweep / names[1]).rename(sweep / names[0])
     (sweep / "aside").rename(sweep / names[1])
-    rejected(sweep, place="job none-seed0, config")
+    rejected(sweep, place="job none-seed0, config", expected="as in its run")
 
 
 def test_job_that_is_there_twice_is_found(sweep: Path) -> None:
-    """One run under two names is no second seed."""
+    """One run under two names is not a second seed."""
     shutil.copytree(sweep / "none-seed0", sweep / "again")
     edit(sweep, lambda told: told["jobs"].append({**told["jobs"][0], "name": "again"}))
     rejected(sweep, place="jobs none-seed0 and again", got="the same")

@@ -46,7 +46,7 @@ ENDLESS = {"quick": ("seed=-1",), "slow": ("search.generations=999", UNTRACKED)}
 
 
 def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
-    """Start the sweep in a folder, in a session of its own."""
+    """Start the sweep in a directory, in a session of its own."""
     (folder / "tmp").mkdir(exist_ok=True)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *SWEEP, *overrides, "--into", "all"],

@@ -61,13 +61,13 @@ def test_override_that_a_sweep_cannot_have_is_rejected(setting: str, place: str)
     ],
 )
 def test_arm_is_what_is_compared(own: tuple[str, ...], arm: str, name: str) -> None:
-    """The ablation, and whatever else is varied but the seed, in a form that a folder can be called."""
+    """The ablation, and whatever else is varied but the seed, in a form that a directory can be called."""
     assert name_arm(own) == arm
     assert name_job(own, 3) == name
 
 
 def test_no_value_leads_out_of_the_sweep() -> None:
-    """Characters that no folder should have are replaced, and what was replaced still tells arms apart."""
+    """Characters that no directory should have are replaced, and what was replaced still tells arms apart."""
     arms = (
         "task.system=../a",
         "task.system=../b",
@@ -191,7 +191,7 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
 
 @pytest.mark.slow
 def test_other_shared_settings_are_another_sweep(place: Path) -> None:
-    """Jobs of two budgets are not put into one folder; where results cannot change, the newest settings hold."""
+    """Jobs of two budgets are not put into one directory; where results cannot change, the newest settings hold."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
     with refused(RunError, place="all", got="none-seed0 would be another search", remedy="choose another --into"):
         sweep([*SHARED, "search.candidates=3", "seed=1"], "all", Heard(), Launched())

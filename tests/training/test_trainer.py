@@ -103,7 +103,7 @@ def test_whatever_a_candidate_raises_becomes_a_failure(error: Exception, reason:
 
 
 def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Any, bytes]]:
-    """Run the trainer in this process; give the frames that it sends."""
+    """Run the trainer in this process; return the frames that it sends."""
     data = data or examples()
     frames: list[tuple[Any, bytes]] = []
     header = {**header_of(source, data), **changes}

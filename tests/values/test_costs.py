@@ -47,7 +47,7 @@ def test_answers_without_price_are_counted_apart() -> None:
 
 
 def test_nothing_costs_nothing() -> None:
-    """No answer is no cost, and not an unknown one."""
+    """Without an answer the cost is 0, not unknown."""
     assert usd(total([])) == "0.00 USD"
 
 

@@ -1,0 +1,55 @@
+"""Promise: a repair goes on with the conversation, and what no further turn can mend is not sent back."""
+
+from dataclasses import replace
+
+import pytest
+
+from tacevo.records import Message, Reason, Rejection, Request, Stage
+from tacevo.search.proposals import (
+    repair_request,
+)
+
+ASKED = Request(
+    model="m",
+    system="s",
+    messages=(Message(role="user", content="Widen it."),),
+    temperature=0.7,
+    max_tokens=9,
+    draw=3,
+    settings=(("top_p", 0.9),),
+)
+
+FAULT = Rejection(stage=Stage.probe, reason=Reason.bad_output, detail="expected (2, 3); got (2, 4)")
+
+
+def test_repair_goes_on_with_the_conversation() -> None:
+    """The answer and the gate's stage, reason and detail are added; nothing else of the request changes."""
+    repair = repair_request(ASKED, "class A: ...", FAULT)
+    assert repair is not None
+    assert replace(repair, messages=ASKED.messages) == ASKED
+    first, answer, reason = repair.messages
+    assert first == ASKED.messages[0]
+    assert answer == Message(role="assistant", content="class A: ...")
+    assert reason.role == "user"
+    assert "'probe' for the reason 'bad_output': expected (2, 3); got (2, 4)" in reason.content
+
+
+def test_second_repair_holds_the_first() -> None:
+    """Each attempt sees all that was said before it."""
+    once = repair_request(ASKED, "one", FAULT)
+    assert once is not None
+    twice = repair_request(once, "two", FAULT)
+    assert twice is not None
+    assert twice.messages[:3] == once.messages
+    assert [turn.role for turn in twice.messages] == ["user", "assistant"] * 2 + ["user"]
+
+
+@pytest.mark.parametrize("reason", [Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long])
+def test_what_no_turn_can_mend_is_not_sent_back(reason: Reason) -> None:
+    """There is nothing to correct, or nothing that could be sent."""
+    assert repair_request(ASKED, "text", replace(FAULT, stage=Stage.extract, reason=reason)) is None
+
+
+def test_blank_answer_is_not_sent_back() -> None:
+    """A provider takes no empty turn, whatever the reason."""
+    assert repair_request(ASKED, " \n", replace(FAULT, stage=Stage.extract, reason=Reason.truncated)) is None
