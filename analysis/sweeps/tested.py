@@ -77,5 +77,5 @@ def _fitness(run: Run, study: Study) -> dict[str, float]:
         return {network.id: network.fitness for network in study.networks}
     for directory in studies_of(run.path):
         if directory.read().digest == study.chosen_by:
-            return median_losses(directory.read_finished().rows)
+            return median_losses(directory.read_finished()[1].rows)
     raise RunError("none", place=f"{run.path}/studies", expected=f"the noise run {study.chosen_by[:12]} that chose")

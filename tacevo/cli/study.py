@@ -42,7 +42,7 @@ SETTINGS = {
 
 #: The same of a noise run; conf/noise.yaml has the defaults.
 NOISE_SETTINGS = {
-    "run": SETTINGS["run"],
+    "run": "the directory of a finished run; required, and may stand alone: RUN",
     "elites": "how many elites, best validation loss first, beside the baseline (all)",
     "seeds": "training seeds of each network (5)",
     "executor.workers": SETTINGS["executor.workers"],
