@@ -272,6 +272,10 @@ def test_control_differs_from_none_in_its_parents_alone(name: str, folder: Path)
     plain, _ = searched("none", folder)
     fields = ("id", "operator", "prompt", "temperature")
     assert [[line[key] for key in fields] for line in lines] == [[line[key] for key in fields] for line in plain]
+    pairs = [(line, other) for line, other in zip(lines, plain, strict=True) if line["generation"] == 1]
+    same = [line["request"] == other["request"] for line, other in pairs if line["parents"] == other["parents"]]
+    assert same
+    assert all(same)  # one question in one slot is one request, which both arms share
     assert any(line["parents"] != other["parents"] for line, other in zip(lines, plain, strict=True))
     assert planned(arm(name), folder).networks.niches == planned(arm("none"), folder).networks.niches
     assert recorder.states[-1].networks.bounds is not None
