@@ -97,7 +97,7 @@ def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> N
         job_score(load_run(run), STATED)
 
 
-def test_noise_run_is_no_test() -> None:
+def test_noise_run_is_not_a_test() -> None:
     """It has seeds and epochs, and sees no test image."""
     stated = Retraining(seeds=MEASURED.seeds, epochs=MEASURED.recipe.epochs, choose=ChosenBy.fitness)
     assert is_stated(MEASURED, stated)

@@ -55,7 +55,7 @@ def test_any_arm_may_be_the_reference(place: Path) -> None:
     assert any("--reference" in line for line in view.lines)
 
 
-def test_reference_that_is_no_arm_is_refused_before_a_job_runs(place: Path) -> None:
+def test_reference_that_is_not_an_arm_is_refused_before_a_job_runs(place: Path) -> None:
     """With the arms that there are."""
     with refused(ConfigError, place="--reference", expected="'temperature=paper', 'temperature=stall'", got="stal"):
         begun(MODELS, Asked(reference="temperature=stal"), launched := Launched())
