@@ -29,7 +29,7 @@ from analysis.tables.plan import counts, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.storage.canonical import leaves
-from tacevo.storage.plan import Plan
+from tacevo.storage.plan import Measure, Plan
 from tacevo.text import counted, listed
 
 #: What a contrast has, in the order of its columns.
@@ -90,18 +90,19 @@ def _planned_table(sweep: Sweep, found: Ablation, plan: Plan) -> Table:
             ("training seeds of a job", plan.retraining, None if stated is None else stated.seeds),
             ("epochs of these", plan.epochs, None if stated is None else stated.epochs),
             ("jobs with a test score", None, sum(one.tested is not None for one in sweep.finished)),
-            ("spread", plan.spread, _spread(sweep)),
+            ("spread", plan.spread, _spread(sweep, plan.metric)),
         ],
     )
     return replace(table, name=f"ablation_{table.name}")
 
 
-def _spread(sweep: Sweep) -> float | None:
-    """Return how the jobs of the arms spread; None where no arm has two."""
+def _spread(sweep: Sweep, metric: Measure) -> float | None:
+    """Return how the jobs of the arms spread; None where no arm has two, or where they have values of another kind."""
     try:
-        return sweep_pilot([sweep]).spread.deviation
+        found = sweep_pilot([sweep])
     except RunError:
         return None
+    return found.spread.deviation if found.metric is metric else None
 
 
 def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
@@ -353,8 +354,8 @@ def _primary_note(sweep: Sweep, found: Ablation) -> list[str]:
         notes.append(f"No job has a {found.primary.value} yet: `tacevo study sweep=` trains and tests what they found.")
     if stated is not None:
         notes.append(
-            f"Tested: the network with the best {_CHOSEN[stated.choose]}, trained for {stated.epochs} epochs with "
-            f"{counted(stated.seeds, 'fresh seed')}."
+            f"Tested: the network with the best {_CHOSEN[stated.choose]}, trained for "
+            f"{counted(stated.epochs, 'epoch')} with {counted(stated.seeds, 'fresh seed')}."
         )
     return notes
 

@@ -28,7 +28,7 @@ from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import read_entry
-from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.sweeps.check import check_jobs
 
@@ -115,11 +115,14 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
         _stage(source, run, target, _studies(studies, source, run.ledger.digest, view))
     _, jobs = directory.read()
     published = [_published_job(staged.folder, job) for job in jobs]
-    terms = directory.read_terms()
     arms = {job.arm: shown.arm for job, shown in zip(jobs, published, strict=True)}
-    terms = replace(terms, reference=arms.get(terms.reference or "", terms.reference))
-    SweepDirectory(staged.folder).write((), published, terms)
+    SweepDirectory(staged.folder).write((), published, published_terms(directory.read_terms(), arms))
     return staged
+
+
+def published_terms(terms: SweepTerms, arms: Mapping[str, str]) -> SweepTerms:
+    """Return the terms of a sweep with the published name of the reference, by the names of the arms."""
+    return replace(terms, reference=arms.get(terms.reference or "", terms.reference))
 
 
 def _published_job(folder: Path, job: Job) -> Job:

@@ -16,6 +16,7 @@ from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory
 from tacevo.studies.directory import is_stated, studies_of
 from tacevo.studies.study import Studied, study
+from tacevo.text import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +47,11 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep
     if not finished:
         raise RunError("none", place=str(path), expected="a finished job", remedy="continue the sweep")
     _state(directory, Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose))
+    planned = directory.read_terms().plan
+    if planned is not None and planned.retraining not in {None, config.seeds}:
+        view.say(
+            f"this is not what was planned, which is {counted(planned.retraining, 'training seed')} of each network"
+        )
     studies = []
     for number, job in enumerate(finished, start=1):
         view.say(f"job {job.name} ({number} of {len(finished)})")

@@ -315,7 +315,7 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
         view.say(f"this is not what was planned, which is {asked}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
-            f"no comparison will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "
+            f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "
             f"significant; it takes seeds={needed} or more"
         )
 

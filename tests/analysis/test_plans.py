@@ -112,7 +112,7 @@ def test_table_marks_the_plan() -> None:
 
 
 def test_pilot_of_a_study_pools_its_networks() -> None:
-    """Logarithms of errors; the networks' medians are far apart, and that is no spread."""
+    """Logarithms of errors; the networks' medians are far apart, and that is not a spread."""
     found = study_pilot([(run([trained(0, 0)], []), study_of(FOUR))])
     by_hand = math.sqrt(np.mean([np.var(np.log(sample), ddof=1) for sample in FOUR.values()]))
     assert (found.metric, found.comparisons, found.spread.freedom) == ("mse", 4, 95)
@@ -125,7 +125,7 @@ def test_pilot_of_a_study_pools_its_networks() -> None:
     ("values", "place"),
     [({"baseline": [0.1], "variant 1": [0.2]}, "the pilots"), ({"baseline": [0.1, 0.0]}, "a pilot's mse")],
 )
-def test_study_without_a_spread_is_no_pilot(values: Mapping[str, Sequence[float]], place: str) -> None:
+def test_study_without_a_spread_is_not_a_pilot(values: Mapping[str, Sequence[float]], place: str) -> None:
     """One seed does not spread, and 0 has no logarithm."""
     with refused(RunError, place=place):
         study_pilot([(run([trained(0, 0)], []), study_of(values))])

@@ -11,9 +11,11 @@ from refusals import refused
 from analysis.sweeps.sweep import Finished
 from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
 from analysis.sweeps.sweep_checks import check_sweep
+from tacevo.choices import Varied
 from tacevo.errors import IncomparableError
 from tacevo.rules import FIRST
 from tacevo.search.lines import RulesLine
+from tacevo.storage.sweep_directory import SweepTerms
 
 RUN = run_to(0.5, 0.4)
 
@@ -24,6 +26,19 @@ CHANGED = replace(FIRST, static=9)
 def beside(other: Finished) -> None:
     """Check a sweep of a job and another."""
     check_sweep(sweep_of([finished("none", 0, RUN), other]))
+
+
+def test_data_of_two_seeds_may_differ_where_the_sweep_takes_them_from_the_seed() -> None:
+    """And only then; data of one seed are the same in all arms, or a difference between arms would be one of data."""
+    other = replace(RUN, facts=replace(RUN.facts, fingerprint="other"))
+    jobs = [finished(arm, seed, run) for arm in ("none", "a") for seed, run in enumerate((RUN, other))]
+    varied = SweepTerms(vary=(Varied.splitting,))
+    check_sweep(replace(sweep_of(jobs), terms=varied))
+    with refused(IncomparableError, place="fingerprint of the data"):
+        check_sweep(sweep_of(jobs))
+    torn = [*jobs[:3], finished("a", 1, RUN)]
+    with refused(IncomparableError, place="fingerprint of the data", got="none-seed1"):
+        check_sweep(replace(sweep_of(torn), terms=varied))
 
 
 def test_arms_may_differ_in_how_they_search() -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from ledger_lines import score as line
+from ledger_lines import study_header
 from refusals import refused
 from studies import study_of
 
@@ -15,7 +17,7 @@ from analysis.sweeps.tested import JobScore, _score, job_score
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.studies.directory import is_stated
+from tacevo.studies.directory import StudyDirectory, is_stated
 from tacevo.studies.lines import Design
 
 #: What the study of the `published` run is.
@@ -40,6 +42,25 @@ def test_score_is_the_median_of_the_best_by_fitness(run: Path) -> None:
     assert _score(found, studied(0.5, 0.4, 0.45)).value == 0.4
     assert _score(found, studied(0.3, 0.4, 0.45)).value == 0.2
     assert _score(found, studied(0.4, 0.4, 0.45)).network == "g00s00"
+
+
+def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
+    """The lowest median of its re-estimates, whatever was recorded; without that noise run nothing is known."""
+    study = studied(0.3, 0.4, 0.45)
+    noise = study_header(terms=None, networks=study.networks[:2], seeds=3)
+    losses = {"baseline": (0.5, 0.6, 0.1), "variant 1": (0.4, 0.4, 0.9)}
+    rows = [
+        replace(line(one.name, seed, 0.0), id=one.id, validation_loss=loss, metrics={})
+        for one in noise.networks
+        for seed, loss in enumerate(losses[one.name])
+    ]
+    directory = StudyDirectory(run / "studies" / "noise")
+    directory.begin(noise, scale=(), units=(), versions={}, machine={})
+    chosen = replace(study, chosen_by=directory.finish(noise, rows))
+    assert _score(load_run(run), study).network == "g00s00"
+    assert _score(load_run(run), chosen).network == "g01s00"
+    with refused(RunError, expected="the noise run"):
+        _score(load_run(run), replace(chosen, chosen_by="f" * 64))
 
 
 def test_score_is_read_from_the_runs_own_study(run: Path) -> None:
@@ -76,7 +97,7 @@ def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> N
         job_score(load_run(run), STATED)
 
 
-def test_noise_run_is_no_test() -> None:
+def test_noise_run_is_not_a_test() -> None:
     """It has seeds and epochs, and sees no test image."""
     stated = Retraining(seeds=MEASURED.seeds, epochs=MEASURED.recipe.epochs, choose=ChosenBy.fitness)
     assert is_stated(MEASURED, stated)

@@ -39,7 +39,7 @@ def test_study_keeps_its_plan(folder: Path, capsys: pytest.CaptureFixture[str]) 
 
 
 def test_edited_plan_of_a_study_is_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A plan that is fitted to the results afterwards is none."""
+    """A plan that is fitted to the results afterwards is not a plan."""
     assert main(["plan", "study", "run", "--effect", "0.5"]) == 0
     assert main(["study", "run=run", "elites=1", "seeds=4", "epochs=1", f"plan={PLAN}"]) == 0
     (study,) = (path for path in folder.glob("run/studies/*/study.json") if json.loads(path.read_text())["plan"])
@@ -85,7 +85,7 @@ def test_wrong_option_is_refused(option: list[str], capsys: pytest.CaptureFixtur
     ("text", "place_of"),
     [("", ""), ("{}", ""), ('{"schema": 2}', "schema"), (None, "")],
 )
-def test_file_that_is_no_plan_is_refused(text: str | None, place_of: str, tmp_path: Path) -> None:
+def test_file_that_is_not_a_plan_is_refused(text: str | None, place_of: str, tmp_path: Path) -> None:
     """Missing, empty, or of another layout."""
     path = tmp_path / "plan.json"
     if text is not None:

@@ -143,7 +143,10 @@ def test_too_few_seeds_are_told_before_anything_is_trained(folder: Path, capsys:
     forget(folder)
     assert main(["study", *STUDY]) == 0
     said = capsys.readouterr().err
-    warning = "no comparison will be possible: at alpha 0.05 no outcome of seeds=2 is significant; it takes seeds=4"
+    warning = (
+        "no comparison with the baseline will be possible: at alpha 0.05 no outcome of seeds=2 is significant; it "
+        "takes seeds=4"
+    )
     assert 0 <= said.index(warning) < said.index("1 of 4 trainings are done")
     assert main(["study", *STUDY, "alpha=0.5"]) == 0
     assert "no comparison" not in capsys.readouterr().err

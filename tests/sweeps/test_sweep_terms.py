@@ -2,16 +2,20 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from refusals import refused
 from sweeps import SHARED, Heard, Launched
 
+from tacevo.bundles.publish import published_terms
 from tacevo.choices import ChosenBy, Primary, Varied
+from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
+from tacevo.storage.plan import Measure, Plan, plan_text
 from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms, sweep_text
 from tacevo.sweeps.check import check_jobs
 from tacevo.sweeps.launch import overrides_of
@@ -19,7 +23,7 @@ from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.terms import Asked, read_varied
 
 ALL = Path("all")
-MODELS = [*SHARED, "temperature=paper,stall", "seed=0,1"]
+MODELS = [*SHARED, "temperature=paper,stall", "seed=0"]
 SEEDED = (Varied.sensor, Varied.splitting)
 
 
@@ -51,7 +55,7 @@ def test_any_arm_may_be_the_reference(place: Path) -> None:
     assert any("--reference" in line for line in view.lines)
 
 
-def test_reference_that_is_no_arm_is_refused_before_a_job_runs(place: Path) -> None:
+def test_reference_that_is_not_an_arm_is_refused_before_a_job_runs(place: Path) -> None:
     """With the arms that there are."""
     with refused(ConfigError, place="--reference", expected="'temperature=paper', 'temperature=stall'", got="stal"):
         begun(MODELS, Asked(reference="temperature=stal"), launched := Launched())
@@ -59,25 +63,22 @@ def test_reference_that_is_no_arm_is_refused_before_a_job_runs(place: Path) -> N
     assert not SweepDirectory(ALL).is_one
 
 
-@pytest.mark.parametrize(
-    ("asked", "place_of"),
-    [
-        (Asked(reference="temperature=paper"), "terms.reference"),
-        (Asked(primary=Primary.coverage), "terms.primary"),
-        (Asked(vary=(Varied.splitting,)), "terms.vary"),
-    ],
-)
-def test_terms_are_not_changed_once_they_are_stated(asked: Asked, place_of: str, place: Path) -> None:
+def test_terms_are_not_changed_once_they_are_stated(place: Path) -> None:
     """Not after results are there, and not before; what a later command does not mention stays."""
     directory = begun(MODELS, Asked(reference="temperature=stall"))
     before = (ALL / "sweep.json").read_bytes()
-    with refused(RunError, place=place_of, expected="as stated when the sweep began"):
-        begun([*MODELS[:-1], "seed=2"], asked, launched := Launched())
-    assert not launched.calls
-    assert (ALL / "sweep.json").read_bytes() == before
-    begun([*MODELS[:-1], "seed=2"], Asked())
+    for asked, name in (
+        (Asked(reference="temperature=paper"), "reference"),
+        (Asked(primary=Primary.coverage), "primary"),
+        (Asked(vary=SEEDED), "vary"),
+    ):
+        with refused(RunError, place=f"terms.{name}", expected="as stated when the sweep began", remedy=f"--{name}"):
+            begun([*SHARED, "temperature=paper", "seed=2"], asked, launched := Launched())
+        assert not launched.calls
+        assert (ALL / "sweep.json").read_bytes() == before
+    begun([*SHARED, "temperature=paper", "seed=2"], Asked())
     assert directory.read_terms().reference == "temperature=stall"
-    assert len(directory.read()[1]) == 6
+    assert len(directory.read()[1]) == 3
 
 
 def test_sweep_of_an_earlier_release_keeps_its_bytes(place: Path) -> None:
@@ -155,6 +156,60 @@ def test_setting_that_cannot_follow_from_the_seed_is_refused(
     with refused(ConfigError, place="--vary", got=got):
         begun([*SHARED, *settings, "seed=0"], Asked(vary=(vary,)), launched := Launched())
     assert not launched.calls
+
+
+PLAN = Plan(
+    kind="sweep",
+    task="force",
+    metric=Measure.mse,
+    effect=0.1,
+    alpha=0.05,
+    power=0.8,
+    comparisons=1,
+    seeds=12,
+    retraining=3,
+    epochs=50,
+    spread=0.1,
+    chance=0.81,
+    trainings=108,
+    hours=None,
+    pilots=("a" * 64,),
+)
+
+
+def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
+    """It is copied: a file that is changed later changes nothing, and is not taken in its place."""
+    Path("plan.json").write_text(plan_text(PLAN))
+    directory = begun(MODELS, Asked(plan=Path("plan.json")))
+    assert directory.read_terms().plan == PLAN
+    begun(MODELS, Asked(plan=Path("plan.json")))
+    Path("plan.json").write_text(plan_text(replace(PLAN, seeds=4)))
+    with refused(RunError, place="terms.plan", expected="the plan for 12 jobs of each arm", got="for 4 jobs"):
+        begun(MODELS, Asked(plan=Path("plan.json")))
+    assert directory.read_terms().plan == PLAN
+
+
+def test_plan_of_another_task_is_refused_before_a_job_runs(place: Path) -> None:
+    """Its spread is that of other values."""
+    Path("plan.json").write_text(plan_text(replace(PLAN, task="grating")))
+    with refused(ConfigError, place="plan.json, task", expected="'force'", got="'grating'"):
+        begun(MODELS, Asked(plan=Path("plan.json")), launched := Launched())
+    assert not launched.calls
+
+
+@pytest.mark.parametrize("option", ["--reference=none", "--primary=coverage", "--vary=data.seed", "--plan=plan.json"])
+def test_one_search_has_no_terms(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """There is nothing to compare it with."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["search", *SHARED, option])
+    assert "terms of a sweep, so they need -m" in capsys.readouterr().err
+
+
+def test_published_reference_has_the_published_name() -> None:
+    """An arm that is a path is published by its last part, and so is the reference that names it."""
+    terms = SweepTerms(reference="data.root=/home/ada/force")
+    assert published_terms(terms, {"data.root=/home/ada/force": "data.root=force"}).reference == "data.root=force"
+    assert published_terms(UNSTATED, {"none": "none"}) == UNSTATED
 
 
 def test_varied_settings_are_read_from_the_command_line() -> None:
