@@ -27,8 +27,8 @@ from tacevo.text import counted, listed
 
 #: What a reader of a study on one data set has to know.
 ONE_SPLIT = (
-    "One split of one data set: another split, sensor or light may turn a verdict. `tacevo study run=RUN "
-    "data.split_seed=N` studies the same networks on another."
+    "One split of one data set: another split, sensor or light may turn a verdict. The same networks are "
+    "studied on another by: tacevo study run=RUN data.split_seed=N."
 )
 
 

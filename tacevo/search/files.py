@@ -112,7 +112,7 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
 
 
 def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> None:
-    """Check that the candidates begin with the baseline, and name earlier ones and instructions of the task.
+    """Check that the candidates begin with the baseline, and name earlier ones, instructions and networks of the task.
 
     A replay finds every edit; this is for what reads a run without replaying it. Files are found by a candidate's id,
     which therefore is not a path.
@@ -132,16 +132,19 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
         if not isinstance(line, CandidateLine):
             continue
         is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
+        is_there = line.operator is not Operator.given or 1 <= line.slot <= len(record.task.given)
         if not (
             _ID.fullmatch(line.id)
             and is_known
+            and is_there
             and ids.issuperset(line.parents)
             and (ids or line.operator is Operator.baseline)
         ):
             raise RunError(
-                f"{line.id} with an unknown parent or instruction, with another id, or without a baseline before it",
+                f"{line.id} with an unknown parent, instruction or network, with another id, or without a baseline "
+                "before it",
                 place=str(place),
-                expected="candidates that name earlier ones and instructions of the task",
+                expected="candidates that name earlier ones, and instructions and networks of the task",
                 remedy="restore the ledger",
             )
         ids.add(line.id)

@@ -233,7 +233,7 @@ def test_temperature_at_its_limit_is_told(temperatures: tuple[float, ...], rings
 
 def test_run_that_trained_nothing_has_no_niches_to_look_at() -> None:
     """Its gate is told all the same; whoever asks for its places is refused."""
-    hand = run([rejected(0, 0)], [closed(0, None, trained=0)], bounds=None)
+    hand = run([rejected(0, 1)], [closed(0, None, trained=0)], bounds=None)
     assert rung(hand) == ["strict gate: probe"]
     with pytest.raises(ValueError, match="has no bounds, because nothing was trained"):
         occupation(hand, QUARTERS)

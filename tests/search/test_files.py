@@ -120,9 +120,10 @@ def test_archive_that_is_not_json_is_refused(name: str, text: str | None, direct
         [candidate("g00s00", operator=Operator.baseline), candidate("g01s00", prompt=999)],
         [candidate("g01s00")],
         [candidate("g00s00", operator=Operator.baseline), candidate("g01s00", id="../../x")],
+        [candidate("g00s00", operator=Operator.baseline), candidate("g00s01", operator=Operator.given, prompt=None)],
     ],
 )
 def test_candidates_name_what_there_is(lines: list[CandidateLine]) -> None:
-    """A ledger sealed again with an unknown parent or instruction, no baseline, or a path as id is refused."""
+    """A ledger sealed again with an unknown parent, instruction or network, no baseline, or a path as id is refused."""
     with refused(RunError, place="run", expected="candidates that name earlier ones"):
         check_references(Path("run"), run_record(), lines)

@@ -121,6 +121,7 @@ def test_replay_compares_run_and_both_studies_without_data(here: Path, capsys: p
     assert capsys.readouterr().out.count("every score is as recorded") == 2
 
 
+@pytest.mark.slow
 def test_published_run_of_given_networks_is_verified(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One file holds networks, studies and tables; it says that no model was asked."""
     assert main(["publish", "run", "-o", "given.zip", "--author", "A. Nyone"]) == 0
@@ -161,7 +162,7 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
     [
         ("class Other: pass\n", "networks, bad.py", "extract, no_class"),
         (NETWORK.format(2, 2).replace("import torch\n", "import torch\nimport os\n"), "networks, bad.py", "policy"),
-        (NETWORK.format(2, 3), "networks, bad.py", "probe, forward_failed"),
+        pytest.param(NETWORK.format(2, 3), "networks, bad.py", "probe, forward_failed", marks=pytest.mark.slow),
         (NETWORK.format(8, 8), "networks", "wide and bad are one"),
     ],
 )

@@ -308,6 +308,11 @@ def _relation(value: float) -> str:
     return f"< {text[1:]}" if text.startswith("<") else f"= {text}"
 
 
+def _model(run: Run) -> dict[str, str]:
+    """Name the model that was asked, and who provides it; neither where none was."""
+    return {"model": run.config.llm.model, "provider": str(run.config.llm.provider)} if run.answered else {}
+
+
 def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
     train, validation, test = run.facts.counts
     code = record.code
@@ -321,8 +326,7 @@ def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
         "digest": run.digest,
         "task": run.task,
         "seed": str(run.config.seed),
-        "model": run.config.llm.model,
-        "provider": str(run.config.llm.provider),
+        **_model(run),
         "data source": str(run.config.data.source),
         "data fingerprint": run.facts.fingerprint,
         "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test",
