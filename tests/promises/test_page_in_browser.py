@@ -30,6 +30,9 @@ Opener = Callable[..., tuple[Page, list[str]]]
 _DESKTOP: ViewportSize = {"width": 1280, "height": 900}
 _PHONE: ViewportSize = {"width": 390, "height": 844}
 
+#: A4 less its margins, at 96 dots an inch.
+_SHEET: ViewportSize = {"width": 718, "height": 1047}
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
@@ -408,12 +411,13 @@ def test_phone_scrolls_in_one_direction(shipped: PageContents, open_page: Opener
 
 
 def test_print_shows_tables_and_no_controls(shipped: PageContents, open_page: Opener) -> None:
-    """On paper nothing can be clicked, and what is folded on a screen is open."""
-    page, _ = open_page(shipped)
+    """On paper nothing can be clicked, what is folded on a screen is open, and no table is wider than the sheet."""
+    page, _ = open_page(shipped, size=_SHEET)
     page.emulate_media(media="print")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert not page.locator("#generation").is_visible()
     assert page.locator("details:not([open])").count() == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= _SHEET["width"]
 
 
 def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: Path) -> None:
