@@ -108,12 +108,12 @@ function requestOf(run, one) {
     if (one.operator === "baseline") return h("p", null, "The task's baseline; no model was asked for it.");
     const text = one.prompt === null ? run.crossover : run.instructions[one.prompt][1];
     const temperature = one.temperature_sent
-        ? `Temperature ${number(one.temperature)}.`
+        ? `Sent with temperature ${number(one.temperature)}.`
         : `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`;
     return h(
         "div",
         null,
-        h("h4", null, `Asked for by ${one.operator}: ${instructionOf(run, one)}`),
+        h("h3", null, `Asked for by ${one.operator}: ${instructionOf(run, one)}`),
         h("blockquote", null, text),
         h("p", null, temperature),
     );
@@ -124,7 +124,7 @@ function rejectedOf(one) {
     return h(
         "div",
         null,
-        h("h4", null, "The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)"),
+        h("h3", null, "The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)"),
         h("pre", { tabindex: 0, "aria-label": `rejected answer of ${one.id}` }, one.rejected),
     );
 }
