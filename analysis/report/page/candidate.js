@@ -69,10 +69,10 @@ function factsOf(run, one) {
     ]);
 }
 
-// What each answer passed, and where it was rejected. A baseline is a source already, from which nothing is extracted.
+// What each answer passed, and where it was rejected. From what no model was asked for, a baseline, nothing is extracted.
 function gatePath(run, one) {
     const all = Object.keys(run.generations[0].rejected);
-    const stages = one.operator === "baseline" ? all.filter((stage) => stage !== "extract") : all;
+    const stages = one.temperature === null ? all.filter((stage) => stage !== "extract") : all;
     const answers = [...one.repairs, [one.stage, one.reason]];
     const ways = answers.map(([stage, reason], at) => {
         const passed = stage === null ? stages : stages.slice(0, stages.indexOf(stage));
