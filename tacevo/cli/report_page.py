@@ -29,7 +29,8 @@ def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageConte
     """
     shown, missing = _material(gathered, place, name)
     samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
-    shown = replace(shown, samples=samples, remarks=[*shown.remarks, *unseen])
+    absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
+    shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
     return page, [*missing, *unseen]
 
@@ -68,11 +69,12 @@ def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial
 
     Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
     """
-    found, folder = gathered.found, str(place.folder)
+    found = gathered.found
     tables, missing = gathered.tables()
     remarks = [*gathered.remarks, *missing]
-    if "/" in folder:  # else it is the name already, or `.`
-        remarks = [remark.replace(folder, name) for remark in remarks]
+    for path, word in ((str(place.folder), name), (gathered.store or str(place.store), "its stores")):
+        if "/" in path:  # else it names no place beyond the directory that the command was given in
+            remarks = [remark.replace(path, word) for remark in remarks]
     return RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks), missing
 
 

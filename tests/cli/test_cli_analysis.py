@@ -169,12 +169,17 @@ def test_report_of_a_bundle_names_the_bundle(bundle: Path, tmp_path: Path) -> No
 
 
 def test_report_does_not_say_where_the_run_lay(published: Path, tmp_path: Path) -> None:
-    """A page can lie beside a paper."""
+    """Nor where its stores are: a page can lie beside a paper. Both are named where something is missing."""
     run = Path(shutil.copytree(published / "run", tmp_path / "run"))
-    shutil.rmtree(run / "studies")  # the remark on that names the run
-    assert main(["report", str(run)]) == 0
+    stores = tmp_path / "stores"
+    stores.mkdir()
+    assert main(["report", str(run), "--store", str(stores)]) == 0
     page = run / "report.html"
-    assert "`tacevo study run=run`" in shown_in(page)["runs"][0]["remarks"][0]
+    assert any("its stores: expected" in remark for remark in shown_in(page)["runs"][0]["remarks"])
+    assert str(tmp_path) not in page.read_text()
+    shutil.rmtree(run / "studies")
+    assert main(["report", str(run)]) == 0
+    assert any("`tacevo study run=run`" in remark for remark in shown_in(page)["runs"][0]["remarks"])
     assert str(tmp_path) not in page.read_text()
 
 

@@ -30,6 +30,9 @@ Opener = Callable[..., tuple[Page, list[str]]]
 _DESKTOP: ViewportSize = {"width": 1280, "height": 900}
 _PHONE: ViewportSize = {"width": 390, "height": 844}
 
+#: A4 less its margins, at 96 dots an inch.
+_SHEET: ViewportSize = {"width": 718, "height": 1047}
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
@@ -273,15 +276,17 @@ def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Open
 
 
 def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None:
-    """All that came of the baseline can be opened from it."""
+    """All that came of a network can be opened from it, in the order in which they came."""
     run = shipped.runs[0]
-    page, _ = open_page(shipped, address=f"#/{run.name}/{run.candidates[0].id}")
+    first = run.candidates[1]
+    page, _ = open_page(shipped, address=f"#/{run.name}/{first.id}")
     cell = page.locator("#candidate-body dt", has_text="All descendants").locator("xpath=following-sibling::dd[1]")
-    family = {run.candidates[0].id}
+    family = [first.id]
     for one in run.candidates:
-        if family & set(one.parents):
-            family.add(one.id)
-    assert set(cell.locator("a").all_text_contents()) == family - {run.candidates[0].id}
+        if not set(family).isdisjoint(one.parents):
+            family.append(one.id)
+    assert len(family) > 2
+    assert cell.locator("a").all_text_contents() == family[1:]
 
 
 def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
@@ -330,7 +335,8 @@ def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_pag
     run = replace(shipped.runs[0], cells=())
     name = run.generations[-1].elites[0][1]
     page, _ = open_page(replace(shipped, runs=(run,)), address=f"#/{run.name}/{name}")
-    assert "niche" not in page.locator("#candidate-body dl").inner_text().lower()
+    for box in ("#candidate-body dl", "#map"):
+        assert "niche" not in page.locator(box).inner_text().lower()
     labels = page.eval_on_selector_all(".elites a", "all => all.map(a => a.getAttribute('aria-label'))")
     assert all(", place " in label for label in labels)
     colours = page.eval_on_selector_all(".elites .cell", "all => all.map(one => getComputedStyle(one).fill)")
@@ -408,12 +414,13 @@ def test_phone_scrolls_in_one_direction(shipped: PageContents, open_page: Opener
 
 
 def test_print_shows_tables_and_no_controls(shipped: PageContents, open_page: Opener) -> None:
-    """On paper nothing can be clicked, and what is folded on a screen is open."""
-    page, _ = open_page(shipped)
+    """On paper nothing can be clicked, what is folded on a screen is open, and no table is wider than the sheet."""
+    page, _ = open_page(shipped, size=_SHEET)
     page.emulate_media(media="print")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert not page.locator("#generation").is_visible()
     assert page.locator("details:not([open])").count() == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= _SHEET["width"]
 
 
 def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: Path) -> None:

@@ -70,10 +70,10 @@ function factsOf(run, one) {
     ]);
 }
 
-// What each answer passed, and where it was rejected. A baseline is a source already, from which nothing is extracted.
+// What each answer passed, and where it was rejected. From what no model was asked for, a baseline, nothing is extracted.
 function gatePath(run, one) {
     const all = Object.keys(run.generations[0].rejected);
-    const stages = one.operator === "baseline" ? all.filter((stage) => stage !== "extract") : all;
+    const stages = one.temperature === null ? all.filter((stage) => stage !== "extract") : all;
     const answers = [...one.repairs, [one.stage, one.reason]];
     const ways = answers.map(([stage, reason], at) => {
         const passed = stage === null ? stages : stages.slice(0, stages.indexOf(stage));
@@ -111,12 +111,12 @@ function requestOf(run, one) {
     const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
     const text = one.prompt === null ? fixed : run.instructions[one.prompt][1];
     const temperature = one.temperature_sent
-        ? `Temperature ${number(one.temperature)}.`
+        ? `Sent with temperature ${number(one.temperature)}.`
         : `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`;
     return h(
         "div",
         null,
-        h("h4", null, `Asked for by ${one.operator}: ${instructionOf(run, one)}`),
+        h("h3", null, `Asked for by ${one.operator}: ${instructionOf(run, one)}`),
         h("blockquote", null, text),
         h("p", null, temperature),
     );
@@ -127,7 +127,7 @@ function rejectedOf(one) {
     return h(
         "div",
         null,
-        h("h4", null, "The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)"),
+        h("h3", null, "The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)"),
         h("pre", { tabindex: 0, "aria-label": `rejected answer of ${one.id}` }, one.rejected),
     );
 }

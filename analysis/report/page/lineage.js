@@ -20,7 +20,7 @@ function descendantsOf(run, id) {
         if (!found.has(name)) waiting.push(...(run.children.get(name) ?? []));
         found.add(name);
     }
-    return [...found];
+    return run.candidates.filter((one) => found.has(one.id)).map((one) => one.id);
 }
 
 const bestOf = (run) => d3.least(run.generations.at(-1).elites, ([, id]) => run.byId.get(id).fitness)?.[1];

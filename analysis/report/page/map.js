@@ -58,6 +58,10 @@ function drawMap() {
         .join("path")
         .attr("class", "empty")
         .attr("d", cellPath);
+    const marks = "the star is the best elite, a thick edge a new one";
+    byId("map-note").textContent = run.cells.length
+        ? `A cell is a niche; ${marks}, a dashed cell one that emptied.`
+        : `A disc is an elite; ${marks}.`;
     svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
     svg.append("g").attr("class", "elites");
     svg.append("g").attr("class", "lost"); // above the elites, whose cells would hide its dashes

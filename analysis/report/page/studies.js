@@ -112,5 +112,6 @@ function tableOf(table) {
     const body = h("table", null, h("thead", null, h("tr", null, ...head)), h("tbody", null, ...rows));
     const region = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": table.label ?? table.caption }, body);
     const notes = table.notes.map((note) => h("p", { class: "note" }, note));
-    return h("details", null, h("summary", null, table.caption), region, ...notes);
+    const heard = table.label ? { "aria-label": `${table.caption}: ${table.label}` } : null; // of which figure
+    return h("details", null, h("summary", heard, table.caption), region, ...notes);
 }
