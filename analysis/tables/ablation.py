@@ -37,7 +37,7 @@ _MEANINGS = {
     Metric.improvement: "The part of generation 0's best fitness that is gone at the end.",
     Metric.improvement_over_baseline: "The part of the baseline's fitness that is gone at the end.",
     Metric.trainable: "First answers that were trained, mean over the generations from 1 on.",
-    Metric.evaluations: "Different sources that were trained, failed trainings among them.",
+    Metric.evaluations: "Trainings of different sources and seeds, failed ones among them.",
     Metric.tokens: f"Read and written, of all answers. {_SHARED}",
     Metric.cost: f"Of all answers, by the prices recorded with them. {_SHARED}",
 }
