@@ -3,7 +3,6 @@
 A rate counts first answers, as the paper does: one that was rejected and then repaired counts as rejected.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -227,7 +226,7 @@ def improvement(run: Run) -> Improvement | None:
     """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
     baseline = run.fitness.get(run.baseline.id)
-    if baseline is None or not math.isfinite(baseline) or not bests:
+    if baseline is None or not bests:
         return None
     first, last = bests[0][1], bests[-1][1]
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}

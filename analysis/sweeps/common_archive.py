@@ -103,7 +103,7 @@ def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
     archive, found, fitness = Archive(), [], run.fitness
     for line in run.generations:
         for one in run.candidates:
-            if one.generation == line.generation and one.fitness is not None:
+            if one.generation == line.generation and one.id in fitness:
                 niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(one, common.scale)))
                 archive, _ = insert(archive, niche, Elite(name=one.id, objective=-fitness[one.id]))
         occupied = rounded(coverage(archive, common.tessellation.niches))

@@ -52,10 +52,10 @@ _MEANINGS = {
     Metric.improvement: "The part of generation 0's best fitness that is gone at the end.",
     Metric.improvement_over_baseline: "The part of the baseline's fitness that is gone at the end.",
     Metric.trainable: "First answers that were trained, mean over the generations from 1 on.",
-    Metric.candidates: "Slots of all generations, the baseline among them.",
-    Metric.evaluations: "Different sources that were trained, failed trainings among them.",
-    Metric.training_flops: "Forward FLOPs of one image x images x epochs, of different sources that were trained to the"
-    " end; the backward pass, about twice as much again, is not counted.",
+    Metric.candidates: "Slots of all generations that asked for a network, and the baseline.",
+    Metric.evaluations: "Trainings of different sources and seeds, failed ones among them.",
+    Metric.training_flops: "Forward FLOPs of one image x images x epochs, of different sources and seeds that were "
+    "trained to the end; the backward pass, about twice as much again, is not counted.",
     Metric.tokens: f"Read and written, of all answers. {_SHARED}",
     Metric.cost: f"Of all answers, by the prices recorded with them. {_SHARED}",
 }

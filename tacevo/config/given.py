@@ -44,7 +44,9 @@ class NetworkFile:
 def gives_networks(overrides: Sequence[str]) -> bool:
     """Return whether the settings of a study are about given networks, or about a task's baseline alone."""
     keys = {override.partition("=")[0] for override in overrides}
-    return not keys & {"run", "sweep"} and any(key == "networks" or _group(key) in {"task", "experiment"} for key in keys)
+    return not keys & {"run", "sweep"} and any(
+        key == "networks" or _group(key) in {"task", "experiment"} for key in keys
+    )
 
 
 def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tuple[NetworkFile, ...]]:

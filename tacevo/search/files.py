@@ -13,7 +13,7 @@ from typing import TypeVar
 from tacevo.errors import RunError
 from tacevo.records import Json, Operator, Record, written
 from tacevo.search.archive import Bounds
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, ReevaluationLine, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, Line, TrainedLine, line_kind
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -112,7 +112,7 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
 
 
 def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> None:
-    """Check that the candidates begin with the baseline, and name earlier ones, instructions and networks of the task.
+    """Check that candidates begin with the baseline, and that all lines name what comes earlier or is the task's.
 
     A replay finds every edit; this is for what reads a run without replaying it. Files are found by a candidate's id,
     which therefore is not a path.
@@ -122,24 +122,16 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     """
     ids: set[str] = set()
     for line in lines:
-        if isinstance(line, ReevaluationLine) and line.id not in ids:
-            raise RunError(
-                f"the re-evaluation of {line.id}, which does not stand before it",
-                place=str(place),
-                expected="re-evaluations of earlier candidates",
-                remedy="restore the ledger",
-            )
-        if not isinstance(line, CandidateLine):
+        if not isinstance(line, TrainedLine):
             continue
-        is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
-        is_there = line.operator is not Operator.given or 1 <= line.slot <= len(record.task.given)
-        if not (
-            _ID.fullmatch(line.id)
-            and is_known
-            and is_there
-            and ids.issuperset(line.parents)
-            and (ids or line.operator is Operator.baseline)
-        ):
+        sound = line.id in ids
+        if isinstance(line, CandidateLine):
+            is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
+            is_there = line.operator is not Operator.given or 1 <= line.slot <= len(record.task.given)
+            begins = bool(ids) or line.operator is Operator.baseline
+            sound = bool(_ID.fullmatch(line.id)) and is_known and is_there and ids.issuperset(line.parents) and begins
+            ids.add(line.id)
+        if not sound:
             raise RunError(
                 f"{line.id} with an unknown parent, instruction or network, with another id, or without a baseline "
                 "before it",
@@ -147,7 +139,6 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
                 expected="candidates that name earlier ones, and instructions and networks of the task",
                 remedy="restore the ledger",
             )
-        ids.add(line.id)
 
 
 def write_archives(directory: RunDirectory, files: tuple[NetworkFile, PromptFile]) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from tacevo.randomness import stream
+from tacevo.rounding import rounded
 from tacevo.search.archive import NetworkArchive, Places, Tessellation
 from tacevo.search.growing import Growing
 from tacevo.search.lines import CandidateLine, ReevaluationLine, TrainedLine
@@ -56,12 +57,12 @@ class Estimates:
         return replace(self, losses=self.losses.adding(source, (*known, *losses_of(line))))
 
     def fitness(self, source: str) -> float:
-        """Return the median of a source's losses; infinite where a training failed.
+        """Return the median of a source's losses, as they are rounded; infinite where a training failed.
 
         A network that does not train with every seed is out: a median over the others would reward it for failing.
         """
         losses = self.losses[source]
-        return math.inf if math.inf in losses else statistics.median(losses)
+        return math.inf if math.inf in losses else rounded(statistics.median(losses))
 
 
 def losses_of(line: TrainedLine) -> tuple[float, ...]:
@@ -83,13 +84,14 @@ def estimates_of(lines: Sequence[object]) -> Estimates:
 def fitness_by_id(lines: Sequence[object]) -> dict[str, float]:
     """Return what a search knew of the fitness of each trained candidate at the end of some lines, by id.
 
-    It is the recorded fitness, or the estimate where the search trained elites again; infinite where that failed. Lines
-    of candidates and of re-evaluations need not be mixed in the order of the slots.
+    It is the recorded fitness, or the estimate where the search trained elites again. A candidate whose source failed
+    then is left out. Lines of candidates and of re-evaluations need not be mixed in the order of the slots.
     """
     trained = [line for line in lines if isinstance(line, CandidateLine) and line.fitness is not None]
     if any(isinstance(line, ReevaluationLine) for line in lines):
         estimates = estimates_of(lines)
-        return {line.id: estimates.fitness(str(line.source)) for line in trained}
+        known = {line.id: estimates.fitness(str(line.source)) for line in trained}
+        return {name: fitness for name, fitness in known.items() if math.isfinite(fitness)}
     return {line.id: line.fitness for line in trained if line.fitness is not None}
 
 

@@ -263,7 +263,7 @@ def _plan(
     else:
         estimates = estimates_of(run, chosen_by) if chosen_by else None
         known = fitness_by_id(run.ledger.lines)
-        candidates = [replace(line, fitness=known.get(line.id)) for line in run.candidates]
+        candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
         networks = networks_of(candidates, [elite.id for elite in archive.elites], elites, estimates)
     header = StudyHeader(
         schema=SCHEMA,

@@ -116,6 +116,14 @@ def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating
         estimate(compose(overrides()))
 
 
+def test_trainings_that_change_a_search_are_said(overrides: Estimating) -> None:
+    """Several seeds cost time and no dollars; slots that train an elite again send no request."""
+    shown = describe(compose(overrides("training.seeds=3", "archive.kind=extract", "search.candidates=8")))
+    assert "trained 3 times" in shown
+    assert "up to 2 slots of each generation" in shown
+    assert "train" not in describe(compose(overrides())).splitlines()[-1]
+
+
 def test_unknown_price_is_said(overrides: Estimating) -> None:
     """Tokens can be told without a price; dollars cannot."""
     shown = describe(compose(overrides("llm.model=llama")))

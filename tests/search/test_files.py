@@ -24,7 +24,7 @@ from tacevo.search.files import (
     read_ledger,
     write_archives,
 )
-from tacevo.search.lines import CandidateLine, GenerationLine, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, line_kind
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory
 
@@ -121,9 +121,10 @@ def test_archive_that_is_not_json_is_refused(name: str, text: str | None, direct
         [candidate("g01s00")],
         [candidate("g00s00", operator=Operator.baseline), candidate("g01s00", id="../../x")],
         [candidate("g00s00", operator=Operator.baseline), candidate("g00s01", operator=Operator.given, prompt=None)],
+        [candidate("g00s00", operator=Operator.baseline), ReevaluationLine(generation=1, slot=0, id="../../x")],
     ],
 )
-def test_candidates_name_what_there_is(lines: list[CandidateLine]) -> None:
+def test_candidates_name_what_there_is(lines: list[CandidateLine | ReevaluationLine]) -> None:
     """A ledger sealed again with an unknown parent, instruction or network, no baseline, or a path as id is refused."""
     with refused(RunError, place="run", expected="candidates that name earlier ones"):
         check_references(Path("run"), run_record(), lines)

@@ -22,6 +22,7 @@ from test_seeds import noisy
 from analysis.runs.archive_history import archive_history
 from tacevo.errors import DivergenceError
 from tacevo.records import Completion, Reason, Rejection, Request, Stage, Training
+from tacevo.rounding import rounded
 from tacevo.search.algorithm import Plan, SearchState, run_search
 from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
 from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, by_rules, line_kind
@@ -83,7 +84,7 @@ def test_every_elite_competes_by_the_median_of_its_losses(seeds: int) -> None:
 def _check_archive(plan: Plan, lines: list[SearchLine], state: SearchState) -> None:
     """Fill the niches again by brute force, and compare."""
     known = {
-        source: math.inf if math.inf in of.values() else median(of.values())
+        source: math.inf if math.inf in of.values() else rounded(median(of.values()))
         for source, of in losses_by_source(lines).items()
     }
     best: dict[int, float] = {}
@@ -263,7 +264,9 @@ def test_what_a_search_knew_follows_from_its_lines() -> None:
     for plan in (PLAN, replace(PLAN, reevaluations=0)):
         _, recorder = search(plan)
         last = recorder.states[-1]
-        assert fitness_by_id(recorder.lines) == {name: one.fitness for name, one in last.candidates.items()}
+        known = {name: one.fitness for name, one in last.candidates.items()}
+        assert fitness_by_id(recorder.lines) == {name: loss for name, loss in known.items() if loss < math.inf}
+        assert (math.inf in known.values()) == (plan is PLAN)
 
 
 def test_archive_of_every_generation_is_rebuilt_from_the_lines() -> None:

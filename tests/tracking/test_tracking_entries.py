@@ -16,7 +16,7 @@ from mirrored import (
 from tacevo.costs import Spending
 from tacevo.records import Json, Reason, Stage
 from tacevo.search.archive import AddStatus
-from tacevo.search.lines import RepairedAnswer
+from tacevo.search.lines import RepairedAnswer, SeedLine
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
     Measure,
@@ -70,6 +70,17 @@ def test_losses_are_steps_from_epoch_one() -> None:
         Measure(key="validation_loss", value=0.5, step=1),
         Measure(key="validation_loss", value=0.25, step=2),
     ]
+
+
+def test_loss_of_each_seed_is_a_step() -> None:
+    """Where there are several; the fitness is that of the median."""
+    seeds = tuple(
+        SeedLine(seed=seed, evaluation="", train_losses=(), validation_losses=(0.9, loss), predictions="", weights="")
+        for seed, loss in enumerate((0.3, 0.1, 0.2))
+    )
+    measures = candidate_measures(replace(BASELINE, seeds=seeds))
+    assert [(one.step, one.value) for one in measures if one.key == "seed_loss"] == [(0, 0.3), (1, 0.1), (2, 0.2)]
+    assert not any(one.key == "seed_loss" for one in candidate_measures(BASELINE))
 
 
 @pytest.mark.parametrize("status", AddStatus)
