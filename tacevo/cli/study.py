@@ -14,7 +14,7 @@ from tacevo.runs.progress import Progress
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
 
-Configured = TypeVar("Configured", StudyConfig, NoiseConfig)
+Configured = TypeVar("Configured", bound=StudyConfig | NoiseConfig)
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {
