@@ -8,6 +8,8 @@ PEERS := build/peers
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
 test test-slow test-all coverage: export OMP_NUM_THREADS := 1
+# Tests start hundreds of processes, which would each compile the package again where this is set.
+test test-slow test-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-slow test-all test-portable coverage check format bench bench-quick replay paper lock clean

@@ -7,13 +7,12 @@ holds the truth. Both on the landscape of `benchmarks.landscape`, where networks
 """
 
 import argparse
-import gc
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr, ndtri
-from statsmodels.stats.proportion import proportion_confint
+from scipy.stats import binomtest
 
 from analysis.statistics.effects import Interval, effects, median, superiority
 from analysis.statistics.equivalence import equivalence
@@ -172,8 +171,8 @@ def _icc_covered(part: float, networks: int, seeds: int) -> Trial:
 
 
 def _rate_covered(rng: np.random.Generator) -> bool:
-    low, high = proportion_confint(rng.binomial(30, 0.2), 30, alpha=ALPHA, method="wilson")
-    return bool(low <= 0.2 <= high)
+    ends = binomtest(int(rng.binomial(30, 0.2)), 30).proportion_ci(1 - ALPHA, method="wilson")
+    return bool(ends.low <= 0.2 <= ends.high)
 
 
 _FALSE: dict[str, Trial] = {
@@ -304,7 +303,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=40, help="searches of each kind (40)")
     parser.add_argument("--trainings", type=int, default=200, help="of each search (200)")
     options = parser.parse_args(arguments)
-    gc.freeze()  # statsmodels collects garbage at each correction by Holm
     for lines in (
         _table("test", type_one_errors(options.trials)),
         _table("interval", coverages(options.trials)),

@@ -26,7 +26,7 @@ settings.load_profile("tacevo")
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_objects_to_collect() -> None:
-    """Keep what earlier modules made out of garbage collections; statsmodels collects at each correction by Holm."""
+    """Keep what earlier modules made out of garbage collections, each of which would look at all of it again."""
     gc.collect()
     gc.freeze()
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
-from statsmodels.stats.proportion import proportion_confint
+from scipy.stats import binomtest
 
 from analysis.runs.run import Run, was_inserted
 from tacevo.costs import Spending, total
@@ -266,8 +266,8 @@ def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
 
 def _wilson(found: int, tried: int) -> tuple[float, float]:
     """Return the ends of Wilson's (1927) score interval of found / tried."""
-    low, high = proportion_confint(found, tried, alpha=1 - LEVEL, method="wilson")
-    return round(float(low), DIGITS), round(float(high), DIGITS)  # as computed, an end at 0 is off by 1e-17
+    ends = binomtest(found, tried).proportion_ci(LEVEL, method="wilson")
+    return round(float(ends.low), DIGITS), round(float(ends.high), DIGITS)
 
 
 def spent_on_training(run: Run) -> int:

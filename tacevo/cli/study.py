@@ -17,7 +17,7 @@ from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
 
-Configured = TypeVar("Configured", StudyConfig, NoiseConfig)
+Configured = TypeVar("Configured", bound=StudyConfig | NoiseConfig)
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
 SETTINGS = {

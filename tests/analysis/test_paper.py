@@ -92,7 +92,7 @@ def test_latex_sets_the_document(tmp_path: Path) -> None:
 def test_without_latex_there_is_no_pdf(tmp_path: Path) -> None:
     """The document stays, to be compiled elsewhere."""
     source = write_document([CHAPTER], tmp_path)
-    assert make_pdf(source) is None
+    assert make_pdf(source, lambda name: None) is None
     assert list(tmp_path.iterdir()) == [source]
 
 

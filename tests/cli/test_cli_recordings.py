@@ -33,6 +33,7 @@ def searched(overrides: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return found
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_search_on_tactip_recordings(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Depth, roll and pitch from 3,000 TacTip images: the stand-in for three forces."""

@@ -67,6 +67,7 @@ def test_gelsight_materials_are_loaded(tmp_path: Path) -> None:
     assert load_task(composed("gelsight", "data.root=x"), dataset.facts).contract.outputs == 10
 
 
+@pytest.mark.slow
 @needs_recordings
 @pytest.mark.parametrize(("name", "folder"), [("tactip", "tactip_surface"), ("gelsight", "gelsight_materials")])
 def test_fingerprint_is_stable(tmp_path: Path, name: str, folder: str) -> None:

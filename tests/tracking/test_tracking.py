@@ -212,16 +212,18 @@ def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
     assert (run_dir / "tracking.log").read_text(encoding="utf-8") == ""
 
 
-def test_address_in_the_environment_is_used_and_not_recorded(
-    run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A whole address, with a password, may come from MLFLOW_TRACKING_URI; log and warning name the variable."""
+@pytest.mark.slow
+def test_address_in_the_environment_is_used(run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no other is given."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
     mirror = Mirror(run_dir, uri="", experiment="tacevo")
     mirror.start()
     assert mirror.finish(PATIENCE) is None
     assert contents(uri)["parent"][1] == "FINISHED"
 
+
+def test_address_in_the_environment_is_not_recorded(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole address, with a password, may come from MLFLOW_TRACKING_URI; log and warning name the variable."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "nonsense://user:s3cret@nowhere")
     mirror = Mirror(run_dir, uri="", experiment="tacevo")
     mirror.start()
