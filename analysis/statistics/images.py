@@ -145,8 +145,11 @@ def average(predictions: Sequence[NDArray[np.floating]]) -> Floats:
 def squared_errors(predictions: ArrayLike, labels: ArrayLike) -> Floats:
     """Return the squared error of each image, shape (t,), the mean over the K outputs; arguments have shape (t, K)."""
     errors = np.asarray(predictions, dtype=np.float64) - np.asarray(labels, dtype=np.float64)
-    total: Floats = sum((column * column for column in errors.T), start=np.zeros(len(errors)))
-    return total / errors.shape[1]
+    total = np.zeros(len(errors))
+    for column in errors.T:
+        total += column * column
+    mean: Floats = total / errors.shape[1]
+    return mean
 
 
 def _drawn(count: int, resamples: int, rng: np.random.Generator) -> NDArray[np.int64]:
