@@ -42,7 +42,7 @@ def _errors(rng: np.random.Generator, networks: int, images: int) -> Floats:
 
 
 def _any(tests: list[Paired]) -> bool:
-    return min(holm([test.p for test in tests])) <= _ALPHA
+    return min(holm([test.p for test in tests])) <= _ALPHA if len(tests) > 1 else tests[0].p <= _ALPHA
 
 
 def _mcnemar(networks: int, images: int, *, skill: float = 0.0) -> Trial:

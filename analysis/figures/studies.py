@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.figures.axes import BOXES, spread
-from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILLION, house_style, new_figure
+from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
-from analysis.statistics.calibration import Calibration
 from analysis.studies.images import Calibrated
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.scores import Study
@@ -103,10 +102,10 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
 
 @house_style()
 def reliability(task: str, calibrations: Sequence[Calibrated]) -> Figure:
-    """Draw how often each classifier is right against how sure it is: of the ensemble, and of each seed.
+    """Draw how often the ensemble of each classifier's seeds is right against how sure it is.
 
-    Points are bins of the ensemble's confidence, as large as the images in them are many; thin lines are seeds. On the
-    diagonal a classifier is as sure as it may be.
+    Points are bins of confidence, as large as the images in them are many. On the diagonal a classifier is as sure as
+    it may be.
 
     Raises:
         ValueError: there is no classifier, as in a regression.
@@ -118,10 +117,9 @@ def reliability(task: str, calibrations: Sequence[Calibrated]) -> Figure:
     figure, panels = new_figure("single" if columns == 1 else "double", 2.5 * rows, rows=rows, columns=columns)
     for place, (axes, found) in enumerate(zip(panels, calibrations, strict=False)):
         axes.plot([0, 100], [0, 100], color=GREY, linestyle=":", linewidth=0.8, zorder=0)
-        for seed in found.seeds:
-            axes.plot(*_reliable(seed), color=SKY, linewidth=0.4, zorder=1)
-        sure, right = _reliable(found.ensemble)
-        images = [one.images for one in found.ensemble.bins]
+        bins = found.ensemble.bins
+        sure, right = [100 * one.confidence for one in bins], [100 * one.accuracy for one in bins]
+        images = [one.images for one in bins]
         areas = [6 + 60 * count / sum(images) for count in images]
         axes.plot(sure, right, color=BLUE, linewidth=1.1, zorder=2)
         axes.scatter(sure, right, s=areas, color=BLUE, edgecolors="white", linewidths=0.3, zorder=3)
@@ -132,7 +130,3 @@ def reliability(task: str, calibrations: Sequence[Calibrated]) -> Figure:
     for axes in panels[len(calibrations) :]:
         axes.remove()
     return figure
-
-
-def _reliable(found: Calibration) -> tuple[list[float], list[float]]:
-    return [100 * one.confidence for one in found.bins], [100 * one.accuracy for one in found.bins]

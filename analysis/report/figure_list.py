@@ -174,8 +174,7 @@ def study_pictures(study: Study, comparisons: Comparisons | None, images: ImageF
     if images is not None and images.calibrations:
         words = (
             "How often each network is right against how sure it is, on the test images: points are bins of confidence "
-            "of the ensemble of its seeds, larger with more images; thin lines are its seeds; the dotted line is "
-            "perfect calibration."
+            "of the ensemble of its seeds, larger with more images; the dotted line is perfect calibration."
         )
         draw = partial(reliability, study.task, images.calibrations)
         pictures.append(Picture(name=f"reliability_{study.task}", caption=words, draw=draw))

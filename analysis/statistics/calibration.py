@@ -49,12 +49,14 @@ def probabilities(logits: ArrayLike) -> Floats:
     """Return the softmax of finite logits, shape (t, K), to 12 decimals."""
     values = np.asarray(logits, dtype=np.float64)
     powers = np.exp(values - values.max(axis=1, keepdims=True))
-    return np.round(powers / sum(powers.T)[:, None], _DECIMALS)
+    chances: Floats = np.round(powers / sum(powers.T)[:, None], _DECIMALS)
+    return chances
 
 
 def predicted(chances: Floats) -> NDArray[np.int64]:
     """Return the most probable class of each image, shape (t,); the first of equally probable ones."""
-    return chances.round(_DECIMALS).argmax(axis=1)
+    classes: NDArray[np.int64] = chances.round(_DECIMALS).argmax(axis=1)
+    return classes
 
 
 def calibration(chances: Floats, classes: NDArray[np.int64]) -> Calibration:

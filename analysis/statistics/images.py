@@ -6,6 +6,7 @@ A network has a prediction for each of t images under each of S seeds. docs/stat
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +28,13 @@ _COUNTED = 50
 
 
 def image_weights(images: int, *, rng: np.random.Generator, resamples: int = IMAGE_RESAMPLES) -> NDArray[np.int64]:
-    """Draw images with replacement, again and again; return how often each was drawn, shape (resamples, images)."""
+    """Draw all images but one with replacement, again and again.
+
+    As many draws as images would make an interval too narrow, by the square root of (n - 1) / n (Rao & Wu 1988).
+
+    Returns:
+        How often each was drawn, shape (resamples, images).
+    """
     return _drawn(images, resamples, rng)
 
 
@@ -37,7 +44,8 @@ def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.ra
     Args:
         scores: shape (S, t), finite: of each seed on each image.
         weights: of `image_weights`; the same for all networks, since they are tested on the same images.
-        rng: draws the seeds, S with replacement in each resample; equal states give equal bits, on every machine.
+        rng: draws the seeds, S - 1 with replacement in each resample (one of one); equal states give equal bits, on
+            every machine.
 
     Returns:
         Shape (resamples,).
@@ -46,10 +54,9 @@ def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.ra
         ValueError: the shapes do not suit each other, or a score is NaN or infinite.
     """
     whole, factor = _whole(_scores(scores, weights.shape[1]))
-    seeds, images = whole.shape
-    drawn = _drawn(seeds, len(weights), rng)
+    drawn = _drawn(len(whole), len(weights), rng)
     sums = np.einsum("ri,ri->r", drawn.astype(np.float64) @ whole, weights.astype(np.float64))
-    return np.asarray(sums / (factor * seeds * images), dtype=np.float64)
+    return np.asarray(sums / (factor * drawn.sum(axis=1) * weights.sum(axis=1)), dtype=np.float64)
 
 
 def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats) -> Interval:
@@ -90,7 +97,8 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> Paired:
     Raises:
         ValueError: the shapes differ, or there is no image.
     """
-    x, y = _pair(first, second, bool)
+    x, y = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
+    _check_pair(x, y)
     only_x, only_y = int((x & ~y).sum()), int((y & ~x).sum())
     p = float(binomtest(only_x, only_x + only_y).pvalue) if only_x + only_y else 1.0
     return Paired(first=only_x, second=only_y, lead=only_x - only_y, p=rounded(p))
@@ -109,13 +117,14 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> Paired:
     Raises:
         ValueError: the shapes differ, there is no image, or an error is NaN or infinite.
     """
-    x, y = _pair(first, second, float)
+    x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    _check_pair(x, y)
     differences = x - y
     differences = differences[differences != 0]
     if not differences.size:
         return Paired(first=0, second=0, lead=0, p=1.0)
     counted = len(differences) <= _COUNTED and len(np.unique(np.abs(differences))) == len(differences)
-    found = wilcoxon(differences, method="exact" if counted else "asymptotic", correction=not counted)
+    found = wilcoxon(differences, method="exact" if counted else "approx", correction=not counted)
     ranks = rankdata(np.abs(differences))  # midranks are halves, so their sum is exact
     return Paired(
         first=int((differences < 0).sum()),
@@ -136,12 +145,16 @@ def average(predictions: Sequence[NDArray[np.floating]]) -> Floats:
 def squared_errors(predictions: ArrayLike, labels: ArrayLike) -> Floats:
     """Return the squared error of each image, shape (t,), the mean over the K outputs; arguments have shape (t, K)."""
     errors = np.asarray(predictions, dtype=np.float64) - np.asarray(labels, dtype=np.float64)
-    return sum((column * column for column in errors.T), start=np.zeros(len(errors))) / errors.shape[1]
+    total = np.zeros(len(errors))
+    for column in errors.T:
+        total += column * column
+    mean: Floats = total / errors.shape[1]
+    return mean
 
 
 def _drawn(count: int, resamples: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Draw `count` of as many with replacement; return how often each was drawn, shape (resamples, count)."""
-    chosen = rng.integers(count, size=(resamples, count)) + count * np.arange(resamples)[:, None]
+    """Draw one fewer of `count` with replacement; return how often each was drawn, shape (resamples, count)."""
+    chosen = rng.integers(count, size=(resamples, max(1, count - 1))) + count * np.arange(resamples)[:, None]
     return np.bincount(chosen.ravel(), minlength=resamples * count).reshape(resamples, count)
 
 
@@ -169,10 +182,8 @@ def _scores(scores: ArrayLike, images: int) -> Floats:
     return checked
 
 
-def _pair(first: ArrayLike, second: ArrayLike, kind: type) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    x, y = np.asarray(first, dtype=kind), np.asarray(second, dtype=kind)
+def _check_pair(x: NDArray[Any], y: NDArray[Any]) -> None:
     if x.ndim != 1 or not x.size or x.shape != y.shape:
         raise ValueError(f"expected one value for each image, of both networks; got shapes {x.shape} and {y.shape}")
-    if kind is float and not np.isfinite(np.concatenate([x, y])).all():
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ValueError("expected finite errors; got NaN or infinity")
-    return x, y

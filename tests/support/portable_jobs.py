@@ -14,6 +14,7 @@ from typing import Any
 import fakes
 import numpy as np
 from gate_cases import contract
+from kept import forces, gratings
 from ledger_lines import header, run_record
 from numpy.typing import NDArray
 from portable_printing import digest, digest_of_json, show
@@ -22,7 +23,9 @@ from threadpoolctl import threadpool_info
 from training_jobs import CONTRACT
 
 from analysis.studies.comparison import compare
+from analysis.studies.images import image_findings
 from analysis.tables.comparison import study_tables
+from analysis.tables.images import image_tables
 from analysis.tables.published import published_tables
 from analysis.tables.rendering import as_csv
 from tacevo.choices import LightScene, SensorTask
@@ -162,3 +165,6 @@ def _study() -> None:
     study = study_of(FOUR)
     tables = [*study_tables(study, compare(study)), *published_tables()]
     show("tables of a study", digest([as_csv(table).encode() for table in tables]))
+    made = [forces(), gratings()]
+    of_images = [table for one in made for table in image_tables(one[0], image_findings(*one))]
+    show("tables of test images", digest([as_csv(table).encode() for table in of_images]))

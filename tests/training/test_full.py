@@ -229,7 +229,7 @@ def test_labels_that_are_not_classes_are_refused(classes: list[int], tmp_path: P
 def test_worker_cannot_report_metrics(tmp_path: Path) -> None:
     """A frame that holds any is not a trainer's; metrics follow from predictions alone."""
     first, *others = ANSWER.frames
-    boasting = Frame({**dict(first.header), "mse": 0.0}, first.payload)
+    boasting = Frame({"epoch": 0, "train_loss": 0.5, "mse": 0.0}, first.payload)
     verdict = evaluator(Recorder(Finished((boasting, *others))).run, tmp_path).evaluate(SOURCE, 0)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.bad_output
