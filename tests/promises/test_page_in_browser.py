@@ -135,7 +135,7 @@ def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Op
     run = shipped.runs[0]
     wanted = next(one for one in run.candidates if one.changes and one.id in dict(run.generations[-1].elites).values())
     page.locator(f'.elites a[href$="/{wanted.id}"] .cell').click()
-    assert page.locator("#candidate-name").inner_text() == f"Candidate {wanted.id}"
+    expect(page.locator("#candidate-name")).to_have_text(f"Candidate {wanted.id}")
     assert page.locator("#candidate del, #candidate ins").count() > 0
     page.locator("#source-choice").select_option("")
     lines = page.locator("#candidate pre.source .line-of-code").all_text_contents()
@@ -343,7 +343,7 @@ def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_pag
     assert len(set(colours)) > 1
     other = next(elite for _, elite in run.generations[-1].elites if elite != name)
     page.locator(f'.elites a[href$="/{other}"]').click(force=True)
-    assert page.locator("#candidate-name").inner_text() == f"Candidate {other}"
+    expect(page.locator("#candidate-name")).to_have_text(f"Candidate {other}")
 
 
 def test_hostile_texts_are_shown_and_never_run(shipped: PageContents, open_page: Opener) -> None:
