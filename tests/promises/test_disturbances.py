@@ -50,7 +50,7 @@ def here(*overrides: str) -> int:
 
 
 def refused(search: subprocess.Popen[str]) -> str:
-    """Let a search end that cannot go on; give its one line of error."""
+    """Let a search end that cannot go on; return its one line of error."""
     _, errors = search.communicate()
     assert search.returncode == 2, errors
     assert "Traceback" not in errors

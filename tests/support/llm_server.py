@@ -348,7 +348,7 @@ def main(arguments: list[str] | None = None) -> int:
         "provider without a bill: llm=anthropic llm.base_url=ADDRESS, or llm=openai llm.base_url=ADDRESS/v1. Any key "
         "will do. Its first line is its address; Ctrl-C ends it.",
     )
-    parser.add_argument("--answers", type=Path, help="folder of recorded answers, <task>_<number>.json; else it echoes")
+    parser.add_argument("--answers", type=Path, help="directory of recorded <task>_<number>.json; else it echoes")
     parser.add_argument("--task", default="force", help="whose recorded answers to serve (default: force)")
     parser.add_argument("--port", type=int, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
     parser.add_argument("--rate", type=float, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
