@@ -66,9 +66,9 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     if len(several) > 1 or not (several or given):
         raise ConfigError(
             " and ".join(f"{name}={named[name]}" for name in several) or "none",
-            place="study",
-            expected="one of run=, the directory of a finished run, sweep=, that of a sweep, and networks=, files",
-            remedy="name a run, as in run=runs/NAME, or for a baseline alone a task, as in task=hardness",
+            place="run",
+            expected="the directory of a finished run, as in run=runs/NAME, or in its place sweep= or networks=",
+            remedy="for a baseline alone, name a task, as in task=hardness",
         )
     if config.sweep is None:
         return config

@@ -26,10 +26,6 @@ def _is_named(value: str | None) -> bool:
     return value != ""
 
 
-#: The directory of a finished run; None where a sweep is named, or networks are given.
-Run = Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
-
-
 @dataclass(frozen=True, kw_only=True)
 class StudyStoreConfig(Record):
     """Where trainings are recorded."""
@@ -66,7 +62,8 @@ class StudyConfig(Record):
     """The full training of a baseline and other networks, each with several seeds."""
 
     executor: ExecutorConfig
-    run: Run
+    #: The directory of a finished run; None where a sweep is named, or networks are given.
+    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
     #: The directory of a sweep, of each of whose jobs the best elite is studied; None where there is none.
     sweep: Annotated[str | None, is_a("the directory of a sweep, as in sweep=sweeps/NAME", _is_named)]
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
@@ -94,7 +91,8 @@ class NoiseConfig(Record):
     """The search's own training of a run's elites and its baseline, with other seeds."""
 
     executor: ExecutorConfig
-    run: Run
+    #: The directory of a finished run.
+    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
     #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
     #: Training seeds of each network.

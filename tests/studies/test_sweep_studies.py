@@ -117,8 +117,8 @@ def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys:
 @pytest.mark.parametrize(
     ("settings", "place_of", "got"),
     [
-        ([], "run", "neither"),
-        (["run=a", "sweep=b"], "run", "both"),
+        ([], "run", "none"),
+        (["run=a", "sweep=b"], "run", "run=a and sweep=b"),
         (["sweep="], "sweep", '""'),
         (["sweep=b", "elites=2"], "elites", "2"),
     ],
