@@ -22,10 +22,11 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import Completion, Mode, Request, Training, to_json
 from tacevo.runs.wiring import build_plan
-from tacevo.search.algorithm import Plan, SearchState, run_search
+from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Tessellation
 from tacevo.search.development import Outcome, Tools
 from tacevo.search.lines import SearchLine, line_kind
+from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 

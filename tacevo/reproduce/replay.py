@@ -12,10 +12,10 @@ from tacevo.rules import CORES, check_known
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.wiring import Workbench, build_plan
-from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome
 from tacevo.search.files import NETWORKS, PROMPTS, NetworkFile, read_archive_files
 from tacevo.search.reevaluation import Reevaluation
+from tacevo.search.state import Plan, SearchState
 from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
 from tacevo.storage.store import Seen

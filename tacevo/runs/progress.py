@@ -16,10 +16,10 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.archive import coverage
 from tacevo.search.development import Outcome
 from tacevo.search.lines import GenerationLine, SearchLine
+from tacevo.search.state import Plan, SearchState
 from tacevo.text import counted, printable
 
 

@@ -26,12 +26,12 @@ from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench, build_plan, start_zygote
 from tacevo.sandbox.client import Run, Zygote
 from tacevo.sandbox.confinement import in_force, require
-from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.development import Outcome
 from tacevo.search.effects import LLM
 from tacevo.search.files import read_ledger, write_archives
 from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
 from tacevo.search.reevaluation import Reevaluation
+from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text

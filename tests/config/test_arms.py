@@ -24,11 +24,12 @@ from tacevo.config.tasks import facts_without_data
 from tacevo.errors import ConfigError
 from tacevo.records import Mode, written
 from tacevo.runs.wiring import build_plan, build_settings
-from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.algorithm import run_search
 from tacevo.search.archive import AddStatus
 from tacevo.search.descriptors import scaled
 from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.search.proposals import Proposal, plan_initial
+from tacevo.search.state import Plan
 from tacevo.storage.ledger import Ledger
 
 ARMS = [arm for arm in groups()["ablation"] if arm != "none"]

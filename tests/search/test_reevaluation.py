@@ -23,10 +23,11 @@ from analysis.runs.archive_history import archive_history
 from tacevo.errors import DivergenceError
 from tacevo.records import Completion, Reason, Rejection, Request, Stage, Training
 from tacevo.rounding import rounded
-from tacevo.search.algorithm import Plan, SearchState, run_search
+from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
 from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, by_rules, line_kind
 from tacevo.search.reevaluation import Estimates, fitness_by_id
+from tacevo.search.state import Plan, SearchState
 from tacevo.storage.ledger import Ledger, read_lines
 
 #: Two slots of each generation train an elite again.

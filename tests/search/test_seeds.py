@@ -10,8 +10,9 @@ import fakes
 import pytest
 
 from tacevo.records import Reason, Rejection, Stage, Training, written
-from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.algorithm import run_search
 from tacevo.search.lines import CandidateLine, line_kind
+from tacevo.search.state import Plan
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 

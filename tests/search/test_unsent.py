@@ -24,9 +24,10 @@ from tacevo.records import Completion, Request
 from tacevo.rules import FIRST
 from tacevo.runs.eras import run_eras
 from tacevo.runs.summary import summarise
-from tacevo.search.algorithm import Plan, run_search
+from tacevo.search.algorithm import run_search
 from tacevo.search.archive import find_centroids
 from tacevo.search.lines import CandidateLine, RulesLine, SearchLine
+from tacevo.search.state import Plan
 from tacevo.search.unsent import not_sent
 from tacevo.storage.ledger import Ledger
 

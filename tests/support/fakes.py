@@ -21,11 +21,11 @@ from tacevo.records import (
     Training,
     to_json,
 )
-from tacevo.search.algorithm import Plan, SearchState
 from tacevo.search.archive import NetworkArchive, Tessellation, find_centroids
 from tacevo.search.development import Outcome, Tools
 from tacevo.search.lines import SearchLine
 from tacevo.search.proposals import Settings
+from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 
 CONTRACT = Contract(

@@ -298,7 +298,7 @@ def expressions() -> Iterator[str]:
     yield from (f"torch.{name}(x, dim=1)" for name in _ALONG_AXIS.split())
     yield from (f"x * math.{name}(0.7)" for name in _MATH.split())
     yield from (call.replace("{}", name) for call, names in _CALLS.items() for name in names.split())
-    yield from (line.strip() for line in (_FURTHER + LAYERS).strip().splitlines())
+    yield from (line.strip() for text in (_FURTHER, LAYERS) for line in text.strip().splitlines())
 
 
 def names() -> frozenset[str]:

@@ -1,0 +1,81 @@
+"""What a search is, what its next step depends on, and who takes its lines."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from tacevo.choices import Axis, Scale, TemperatureRule
+from tacevo.records import Task
+from tacevo.search.archive import NetworkArchive, Places, Tessellation
+from tacevo.search.budget import Budget
+from tacevo.search.development import Outcome
+from tacevo.search.growing import Growing
+from tacevo.search.lines import SearchLine
+from tacevo.search.prompts import PromptArchive
+from tacevo.search.proposals import Candidate, Settings
+from tacevo.search.reevaluation import Estimates
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What a search is: the task, and every setting that the fold reads."""
+
+    task: Task
+    settings: Settings
+    generations: int
+    #: Mutations of the baseline in generation 0.
+    initial: int
+    networks: Tessellation | Places
+    prompts: Tessellation
+    #: The network archive to begin with: empty, with fixed bounds or none.
+    archive: NetworkArchive
+    eff_ratio_scale: Scale
+    temperature_rule: TemperatureRule
+    temperature_start: float
+    temperature_step: float
+    #: How often an answer that the gate rejected is sent back.
+    repairs: int = 0
+    #: What ends the search before generation G.
+    budget: Budget | None = None
+    #: Training seeds of a candidate, odd; its fitness is the median of their losses.
+    seeds: int = 1
+    #: How many slots of a generation train elites again instead of asking for networks, at most.
+    reevaluations: int = 0
+    #: The axes of the network archive.
+    axes: tuple[Axis, ...] = tuple(Axis)
+    #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
+    names_dropped: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchState:
+    """Everything the next step depends on."""
+
+    #: The next generation to run.
+    generation: int
+    temperature: float
+    networks: NetworkArchive
+    prompts: PromptArchive = field(default_factory=PromptArchive)
+    #: Every evaluated candidate, by id.
+    candidates: Growing[str, Candidate] = field(default_factory=Growing)
+    #: What is known of each source; empty unless elites are trained again.
+    estimates: Estimates = field(default_factory=Estimates)
+    #: f*: the best fitness of the network archive. Only an archive whose elites are trained again can lose its best.
+    best: float = math.inf
+
+
+class Ledger(Protocol):
+    """Where the lines of a search go (`tacevo.storage.ledger`)."""
+
+    def commit(self, line: SearchLine) -> None:
+        """Append a line, or compare it with the one that stands in its place."""
+
+
+class Observer(Protocol):
+    """Who watches a search; nothing it does may change one."""
+
+    def developed(self, outcome: Outcome) -> None:
+        """Take an outcome before it is committed."""
+
+    def committed(self, line: SearchLine, state: SearchState) -> None:
+        """Take a line of the ledger after it was committed, and the state that results."""
