@@ -11,13 +11,16 @@ import shutil
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import interruptions
 import pytest
 from filelock import FileLock
 from hypothesis import settings
 from smallest import SMALLEST, UNTRACKED, Once
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`
@@ -190,3 +193,19 @@ def uri(empty_store: Path, tmp_path: Path) -> str:
     """Return the URI of a store of the test's own."""
     shutil.copy(empty_store, tmp_path / "mlflow.db")
     return f"sqlite:///{tmp_path}/mlflow.db"
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[Browser]":
+    """Start Chromium, once a module; without it tests are skipped, unless TACEVO_BROWSER=1 insists, as in the gate."""
+    from playwright.sync_api import sync_playwright  # for these tests alone
+
+    path = shutil.which("chromium")
+    if path is None:
+        if os.environ.get("TACEVO_BROWSER") == "1":
+            pytest.fail("TACEVO_BROWSER=1, but there is no chromium: `apt-get install chromium`")
+        pytest.skip("no chromium: `apt-get install chromium`")
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path)
+        yield started
+        started.close()
