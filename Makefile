@@ -30,10 +30,10 @@ $(READY): requirements.lock pyproject.toml
 demo: $(READY) ## run a small search, and print what it found and where to look
 	$(BIN)/tacevo search experiment=demo
 
-test: $(READY) ## run the tests, two at a time (six minutes)
+test: $(READY) ## run the tests, two at a time (five minutes)
 	$(BIN)/pytest $(TWO)
 
-test-slow: $(READY) ## run the tests that attack each promise further (seven minutes)
+test-slow: $(READY) ## run the tests that attack each promise further (five minutes)
 	$(BIN)/pytest $(TWO) -m slow
 
 test-all: $(READY) ## run brute force, too (hours); all but test-portable

@@ -102,7 +102,7 @@ def _report(options: argparse.Namespace) -> int:
         else:
             page, missing = page_of_sweep(gathered, place, name, store)
     write_durably(path, as_html(page))
-    say(missing)
+    say([*(remark for one in gathered if one.status for remark in one.remarks), *missing])
     print(f"report: {path}")
     return max(one.status for one in gathered)
 

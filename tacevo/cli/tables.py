@@ -43,8 +43,9 @@ class Gathered:
         remarks += self.found.remarks
         if not self.found.studies and not self.found.left_out:
             make = f"`tacevo study run={self.found.run.path}` makes one, with its tables and figures"
-            how = "it was published without a study" if self.is_bundle else make
-            remarks.append(f"no finished study yet: {how}")
+            remarks.append(
+                "no study: it was published without one" if self.is_bundle else f"no finished study yet: {make}"
+            )
         return remarks
 
     @property

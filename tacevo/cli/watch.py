@@ -62,6 +62,8 @@ def _watch(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         server = stack.enter_context(Server(LivePage(path, None if store is None else Path(store)), options.port))
         print(f"watch: {server.address}", flush=True)
+        if not path.exists():
+            print(f"{path} does not exist yet; the page waits for it", flush=True)
         if options.open:
             stack.enter_context(opened_privately(server.address, webbrowser.open))
         server.serve_forever()

@@ -194,7 +194,7 @@ def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> Non
     assert set(shown["sources"]) == used
     for run in shown["runs"]:
         assert len(run["tables"]) >= 10
-        assert run["remarks"][-1] == "no finished study yet: it was published without a study"
+        assert run["remarks"][-1] == "no study: it was published without one"
 
 
 def test_report_of_the_working_directory_has_its_name(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -233,9 +233,10 @@ def test_paper_without_latex_is_a_document(
 
 @pytest.mark.slow
 def test_paper_takes_the_largest_study_of_a_run(
-    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A first, quick study does not stand beside the one that counts; which is passed over is said."""
+    run = Path("run")
     monkeypatch.setenv("PATH", os.fspath(run))
     quick = study_of(run).name
     assert main(["study", f"run={run}", "elites=1", "seeds=5", "epochs=1"]) == 0
@@ -248,9 +249,10 @@ def test_paper_takes_the_largest_study_of_a_run(
 
 @pytest.mark.slow
 def test_paper_refuses_studies_that_were_made_otherwise(
-    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two runs of one task, studied with unlike numbers of seeds: the rows are named, and nothing is written."""
+    run = Path("run")
     monkeypatch.setenv("PATH", os.fspath(run))
     other = Path(shutil.copytree(run, "other"))
     shutil.rmtree(other / "studies")
@@ -290,8 +292,9 @@ def test_study_that_was_edited_is_left_out_and_told(run: Path, capsys: pytest.Ca
 
 
 @pytest.mark.slow
-def test_study_of_the_run_before_it_was_continued_is_left_out(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_of_the_run_before_it_was_continued_is_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its elites may not be the best any more."""
+    run = Path("run")
     more = ["search.generations=2", "search.candidates=3", "search.initial=2"]
     stores = json.loads((run / "run.json").read_text())["config"]["store"]["root"]
     assert main(["search", *SMALLEST, UNTRACKED, *more, f"run.dir={run}", f"store.root={stores}"]) == 0

@@ -43,6 +43,9 @@ function lossWords(one) {
     return `loss ${number(one.fitness)}${again}`;
 }
 
+// What the archive did with a trained candidate; a rejection is what the gate or a training decides.
+const statusOf = (one) => (one.status === "rejected" ? "not inserted" : one.status);
+
 // What an archive has: niches, or places where it has none.
 const placeName = (run) => (run.cells.length ? "niche" : "place");
 

@@ -51,11 +51,11 @@ function factsOf(run, one) {
     const descendants = descendantsOf(run, one.id);
     const held = one.fitness === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
     return facts([
-        ["Came in", `generation ${one.generation}, slot ${one.slot}`],
+        ["Made in", `generation ${one.generation}, slot ${one.slot}`],
         ["Gate, and training", gatePath(run, one)],
         ...fitness,
         ...measured,
-        ...(one.status === null ? [] : [["When it came", `${placeName(run)} ${one.niche}: ${one.status}`]]),
+        ...(one.status === null ? [] : [["When it was made", `${placeName(run)} ${one.niche}: ${statusOf(one)}`]]),
         ...held,
         ["Parents", ...linksTo(run, one.parents)],
         [

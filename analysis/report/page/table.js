@@ -10,7 +10,7 @@ const COLUMNS = [
     { name: "temperature", value: (run, one) => one.temperature, isNumber: true },
     { name: "outcome", value: (run, one) => outcomeOf(one) },
     { name: "reason", value: (run, one) => one.reason ?? "" },
-    { name: "status", value: (run, one) => one.status ?? "" },
+    { name: "status", value: (run, one) => (one.status === null ? "" : statusOf(one)) },
     { name: "loss", value: (run, one) => one.fitness, isNumber: true },
     { name: "parameters", value: (run, one) => one.parameters, isNumber: true },
     { name: "FLOPs", value: (run, one) => one.flops, isNumber: true },
