@@ -181,11 +181,19 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
             *image_tables(compared.study, compared.images),
         ]
         of_study += [table for one in across if one.data[0].study is compared.study for table in transfer_tables(one)]
-        tables += [replace(table, name=f"{table.name}_{compared.name}") for table in of_study]
+        tables += [_of_study(table, compared) for table in of_study]
     for one in found.reestimates:
         of_noise = [*noise_tables(one, run.task), *_corrected(run, one)]
         tables += [replace(table, name=f"{table.name}_{one.name}") for table in of_noise]
     return tuple(tables)
+
+
+def _of_study(table: Table, compared: Compared) -> Table:
+    """Name a table after its study; the caption names other data, since the same networks may stand beside them."""
+    where = f" On other data than the run's: {compared.study.where}." if compared.study.other_data else ""
+    is_across = table.name.startswith("transfer")
+    caption = table.caption if is_across or not where or where.strip() in table.caption else table.caption + where
+    return replace(table, name=f"{table.name}_{compared.name}", caption=caption)
 
 
 def _corrected(run: Run, again: Reestimates) -> list[Table]:

@@ -22,8 +22,8 @@ class Result:
     """What became of one network on one data set."""
 
     median: float
-    #: By the median, 1 is best; equal medians share the lower number.
-    rank: int
+    #: By the median, 1 is best; equal medians share the lower number. None of what is not a network.
+    rank: int | None
     #: Corrected over the variants of this data set; None of the baseline, and where nothing could be compared.
     p_holm: float | None
     verdict: Verdict | None

@@ -81,7 +81,9 @@ class Planned:
 
 def plan(pilot: Pilot, wish: Wish) -> Planned:
     """Find how many seeds each way needs, and choose."""
-    numbers = RETRAININGS if pilot.kind == "sweep" and pilot.epochs is not None else (None,)
+    numbers: tuple[int | None, ...] = (None,)
+    if pilot.kind == "sweep" and pilot.epochs is not None:
+        numbers = RETRAININGS if pilot.within else (1,)  # one training seed a job does not split the spread
     ways = tuple(_way(pilot, wish, cautious, number) for cautious in (False, True) for number in numbers)
     found = [way for way in ways if way.cautious and way.needed.seeds is not None]
     chosen = min(found, key=lambda way: way.epochs) if found else None

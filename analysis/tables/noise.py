@@ -7,7 +7,7 @@ from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Cell, Percent, Table
 from tacevo.studies.lines import Network
-from tacevo.text import counted
+from tacevo.text import counted, drawn
 
 
 def noise_tables(found: Reestimates, task: str) -> tuple[Table, ...]:
@@ -26,7 +26,7 @@ def noise_table(found: Reestimates, task: str) -> Table:
             *("seeds as low as recorded", "recorded less re-estimated", "expected by regression"),
             "chance to beat the baseline",
         ),
-        rows=tuple(_cells(network, one) for network, one in zip(found.networks, found.noise.networks, strict=True)),
+        rows=tuple(_cells(found, *pair) for pair in zip(found.networks, found.noise.networks, strict=True)),
         notes=(
             f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
             f"is {found.record}, by which the search chose; the others decided nothing in it.",
@@ -56,9 +56,10 @@ def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:
             ("whose it is", before.best_id, after.best_id),
         ),
         notes=(
-            "As recorded the archive is illusory: each niche holds the luckiest of its candidates, and its figures "
-            "grow with the noise. Corrected is what is left of it (Flageat and Cully 2023). Candidates that lost to an "
-            "elite were not trained again, so a better archive may lie in the run.",
+            f"A recorded fitness is {again.record}. Where it is one draw, each niche holds the luckiest of its "
+            "candidates, and the figures grow with the noise (an illusory archive, Flageat and Cully 2023). Corrected "
+            f"is what is left of it by {seeds}; its best is still the lowest of many medians. Candidates that lost to "
+            "an elite were not trained again, so a better archive may lie in the run.",
             *([lost] if lost else []),
         ),
     )
@@ -87,10 +88,11 @@ def ranking_table(found: Reestimates, task: str) -> Table:
     )
 
 
-def _cells(network: Network, one: NetworkNoise) -> tuple[Cell, ...]:
+def _cells(found: Reestimates, network: Network, one: NetworkNoise) -> tuple[Cell, ...]:
     chance = None if one.beats is None else Between(one.beats.estimate, one.beats.low, one.beats.high)
-    drawn = one.recorded, one.median, one.least, one.most, one.as_low, one.optimism, one.expected
-    return network.name, network.id, *drawn, chance
+    expected = one.expected if found.record == drawn(1) else None  # the ICC is that of one training
+    measured = one.recorded, one.median, one.least, one.most, one.as_low, one.optimism, expected
+    return network.name, network.id, *measured, chance
 
 
 def _failed_note(found: Reestimates) -> tuple[str, ...]:
@@ -106,11 +108,15 @@ def _icc_note(found: Reestimates) -> str:
             "differ."
         )
     part = shown(Between(icc.estimate, icc.low, icc.high))
+    expected = (
+        "Expected by regression: what another seed typically gives (a geometric mean), by that ICC, to a network with "
+        "this recorded fitness; below 0 it counts as 0, because no difference between networks was seen."
+        if found.record == drawn(1)
+        else f"Nothing is expected by regression, because a recorded fitness is {found.record} here."
+    )
     return (
-        f"ICC(1), the part of one fitness's variance that is the network's: {part} "
-        f"({100 * LEVEL:g} % interval; Shrout and Fleiss 1979; of logarithms, over these networks). Expected by "
-        "regression: what another seed typically gives (a geometric mean), by that ICC, to a network with this "
-        "recorded fitness."
+        f"ICC(1), the part of the variance of one training's loss that is the network's: {part} "
+        f"({100 * LEVEL:g} % interval; Shrout and Fleiss 1979; of logarithms, over these networks). {expected}"
     )
 
 

@@ -24,9 +24,9 @@ def plan_table(planned: Planned) -> Table:
         columns=tuple(cells),
         rows=tuple(tuple(_cells(way, planned).values()) for way in planned.ways),
         notes=(
-            f"Seeds: the fewest that find the effect so often in {TRIALS:,} simulated cases, by two-sided Mann-Whitney "
-            f"tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of the family one differs. "
-            f"At most {MOST} are tried.",
+            f"Seeds: a number, found by halving, that finds the effect so often in {TRIALS:,} simulated cases, by "
+            f"two-sided Mann-Whitney tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of "
+            f"the family one differs. At most {MOST} are tried.",
             f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; of the "
             f"pilot, with {pilot.spread.freedom} degrees of freedom, or its upper limit, below which the true one lies "
             f"with a confidence of {shown(Percent(CONFIDENCE))}.",

@@ -6,7 +6,8 @@ from statistics import fmean
 from analysis.rounding import shown
 from analysis.studies.comparison import Verdict
 from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.transfer import Transfer
+from analysis.studies.transfer import OnData, Result, Transfer
+from analysis.studies.trivial import trivial_score
 from analysis.table import Cell, Percent, PValue, Table
 from tacevo.rounding import rounded
 from tacevo.text import counted
@@ -34,7 +35,7 @@ def transfer_table(found: Transfer) -> Table:
                 None if one.verdict is None else one.verdict.value,
             )
             for on in found.data
-            for name, one in on.results.items()
+            for name, one in (*on.results.items(), *_trivial(on))
         ),
         notes=(
             f"On each data set every network was trained anew, with the same {counted(first.seeds, 'training seed')} "
@@ -45,6 +46,12 @@ def transfer_table(found: Transfer) -> Table:
             *_agreement_note(found),
         ),
     )
+
+
+def _trivial(on: OnData) -> tuple[tuple[str, Result], ...]:
+    """Return what looks at no image, below the networks; without a rank among them."""
+    score = trivial_score(on.study)
+    return () if score is None else (("trivial", Result(median=score, rank=None, p_holm=None, verdict=None)),)
 
 
 def counts_table(found: Transfer) -> Table:
@@ -63,7 +70,7 @@ def counts_table(found: Transfer) -> Table:
 
 
 def _counts(found: Transfer, name: str) -> tuple[Cell, ...]:
-    ranks = [on.results[name].rank for on in found.data]
+    ranks = [rank for on in found.data if (rank := on.results[name].rank) is not None]
     given = Counter(on.results[name].verdict for on in found.data)
     verdicts = (given[verdict] for verdict in Verdict) if given.keys() != {None} else (None for _ in Verdict)
     return name, rounded(fmean(ranks)), min(ranks), max(ranks), *verdicts

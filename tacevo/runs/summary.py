@@ -13,7 +13,7 @@ from tacevo.search.lines import CandidateLine, GenerationLine, Line, eras_in_wor
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.search.unsent import TEMPERATURE, not_sent
 from tacevo.storage.run_directory import RunRecord
-from tacevo.text import drawn, misreported, table
+from tacevo.text import counted, drawn, misreported, table
 
 #: How many elites the summary lists.
 TOP = 5
@@ -51,9 +51,10 @@ def _headline(run: RunRecord, config: RunConfig, candidates: Collection[Candidat
     answers = "no model was asked" if unasked else f"requests answered by {config.llm.model}"
     return (
         f"Task {run.task.name}, seed {config.seed}, {answers}, "
-        f"{config.numerics.kind} numerics. {len(candidates)} candidates in {generations} generations "
-        f"(the first is generation 0). Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and "
-        f"{test} test images of {size} x {size} pixels; the test images play no part in a search."
+        f"{config.numerics.kind} numerics. {counted(len(candidates), 'candidate')} in "
+        f"{counted(generations, 'generation')} (the first is generation 0). Data {run.data.fingerprint[:12]}: {train} "
+        f"training, {validation} validation and {test} test images of {size} x {size} pixels; the test images play no "
+        "part in a search."
     )
 
 
