@@ -181,6 +181,8 @@ def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
     )
     if config.archive.kind is ArchiveKind.best:
         words += f" That of networks has no niches, but places for the best {config.archive.kept}."
+    if config.search.training_flops is not None:
+        words += f" The search ends where its trainings reach search.training_flops={config.search.training_flops:g}."
     return f"## Generations\n\n{words}\n\n{table(header, rows)}"
 
 
