@@ -31,7 +31,7 @@ def plan_table(planned: Planned) -> Table:
             f"pilot, with {pilot.spread.freedom} degrees of freedom, or its upper limit, below which the true one lies "
             f"with a confidence of {shown(Percent(CONFIDENCE))}.",
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
-            "pilot's candidates were trained; without gate and answers.",
+            "pilot's candidates were gated and trained; without the answers.",
             *_fitness_note(pilot.metric),
         ),
     )

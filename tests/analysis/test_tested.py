@@ -97,9 +97,10 @@ def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> N
         job_score(load_run(run), STATED)
 
 
-def test_noise_run_is_not_a_test() -> None:
-    """It has seeds and epochs, and sees no test image."""
+def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
+    """The first has seeds and epochs, and sees no test image; the second sees those of another sensor or split."""
     stated = Retraining(seeds=MEASURED.seeds, epochs=MEASURED.recipe.epochs, choose=ChosenBy.fitness)
     assert is_stated(MEASURED, stated)
     values = {field.name: getattr(MEASURED, field.name) for field in fields(Design)}
     assert not is_stated(Design(**{**values, "terms": None}), stated)
+    assert not is_stated(Design(**{**values, "other_data": (("split_seed", 7),)}), stated)
