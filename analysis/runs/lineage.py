@@ -18,7 +18,7 @@ class Ancestor:
     fitness: float | None
     #: Id of its instruction; None for the baseline and a crossover.
     instruction: str | None
-    #: How much less loss it has than the better of its parents; negative where it has more, None where either is not known.
+    #: How much less loss it has than the better of its parents; negative where it has more, None where one is unknown.
     gain: float | None
 
 

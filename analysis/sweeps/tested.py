@@ -66,7 +66,10 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
 def _score(run: Run, study: Study) -> JobScore:
     fitness = _fitness(run, study)
     # The baseline and the best elite; the earlier one wins a tie, as everywhere.
-    best = min((one for one in study.networks[:2] if one.id in fitness), key=lambda one: (fitness[one.id], one.id))
+    found = [one for one in study.networks[:2] if one.id in fitness]
+    if not found:
+        raise RunError("none", place=str(run.path), expected="a network that trained with every seed of the search")
+    best = min(found, key=lambda one: (fitness[one.id], one.id))
     values = study.values(best.name, study.primary).tolist()
     return JobScore(metric=study.primary, values=tuple(values), network=best.id)
 
@@ -74,7 +77,8 @@ def _score(run: Run, study: Study) -> JobScore:
 def _fitness(run: Run, study: Study) -> dict[str, float]:
     """Return what the networks of a study were chosen by."""
     if not study.chosen_by:
-        return {network.id: network.fitness for network in study.networks}
+        # A baseline that failed when it was trained again stands in the study by its first draw, and found nothing.
+        return {network.id: network.fitness for network in study.networks if network.id in run.fitness}
     for directory in studies_of(run.path):
         if directory.read().digest == study.chosen_by:
             return median_losses(directory.read_finished()[1].rows)

@@ -8,10 +8,11 @@ from typing import TypeVar
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose_noise, compose_study
-from tacevo.config.given import compose_given, gives_networks
+from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.given import record_given
 from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
@@ -139,6 +140,8 @@ def _study(options: argparse.Namespace) -> int:
                 expected = "no setting of data with sweep=: jobs are compared on their own data"
                 raise ConfigError(data[0], place="study", expected=expected)
             return _study_sweep(Path(config.sweep), config)
+        if RunDirectory(Path(config.run or "")).read_run().task.given:
+            check_unchosen(options.overrides)
         with Progress() as view:
             studied = study(config, view, data)
     return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")

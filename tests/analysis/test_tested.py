@@ -16,6 +16,7 @@ from analysis.studies.scores import Study
 from analysis.sweeps.tested import JobScore, _score, job_score
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
+from tacevo.search.lines import ReevaluationLine
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.directory import StudyDirectory, is_stated
 from tacevo.studies.lines import Design
@@ -104,3 +105,13 @@ def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
     values = {field.name: getattr(MEASURED, field.name) for field in fields(Design)}
     assert not is_stated(Design(**{**values, "terms": None}), stated)
     assert not is_stated(Design(**{**values, "other_data": (("split_seed", 7),)}), stated)
+
+
+def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> None:
+    """Its first draw stands in the study, and would be the best; without an elite there is nothing to score."""
+    found, study = load_run(run), studied(0.3, 0.4, 0.45)
+    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=found.baseline.source)
+    out = replace(found, reevaluations=(failed,))
+    assert _score(out, study).network == "g01s00"
+    with refused(RunError, expected="a network that trained"):
+        _score(out, replace(study, networks=study.networks[:1]))
