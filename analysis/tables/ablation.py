@@ -332,10 +332,16 @@ def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:
         return _primary_note(sweep, found)
     words = f"Secondary metric; the primary one is {found.primary.value}."
     if metric is Metric.best_fitness:
+        records = dict.fromkeys(one.run.record for one in sweep.finished)
         words += (
-            " The lowest of many fitnesses is a noisy minimum: each is one draw, so an arm that draws more often may "
-            "have a lower one for that reason alone."
+            f" The lowest of many fitnesses is a noisy minimum: each is {' or '.join(records)}, so an arm that draws "
+            "more often may have a lower one for that reason alone."
         )
+        if len(records) > 1:
+            words += (
+                " Arms differ in this: the lowest of single draws is lower than that of medians, whatever the networks "
+                "are worth, so between such arms this metric compares nothing; test scores do."
+            )
     return [words]
 
 

@@ -112,23 +112,29 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
     parser.set_defaults(interrupted="the trainings that ended are kept, and the same command continues")
 
 
+def _runs(words: Sequence[str]) -> list[str]:
+    """Return the bare words, each of which names a run."""
+    return [word for word in words if "=" not in word or Path(word).exists()]
+
+
 def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[str]) -> Configured:
     """Compose the settings of a command, one of which, the run, may be given as a bare word.
 
     Raises:
         ConfigError: as `compose`, or two runs are named.
     """
-    runs = [word for word in words if "=" not in word or Path(word).exists()]
+    runs = _runs(words)
     settings = [word for word in words if word not in runs]
     if not runs:
         return compose(settings)
-    if named := [*runs[1:], *(setting for setting in settings if setting.startswith("run="))]:
+    others = [setting for setting in settings if setting.startswith(("run=", "sweep=", "networks="))]
+    if named := [*runs[1:], *others]:
         raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
     return replace(compose([*settings, "run=RUN"]), run=runs[0])
 
 
 def _study(options: argparse.Namespace) -> int:
-    if gives_networks(options.overrides):
+    if not _runs(options.overrides) and gives_networks(options.overrides):
         config, run, files = compose_given(options.overrides)
         with Progress() as view:
             studied = study(replace(config, run=str(record_given(run, files, view))), view)

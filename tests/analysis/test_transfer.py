@@ -139,6 +139,14 @@ def test_paper_takes_the_study_of_the_runs_own_data() -> None:
     assert [compared.name for compared in kept.studies] == ["study1"]
 
 
+def test_paper_warns_of_one_split_only_where_there_is_one() -> None:
+    """The study on the other data is not shown, but it is there."""
+    for studies, warned in (([study_of(ONE)], True), ([study_of(ONE), elsewhere(OTHER, 7)], False)):
+        tables = tables_of(with_one_study(collection(*studies)), None)
+        assert not any(table.name.startswith("transfer") for table in tables)
+        assert any(ONE_SPLIT in table.notes for table in tables) is warned
+
+
 def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:
     """A plan changes no score; with and without it, a study of one data set stands in the table once."""
     pilot = study_pilot([(run([trained(0, 0)], []), study_of(ONE))])
