@@ -389,6 +389,12 @@ def _missing_note(sweep: Sweep) -> list[str]:
         )
     if sweep.untested:
         notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {_names(sweep.untested)}.")
+    for arm in dict.fromkeys(one.job.arm for one in sweep.untested if one.has_failed):
+        failed = [one for one in sweep.untested if one.has_failed and one.job.arm == arm]
+        notes.append(
+            f"{arm}: what it found failed when it was trained for its test, in {counted(len(failed), 'job')} "
+            f"({_names(failed)}). The comparison of test scores leaves these out, which flatters the arm."
+        )
     return notes
 
 

@@ -28,8 +28,8 @@ def plan_table(planned: Planned) -> Table:
             f"tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of the family one differs. "
             f"At most {MOST} are tried.",
             f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; of the "
-            f"pilot, with {counted(pilot.spread.freedom, 'degree')} of freedom, or its upper limit, below which the true "
-            f"one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
+            f"pilot, with {counted(pilot.spread.freedom, 'degree')} of freedom, or its upper limit, below which the "
+            f"true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
             "pilot's candidates were gated and trained; without the answers.",
             *_fitness_note(pilot.metric),
