@@ -338,10 +338,7 @@ def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:
             "more often may have a lower one for that reason alone."
         )
         if len(records) > 1:
-            words += (
-                " Arms differ in this: the lowest of single draws is lower than that of medians, whatever the networks "
-                "are worth, so between such arms this metric compares nothing; test scores do."
-            )
+            words += " Arms differ in this, so it compares kinds of fitness as much as networks; test scores do not."
     return [words]
 
 
@@ -389,12 +386,12 @@ def _missing_note(sweep: Sweep) -> list[str]:
         )
     if sweep.untested:
         notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {_names(sweep.untested)}.")
-    for arm in dict.fromkeys(one.job.arm for one in sweep.untested if one.has_failed):
-        failed = [one for one in sweep.untested if one.has_failed and one.job.arm == arm]
-        notes.append(
-            f"{arm}: what it found failed when it was trained for its test, in {counted(len(failed), 'job')} "
-            f"({_names(failed)}). The comparison of test scores leaves these out, which flatters the arm."
-        )
+    notes += [
+        f"Arm {one.job.arm}: what job {one.job.name} found failed when it was trained for its test. The comparison of "
+        "test scores leaves this out, which flatters the arm."
+        for one in sweep.untested
+        if one.has_failed
+    ]
     return notes
 
 
