@@ -114,3 +114,12 @@ def test_plan_of_another_kind_or_task_is_refused(folder: Path, capsys: pytest.Ca
         read_plan(PLAN, "sweep", "force")
     with refused(ConfigError, place="plan.json, task", got="'force'"):
         read_plan(PLAN, "study", "grating")
+
+
+def test_wish_without_a_plan_leaves_no_earlier_one(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Or a study would follow a plan that is not the one that was asked for last."""
+    assert main(["plan", "study", "run", "--effect", "0.9", "--comparisons", "1"]) == 0
+    assert PLAN.exists()
+    assert main(["plan", "study", "run", "--effect", "0.0001", "--comparisons", "1"]) == 1
+    assert "no plan" in capsys.readouterr().out
+    assert not PLAN.exists()
