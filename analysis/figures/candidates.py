@@ -65,7 +65,7 @@ def lineage(ancestors: Sequence[Ancestor]) -> Figure:
             axes.plot([before, generation], [above, row], color=colour, linestyle=dashes, linewidth=0.9)
         axes.plot(generation, row, marker, color=colour, zorder=3, clip_on=False)
         made = ancestor.instruction or candidate.operator.value
-        fitness = "" if candidate.fitness is None else shown(candidate.fitness)
+        fitness = "" if ancestor.fitness is None else shown(ancestor.fitness)
         _write(axes, row, candidate.id, made.replace("_", " "), fitness)
     hidden = len(ancestors) - len(rows)
     _write(axes, -1, "network", f"made by ({hidden} left out)" if hidden else "made by", "loss")

@@ -62,6 +62,8 @@ class Collection:
     left_out: tuple[str, ...]
     #: Why a study, which is there, has no re-estimates: the stores are elsewhere, for example.
     remarks: tuple[str, ...] = ()
+    #: Studies that are there, and of which nothing is shown (`with_one_study`).
+    passed_over: tuple[Compared, ...] = ()
 
 
 def collect(path: Path, store: Path | None = None) -> Collection:
@@ -146,11 +148,12 @@ def with_one_study(found: Collection) -> Collection:
             *(len(one.study.networks), one.name),
         ),
     )
-    passed_over = {one.name for one in largest[:-1]}
+    names = {one.name for one in largest[:-1]}
     return replace(
         found,
         studies=tuple(largest[-1:]),
-        reestimates=tuple(one for one in found.reestimates if one.name not in passed_over),
+        passed_over=tuple(largest[:-1]),
+        reestimates=tuple(one for one in found.reestimates if one.name not in names),
     )
 
 
@@ -174,8 +177,9 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         anatomies = read_anatomies(run, profiles)
         tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
     across = transfers((compared.study, compared.comparisons) for compared in found.studies)
+    everywhere = transfers((compared.study, None) for compared in (*found.studies, *found.passed_over))
     for compared in found.studies:
-        is_alone = not any(one.has(compared.study) for one in across)
+        is_alone = not any(one.has(compared.study) for one in everywhere)
         of_study = [
             *study_tables(compared.study, compared.comparisons, is_alone=is_alone),
             *image_tables(compared.study, compared.images),

@@ -98,14 +98,14 @@ class Improvement:
     """How far a run came; fitness is a loss, so improvement is the part of it that is gone."""
 
     baseline: float
-    #: Best of generation 0.
+    #: Best of generation 0, as the search knew it at its end.
     first: float
     #: Best of the last generation.
     last: float
     #: (first - last) / first and (baseline - last) / baseline; 0 where the reference is 0 already.
     over_first: float
     over_baseline: float
-    #: First generation that had `MOST` of the whole improvement over `first`; None without any improvement.
+    #: First generation from which on it had `MOST` of the whole improvement over `first`; None without any improvement.
     settled: int | None
     #: Part of the whole improvement that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it.
     by_generation: tuple[tuple[int, float], ...]
@@ -225,11 +225,16 @@ def temperature_follows_age(run: Run) -> bool:
 def improvement(run: Run) -> Improvement | None:
     """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
-    baseline = run.fitness.get(run.baseline.id)
+    known = run.fitness
+    baseline = known.get(run.baseline.id)
     if baseline is None or not bests:
         return None
-    first, last = bests[0][1], bests[-1][1]
+    # As known at the end: a best that was recorded when generation 0 closed may be one lucky draw.
+    first = min(known[line.id] for line in run.candidates if line.generation == 0 and line.id in known)
+    last = bests[-1][1]
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
+    # Where elites are trained again, the best may rise: what counts is from when on it stayed.
+    before = max((generation for generation, share in gained.items() if share < MOST), default=-1)
     later = [line for line in run.generations if line.generation > 0]
     return Improvement(
         baseline=baseline,
@@ -237,7 +242,7 @@ def improvement(run: Run) -> Improvement | None:
         last=last,
         over_first=(first - last) / first if first else 0.0,
         over_baseline=(baseline - last) / baseline if baseline else 0.0,
-        settled=next((generation for generation, share in gained.items() if share >= MOST), None),
+        settled=next((generation for generation in gained if generation > before), None),
         by_generation=tuple((number, gained[number]) for number in PUBLISHED_GENERATIONS if number in gained),
         trainable=sum(line.trained / line.candidates for line in later) / len(later) if later else None,
         coverage=run.generations[-1].coverage,

@@ -1,5 +1,6 @@
 """Where a network comes from: its ancestors, step by step, back to the baseline."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from analysis.runs.run import Run
@@ -11,11 +12,13 @@ from tacevo.search.lines import CandidateLine
 class Ancestor:
     """One network of a lineage."""
 
-    #: With its id, generation, operator, prompt, parents and fitness.
+    #: With its id, generation, operator, prompt and parents.
     candidate: CandidateLine
+    #: What the search knew of it at its end; None where a training of it failed.
+    fitness: float | None
     #: Id of its instruction; None for the baseline and a crossover.
     instruction: str | None
-    #: How much less loss it has than the better of its parents; negative where it has more, None without parents.
+    #: How much less loss it has than the better of its parents; negative where it has more, None where one is unknown.
     gain: float | None
 
 
@@ -41,10 +44,11 @@ def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
 def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
     """Return a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
     found = ancestors(run, name)
-    fitness = {candidate.id: candidate.fitness for candidate in found if candidate.fitness is not None}
+    fitness = run.fitness
     return tuple(
         Ancestor(
             candidate=candidate,
+            fitness=fitness.get(candidate.id),
             instruction=None if candidate.prompt is None else run.instructions[candidate.prompt],
             gain=_gain(candidate, fitness),
         )
@@ -52,7 +56,6 @@ def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
     )
 
 
-def _gain(candidate: CandidateLine, fitness: dict[str, float]) -> float | None:
-    if candidate.fitness is None or not candidate.parents:
-        return None
-    return min(fitness[parent] for parent in candidate.parents) - candidate.fitness
+def _gain(candidate: CandidateLine, fitness: Mapping[str, float]) -> float | None:
+    parents = [fitness[parent] for parent in candidate.parents if parent in fitness]
+    return min(parents) - fitness[candidate.id] if parents and candidate.id in fitness else None

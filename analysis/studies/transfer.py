@@ -50,18 +50,22 @@ class Transfer:
     data: tuple[OnData, ...]
 
     def has(self, study: Study) -> bool:
-        """Return whether a study is one of them."""
-        return any(on.study is study for on in self.data)
+        """Return whether a study is one of them, or like one of them but for its plan."""
+        return _shared(study) == _shared(self.data[0].study)
 
 
 def transfers(studies: Iterable[tuple[Study, Comparisons | None]]) -> tuple[Transfer, ...]:
     """Find the studies of a run that differ in their data only, with the comparison of each where it has one."""
-    groups: dict[str, list[tuple[Study, Comparisons | None]]] = {}
+    groups: dict[str, dict[str, tuple[Study, Comparisons | None]]] = {}
     for study, found in studies:
-        shared = {field.name: to_json(getattr(study, field.name)) for field in fields(Design)}
-        del shared["data"], shared["other_data"]
-        groups.setdefault(content_hash(shared), []).append((study, found))
-    return tuple(map(_transfer, (group for group in groups.values() if len(group) > 1)))
+        groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, found))
+    return tuple(_transfer(list(group.values())) for group in groups.values() if len(group) > 1)
+
+
+def _shared(study: Study) -> str:
+    """Name what a study has in common with itself on other data; a plan is of one of them, and changes no score."""
+    kept = {field.name for field in fields(Design)} - {"data", "other_data", "plan"}
+    return content_hash({name: to_json(getattr(study, name)) for name in kept})
 
 
 def _transfer(group: list[tuple[Study, Comparisons | None]]) -> Transfer:

@@ -178,7 +178,7 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
         values={**_values(one.run, places[-1]), **_test_scores(one)},
         best=tuple(line.best for line in one.run.generations),
         filled=places,
-        slots=tuple(map(_slot, one.run.candidates)),
+        slots=slots_of(one.run),
     )
 
 
@@ -248,6 +248,11 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
 def _test_scores(one: Finished) -> dict[Metric, float | None]:
     found = {} if one.tested is None else {TESTS[one.tested.metric]: one.tested.value}
     return {metric: found.get(metric) for metric in TESTS.values()}
+
+
+def slots_of(run: Run) -> tuple[CandidateLine, ...]:
+    """Return what two runs are compared by, candidate by candidate."""
+    return tuple(map(_slot, run.candidates))
 
 
 def _slot(candidate: CandidateLine) -> CandidateLine:

@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 from typing import Literal
 
@@ -11,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from analysis.runs.run import Run
 from analysis.statistics.planning import Spread, median_deviation, pooled
 from analysis.studies.scores import Study
+from analysis.sweeps.ablation import slots_of
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import RunError
+from tacevo.search.lines import CandidateLine
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 
@@ -51,7 +54,7 @@ def is_error(metric: Measure) -> bool:
 
 
 def study_pilot(pilots: Sequence[tuple[Run, Study]]) -> Pilot:
-    """Return what studies say of the next one.
+    """Return what studies say of the next one; a training that several of them share counts once.
 
     Raises:
         RunError: they are of several tasks, epochs or metrics, or have a single seed, or a value of 0.
@@ -85,6 +88,9 @@ def spread_of(study: Study) -> float | None:
 def sweep_pilot(pilots: Sequence[Sweep]) -> Pilot:
     """Return what sweeps say of the next one: by their test scores, or by their best fitness where a job has none.
 
+    A run that is another arm's of its seed, candidate by candidate, says nothing new of how jobs spread, and a
+    training that several jobs share says it once of how training seeds do.
+
     Raises:
         RunError: they are of several tasks or epochs, or no arm has two jobs, or a value is 0.
     """
@@ -94,36 +100,59 @@ def sweep_pilot(pilots: Sequence[Sweep]) -> Pilot:
     stated = [sweep.terms.retraining for sweep in pilots] if is_tested else [None] * len(pilots)
     _check_alike([(sweep.task, terms) for sweep, terms in zip(pilots, stated, strict=True)])
     metric = Measure(scores[0].metric) if is_tested else Measure.fitness
-    arms = [
-        _scaled([_value(one, is_tested) for one in sweep.finished if one.job.arm == arm], metric)
-        for sweep in pilots
-        for arm in dict.fromkeys(one.job.arm for one in sweep.finished)
-    ]
+    arms: dict[tuple[Path, str], list[float]] = {}
+    for sweep, one in _distinct_runs(pilots):
+        arms.setdefault((sweep.path, one.job.arm), []).append(_value(one, is_tested))
     seeds = len(scores[0].values) if is_tested else 1
-    within = pooled([_scaled(score.values, metric) for score in scores]) if seeds > 1 and is_tested else None
+    # The seeds of a job's study follow from the job's, so jobs that found one network, say the baseline, may have its
+    # very trainings.
+    samples = {(one.job.seed, one.tested.values): one.tested.values for one in jobs if one.tested is not None}
+    within = pooled([_scaled(values, metric) for values in samples.values()]) if seeds > 1 and is_tested else None
     deviation = 0.0 if within is None else within.deviation
     return Pilot(
         kind="sweep",
         task=pilots[0].task,
         metric=metric,
-        spread=_pooled(arms, "two jobs of an arm"),
+        spread=_pooled([_scaled(values, metric) for values in arms.values()], "two jobs of an arm"),
         within=deviation,
         tested=deviation * median_deviation(seeds),
         comparisons=max(1, *(len({one.job.arm for one in sweep.finished}) - 1 for sweep in pilots)),
         epochs=stated[0].epochs if stated[0] is not None else None,
-        search_epochs=max(len(run.trained) * run.config.training.epochs for run in runs),
+        search_epochs=max(map(_epochs, runs)),
         seconds=_seconds(runs),
         runs=_digests(runs),
     )
 
 
 def _study_spread(studies: Sequence[Study]) -> Spread:
-    samples = [
-        _scaled(study.values(network.name, study.primary), Measure(study.primary))
-        for study in studies
-        for network in study.networks
-    ]
-    return _pooled(samples, "two seeds of a network")
+    samples: dict[Hashable, dict[str, float]] = {}
+    for study in studies:
+        sources = {network.name: network.source for network in study.networks}
+        for score in study.scores:
+            # By the key of the training, which studies of one run with other terms or more seeds share.
+            own = samples.setdefault((study.run, study.fingerprint, sources[score.network]), {})
+            own[score.evaluation] = score.metrics[study.primary]
+    metric = Measure(studies[0].primary)
+    return _pooled([_scaled(list(own.values()), metric) for own in samples.values()], "two seeds of a network")
+
+
+def _distinct_runs(pilots: Sequence[Sweep]) -> list[tuple[Sweep, Finished]]:
+    """Return the jobs, each with its sweep, whose runs no earlier job of their seed has, candidate by candidate."""
+    found: list[tuple[Sweep, Finished]] = []
+    known: dict[int, list[tuple[CandidateLine, ...]]] = {}
+    for sweep in pilots:
+        for one in sweep.finished:
+            slots, others = slots_of(one.run), known.setdefault(one.job.seed, [])
+            if slots not in others:
+                others.append(slots)
+                found.append((sweep, one))
+    return found
+
+
+def _epochs(run: Run) -> int:
+    """Return the epochs of all trainings of a search, further ones of elites and failed ones included."""
+    trainings = {line.evaluation for line in (*run.candidates, *run.reevaluations)} - {None}
+    return len(trainings) * run.seeds * run.config.training.epochs
 
 
 def _value(one: Finished, is_tested: bool) -> float:
@@ -160,9 +189,12 @@ def _check_alike(terms: Sequence[Hashable]) -> None:
 
 
 def _seconds(runs: Sequence[Run]) -> float | None:
-    """Return the time of one epoch: the median over the candidates that were trained, and not recalled."""
+    """Return the time of one epoch of one training: the median over the candidates that were not recalled.
+
+    A candidate's time is that of its gate and of its trainings with all seeds.
+    """
     found = [
-        timing.seconds / run.config.training.epochs
+        timing.seconds / (run.config.training.epochs * run.seeds)
         for run in runs
         for timing in RunDirectory(run.path).read_timings()
         if timing.seconds is not None and timing.id in {one.id for one in run.trained} and timing.seconds > RECALLED

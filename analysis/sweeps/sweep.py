@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from analysis.runs.run import Run, load_run
-from analysis.sweeps.tested import JobScore, job_score
+from analysis.sweeps.tested import FailedTestError, JobScore, job_score
 from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
 from tacevo.search.files import finished_digest
@@ -32,6 +32,8 @@ class Missing:
     job: Job
     #: In words, e.g. `not begun`.
     reason: str
+    #: Of a job without a test score: whether its network was tested and a training of it failed.
+    has_failed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +92,7 @@ def _with_tests(sweep: Sweep, stated: Retraining) -> Sweep:
             finished.append(replace(one, tested=job_score(one.run, stated)))
         except RunError as error:
             finished.append(one)
-            untested.append(Missing(job=one.job, reason=str(error)))
+            untested.append(Missing(job=one.job, reason=str(error), has_failed=isinstance(error, FailedTestError)))
     return replace(sweep, finished=tuple(finished), untested=tuple(untested))
 
 

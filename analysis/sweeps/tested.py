@@ -4,17 +4,20 @@ The fitness that a search ends with is the lowest of many draws. This is one val
 with the best fitness is trained again with K fresh seeds, and the median of their test scores stands for the job.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
 from analysis.runs.run import Run
-from analysis.studies.scores import Study
-from analysis.studies.study import load_study
+from analysis.statistics.samples import not_finite
+from analysis.studies.scores import PRIMARY
 from tacevo.errors import RunError
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.directory import is_stated, studies_of
+from tacevo.studies.lines import Design, FailedLine, Row, ScoreLine
 from tacevo.studies.networks import median_losses
+from tacevo.text import listed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +37,10 @@ class JobScore:
         return rounded(median(self.values))
 
 
+class FailedTestError(RunError):
+    """What a job found did not train with every seed of its test; that is a result, and not a gap."""
+
+
 def job_score(run: Run, stated: Retraining) -> JobScore:
     """Return the test score of the network that a run found.
 
@@ -41,6 +48,7 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
     that came to nothing better would be judged by something worse.
 
     Raises:
+        FailedTestError: a training of this network failed.
         RunError: there is no sound study as stated, or there are several that do not agree.
     """
     sound, faults = [], []
@@ -48,7 +56,8 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
         record = directory.read()
         if record.run == run.digest and record.digest is not None and is_stated(record, stated):
             try:
-                sound.append(_score(run, load_study(directory.path)))
+                _, scores = directory.read_finished()
+                sound.append(_score(run, scores.header, scores.rows))
             except RunError as error:
                 faults.append(error)
     if not sound and faults:
@@ -63,18 +72,33 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
     return sound[0]
 
 
-def _score(run: Run, study: Study) -> JobScore:
+def _score(run: Run, study: Design, rows: Sequence[Row]) -> JobScore:
+    """Return the score of the best network of a study; what became of the others does not matter."""
     fitness = _fitness(run, study)
     # The baseline and the best elite; the earlier one wins a tie, as everywhere.
-    best = min((one for one in study.networks[:2] if one.id in fitness), key=lambda one: (fitness[one.id], one.id))
-    values = study.values(best.name, study.primary).tolist()
-    return JobScore(metric=study.primary, values=tuple(values), network=best.id)
+    found = [one for one in study.networks[:2] if one.id in fitness]
+    if not found:
+        raise RunError("none", place=str(run.path), expected="a network that trained with every seed of the search")
+    best = min(found, key=lambda one: (fitness[one.id], one.id))
+    metric, own = PRIMARY[study.data.kind], [row for row in rows if row.network == best.name]
+    if failed := [row for row in own if isinstance(row, FailedLine)]:
+        raise FailedTestError(
+            f"{listed(f'{row.reason} with seed {row.seed}' for row in failed)}",
+            place=f"{run.path}, {best.name} ({best.id})",
+            expected="a test score with every training seed",
+            remedy="study the sweep again with more seconds= or memory_mib=",
+        )
+    values = tuple(row.metrics[metric] for row in own if isinstance(row, ScoreLine))
+    if len(values) != study.seeds or not_finite(values):
+        raise RunError(f"{values}", place=f"{run.path}, {best.name}", expected=f"{study.seeds} finite scores")
+    return JobScore(metric=metric, values=values, network=best.id)
 
 
-def _fitness(run: Run, study: Study) -> dict[str, float]:
+def _fitness(run: Run, study: Design) -> dict[str, float]:
     """Return what the networks of a study were chosen by."""
     if not study.chosen_by:
-        return {network.id: network.fitness for network in study.networks}
+        # A baseline that failed when it was trained again stands in the study by its first draw, and found nothing.
+        return {network.id: network.fitness for network in study.networks if network.id in run.fitness}
     for directory in studies_of(run.path):
         if directory.read().digest == study.chosen_by:
             return median_losses(directory.read_finished()[1].rows)

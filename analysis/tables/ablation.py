@@ -332,10 +332,13 @@ def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:
         return _primary_note(sweep, found)
     words = f"Secondary metric; the primary one is {found.primary.value}."
     if metric is Metric.best_fitness:
+        records = dict.fromkeys(one.run.record for one in sweep.finished)
         words += (
-            " The lowest of many fitnesses is a noisy minimum: each is one draw, so an arm that draws more often may "
-            "have a lower one for that reason alone."
+            f" The lowest of many fitnesses is a noisy minimum: each is {' or '.join(records)}, so an arm that draws "
+            "more often may have a lower one for that reason alone."
         )
+        if len(records) > 1:
+            words += " Arms differ in this, so it compares kinds of fitness as much as networks; test scores do not."
     return [words]
 
 
@@ -383,6 +386,12 @@ def _missing_note(sweep: Sweep) -> list[str]:
         )
     if sweep.untested:
         notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {_names(sweep.untested)}.")
+    notes += [
+        f"Arm {one.job.arm}: what job {one.job.name} found failed when it was trained for its test. The comparison of "
+        "test scores leaves this out, which flatters the arm."
+        for one in sweep.untested
+        if one.has_failed
+    ]
     return notes
 
 

@@ -295,8 +295,8 @@ def _scale_note(study: Study) -> tuple[str, ...]:
 def _training(study: Study) -> str:
     other = f" On other data than the run's: {study.where}." if study.where else ""
     return (
-        f"{counted(study.seeds, 'training seed')} of each network, {study.recipe.epochs} epochs, weights of the best "
-        f"validation epoch.{other}"
+        f"{counted(study.seeds, 'training seed')} of each network, {counted(study.recipe.epochs, 'epoch')}, weights of "
+        f"the best validation epoch.{other}"
     )
 
 

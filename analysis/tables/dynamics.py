@@ -207,7 +207,7 @@ def lineage_table(run: Run, name: str) -> Table:
             entry.candidate.operator.value,
             entry.instruction,
             ", ".join(entry.candidate.parents) or None,
-            entry.candidate.fitness,
+            entry.fitness,
             entry.gain,
         )
         for entry in lineage(run, name)

@@ -25,7 +25,8 @@ def image_tables(study: Study, found: ImageFindings | None) -> tuple[Table, ...]
         return (_without(study),)
     last = calibration_table if study.kind is Kind.classification else residuals_table
     outputs = (image_outputs_table(study, found),) if found.outputs else ()
-    return ensembles_table(study, found), pairs_table(study, found), *outputs, last(study, found)
+    pairs = (pairs_table(study, found),) if found.pairs else ()
+    return ensembles_table(study, found), *pairs, *outputs, last(study, found)
 
 
 def ensembles_table(study: Study, found: ImageFindings) -> Table:
@@ -50,9 +51,15 @@ def ensembles_table(study: Study, found: ImageFindings) -> Table:
         ),
         notes=(
             f"Ensemble: the mean of the seeds' {_what(study)}. Trivial: looks at no image.",
-            f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the percentiles of "
-            f"{IMAGE_RESAMPLES:,} bootstrap resamples of test images and seeds together: where it holds 0, other "
-            "images and other seeds may turn it.",
+            *(
+                (
+                    f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the "
+                    f"percentiles of {IMAGE_RESAMPLES:,} bootstrap resamples of test images and seeds together: where "
+                    "it holds 0, other images and other seeds may turn it.",
+                )
+                if found.pairs
+                else ()
+            ),
         ),
     )
 

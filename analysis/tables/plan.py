@@ -28,10 +28,10 @@ def plan_table(planned: Planned) -> Table:
             f"two-sided Mann-Whitney tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of "
             f"the family one differs. At most {MOST} are tried.",
             f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; of the "
-            f"pilot, with {pilot.spread.freedom} degrees of freedom, or its upper limit, below which the true one lies "
-            f"with a confidence of {shown(Percent(CONFIDENCE))}.",
+            f"pilot, with {counted(pilot.spread.freedom, 'degree')} of freedom, or its upper limit, below which the "
+            f"true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
-            "pilot's candidates were trained; without gate and answers.",
+            "pilot's candidates were gated and trained; without the answers.",
             *_fitness_note(pilot.metric),
         ),
     )
@@ -41,7 +41,7 @@ def planned_table(task: str, plan: Plan, done: Iterable[tuple[str, Cell, Cell]])
     """Show what was planned beside what was done: a name, the planned value and the one that came."""
     return Table(
         name=f"planned_{task}",
-        caption=f"What was planned before anything was trained, and what was done ({task}).",
+        caption=f"What was planned, and what was done ({task}).",
         columns=("what", "planned", "done"),
         rows=tuple(done),
         notes=(

@@ -47,7 +47,7 @@ def continue_run(
         mix_rules: whether generations under the current rules may follow those under others.
 
     Raises:
-        ConfigError: an override would make it another run, or not a longer one.
+        ConfigError: an override would make it another run, or not a longer one; or its networks were given.
         RunError: it is a sweep; or its rules are not the current ones, and they must not be mixed.
         DataError: the data set is not there, or is another one.
         TacevoError: what `check` raises, and as `tacevo.runs.session.search`.
@@ -58,6 +58,13 @@ def continue_run(
     check_walls(published)
     recorded = read_recorded(run)
     end = recorded.generations[-1].generation
+    if recorded.record.task.given:
+        raise ConfigError(
+            "one of given networks",
+            place=str(run),
+            expected="a run that searches: no model was chosen that could answer for this one",
+            remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
+        )
     config = continued(recorded.config, overrides, end=end)
     eras = _eras(recorded.eras, end, mix_rules, view)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():

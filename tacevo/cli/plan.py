@@ -77,6 +77,7 @@ def _plan(options: argparse.Namespace) -> int:
     directory = output_directory(options.output)
     show([plan_table(planned)], directory)
     if planned.plan is None:
+        (directory / "plan.json").unlink(missing_ok=True)  # of an earlier wish
         print("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
     write_durably(directory / "plan.json", plan_text(planned.plan))
@@ -117,14 +118,14 @@ def _studies(path: Path, open_bundles: contextlib.ExitStack) -> Iterator[tuple[R
 
 
 def _part(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"expected a number between 0 and 1; got {text}")
-    return value
+    with contextlib.suppress(ValueError):
+        if 0 < (value := float(text)) < 1:
+            return value
+    raise argparse.ArgumentTypeError(f"expected a number between 0 and 1, such as 0.1 for 10 %; got {text}")
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected an integer of at least 1; got {text}")
-    return value
+    with contextlib.suppress(ValueError):
+        if (value := int(text)) >= 1:
+            return value
+    raise argparse.ArgumentTypeError(f"expected an integer of at least 1; got {text}")

@@ -8,10 +8,11 @@ from typing import TypeVar
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose_noise, compose_study
-from tacevo.config.given import compose_given, gives_networks
+from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.given import record_given
 from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
@@ -111,23 +112,29 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
     parser.set_defaults(interrupted="the trainings that ended are kept, and the same command continues")
 
 
+def _runs(words: Sequence[str]) -> list[str]:
+    """Return the bare words, each of which names a run."""
+    return [word for word in words if "=" not in word or Path(word).exists()]
+
+
 def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[str]) -> Configured:
     """Compose the settings of a command, one of which, the run, may be given as a bare word.
 
     Raises:
         ConfigError: as `compose`, or two runs are named.
     """
-    runs = [word for word in words if "=" not in word or Path(word).exists()]
+    runs = _runs(words)
     settings = [word for word in words if word not in runs]
     if not runs:
         return compose(settings)
-    if named := [*runs[1:], *(setting for setting in settings if setting.startswith("run="))]:
+    others = [setting for setting in settings if setting.startswith(("run=", "sweep=", "networks="))]
+    if named := [*runs[1:], *others]:
         raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
     return replace(compose([*settings, "run=RUN"]), run=runs[0])
 
 
 def _study(options: argparse.Namespace) -> int:
-    if gives_networks(options.overrides):
+    if not _runs(options.overrides) and gives_networks(options.overrides):
         config, run, files = compose_given(options.overrides)
         with Progress() as view:
             studied = study(replace(config, run=str(record_given(run, files, view))), view)
@@ -139,6 +146,8 @@ def _study(options: argparse.Namespace) -> int:
                 expected = "no setting of data with sweep=: jobs are compared on their own data"
                 raise ConfigError(data[0], place="study", expected=expected)
             return _study_sweep(Path(config.sweep), config)
+        if RunDirectory(Path(config.run or "")).read_run().task.given:
+            check_unchosen(options.overrides)
         with Progress() as view:
             studied = study(config, view, data)
     return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")

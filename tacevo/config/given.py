@@ -59,10 +59,9 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
         ConfigError: as `tacevo.config.compose.compose`; a setting is that of a search; or the files are not networks of
             different names.
     """
+    check_unchosen(overrides)
     keys = {override: override.partition("=")[0] for override in overrides}
     for override, key in keys.items():
-        if key in _CHOOSING:
-            raise ConfigError(override, place=key, expected="no choice of elites: every given network is studied")
         if _group(key) not in _OF_A_STUDY | _OF_A_RUN:
             known = ", ".join(sorted(_OF_A_RUN - _OF_A_STUDY))
             raise ConfigError(override, place=key, expected=f"a setting of a study, or of its run: of {known}")
@@ -72,6 +71,18 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
     files = tuple(_files(study.networks))
     chosen = compose(["llm=grammar", *of_run])  # it is asked nothing, but some experiments want a model to be named
     return study, _run_of(chosen, len(files)), files
+
+
+def check_unchosen(overrides: Sequence[str]) -> None:
+    """Check that the settings of a study of given networks choose no elites among them.
+
+    Raises:
+        ConfigError: they do.
+    """
+    for override in overrides:
+        key = override.partition("=")[0]
+        if key in _CHOOSING:
+            raise ConfigError(override, place=key, expected="no choice of elites: every given network is studied")
 
 
 def _run_of(chosen: RunConfig, networks: int) -> RunConfig:

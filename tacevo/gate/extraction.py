@@ -50,6 +50,11 @@ def extract(completion: Completion, contract: Contract) -> str | Rejection:
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
+def as_whole(text: str) -> str:
+    """Return a text as `extract` does if it takes all of it for the source, and not a part."""
+    return Block.of(_normalised(text), closed=False).text + "\n"
+
+
 def first_look(completion: Completion, *, limit: int) -> Rejection | None:
     """Reject what needs no parsing; first what has more UTF-8 bytes than the limit, so that no more is done with it."""
     text, reason = completion.text, completion.stop_reason

@@ -12,6 +12,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate
+from tacevo.gate.extraction import as_whole
 from tacevo.records import Completion, Given, Mode, Rejection, Task
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
@@ -27,7 +28,8 @@ def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress
         The directory of the run.
 
     Raises:
-        ConfigError: the gate rejects a file, or a training of it fails; two files hold one network.
+        ConfigError: the gate rejects a file, or would take a part of it only, or a training of it fails; two files hold
+            one network.
         TacevoError: as `tacevo.runs.session.search`; what was computed so far is kept.
     """
     llm = require_means(config)
@@ -51,6 +53,13 @@ def _admitted(gate: Gate, file: NetworkFile) -> Given:
             f"one that is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}",
             place=f"networks, {file.path}",
             expected="a network that the gate admits",
+        )
+    if verdict.source != as_whole(file.text):
+        raise ConfigError(
+            "text of which the gate would take a part, as from a model's answer",
+            place=f"networks, {file.path}",
+            expected="Python as a whole",
+            remedy="correct the file: a syntax error, text beside the code or marks of a merge may stand in it",
         )
     return Given(name=file.name, source=verdict.source)
 

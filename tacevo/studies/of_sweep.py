@@ -68,7 +68,8 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
     """Write into sweep.json how its jobs are tested, before the first of them is.
 
     Raises:
-        RunError: a job was tested as stated otherwise; or another process holds the sweep, which has to be written.
+        RunError: a job was tested as stated otherwise, or so before it was stated; or another process holds the sweep,
+            which has to be written.
     """
     if directory.read_terms().retraining == retraining:
         return
@@ -81,6 +82,13 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
                 place=f"{directory.path}/sweep.json, terms.retraining",
                 expected=f"{_settings(terms.retraining)}, as stated before its jobs were tested",
                 remedy="give these settings; `tacevo study run=` studies single jobs under others",
+            )
+        if _is_tested(directory, jobs, retraining):
+            raise RunError(
+                _settings(retraining),
+                place=f"{directory.path}/sweep.json, terms.retraining",
+                expected="settings under which no job was tested before they are stated",
+                remedy="give other seeds= or epochs=; a study by hand stays, and is not what its sweep compares",
             )
         directory.write(overrides, jobs, replace(terms, retraining=retraining))
 

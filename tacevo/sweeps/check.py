@@ -37,6 +37,12 @@ def check_jobs(directory: SweepDirectory) -> None:
                     place=f"{directory.path / 'sweep.json'}, job {job.name}, {field}",
                     expected=f"{recorded!r}, as in its run",
                 )
+        if varied(config, vary, job.seed) != config:
+            raise DivergenceError(
+                f"{', '.join(vary)}, which its run did not take from its seed",
+                place=f"{directory.path / 'sweep.json'}, terms.vary, job {job.name}",
+                expected=f"settings that are {job.seed} in its run, the seed of the job",
+            )
         shown = from_plain(published_config(to_plain(config)))  # paths by their last part, as in a bundle
         settings.append(config_hash(replace(varied(shown, vary, 0), seed=0)))
     _check_different_jobs(jobs)

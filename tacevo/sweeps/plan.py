@@ -28,7 +28,7 @@ from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
 from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
-from tacevo.sweeps.terms import Asked, check_varied, settled, varied, with_reference
+from tacevo.sweeps.terms import Asked, check_varied, is_planned_by_primary, settled, varied, with_reference
 from tacevo.text import counted
 
 #: What distinguishes jobs even if it has one value only, so that more can be added.
@@ -105,6 +105,11 @@ def sweep(
             terms = with_reference(terms, {job.arm for job in every})
             if terms.reference is None:
                 view.say("no arm is called none, so nothing is tested against it: --reference ARM names another")
+            if terms.plan is not None and not is_planned_by_primary(terms):
+                view.say(
+                    f"the plan is for {terms.plan.metric}, so its chance is not that of the primary metric, which is "
+                    f"{terms.primary}; --primary names another"
+                )
         directory.write(shared, every, terms)
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         _run(directory, statuses, planned, launcher=launcher, view=view, run=run)

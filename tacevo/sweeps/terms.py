@@ -12,8 +12,14 @@ from tacevo.choices import DataSource, Primary, SplitRule, Varied
 from tacevo.config.ablation import NONE
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.storage.plan import Plan, read_plan
+from tacevo.storage.plan import Measure, Plan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
+
+#: What a plan may be of, by the primary metric; of others there is none.
+_PLANNED_BY = {
+    Primary.test_score: {Measure.mse, Measure.accuracy},
+    Primary.best_fitness: {Measure.fitness},
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +76,12 @@ def with_reference(terms: SweepTerms, arms: Collection[str]) -> SweepTerms:
         expected = f"one of the arms: {', '.join(map(repr, sorted(arms)))}"
         raise ConfigError(repr(terms.reference), place="--reference", expected=expected)
     return terms
+
+
+def is_planned_by_primary(terms: SweepTerms) -> bool:
+    """Return whether the plan of a sweep, if it has one, is for its primary metric."""
+    of_primary = set() if terms.primary is None else _PLANNED_BY.get(terms.primary, set())
+    return terms.plan is None or terms.plan.metric in of_primary
 
 
 def read_varied(text: str) -> tuple[Varied, ...]:

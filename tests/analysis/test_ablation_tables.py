@@ -147,6 +147,20 @@ def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
 
 
+def test_fitness_of_arms_with_different_records_is_not_compared_as_one_thing() -> None:
+    """The lowest of single draws lies below that of medians; the note names what there is."""
+    single = [finished("none", 0, run_to(0.5, 0.3))]
+    several = [finished("three", 0, run_to(0.5, 0.3), settings={"training": {"seeds": 3}})]
+    sweep, found = compared(*single, *several)
+    told = best(replace(sweep, terms=STATED), replace(found, primary=Metric.test_mse)).notes[0]
+    assert "each is one draw or the median of 3 draws" in told
+    assert "Arms differ in this" in told
+    alone, found = compared(*jobs_of("none", NONE))
+    told = best(replace(alone, terms=STATED), replace(found, primary=Metric.test_mse)).notes[0]
+    assert "each is one draw, so" in told
+    assert "Arms differ in this" not in told
+
+
 def test_primary_metric_without_values_is_missed() -> None:
     """A sweep that stated a test score, and whose jobs were not tested, does not hide it."""
     sweep = replace(SWEEP, terms=replace(STATED, retraining=None))
@@ -154,6 +168,10 @@ def test_primary_metric_without_values_is_missed() -> None:
     assert any(note.startswith("No job has a test MSE yet") for note in notes)
     untested = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r"),))
     assert "Without a test score, 1 job: none-seed0." in best(untested).notes
+    assert not any("flatters" in note for note in best(untested).notes)
+    failed = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r", has_failed=True),))
+    (note,) = (note for note in best(failed).notes if "flatters" in note)
+    assert note.startswith("Arm none: what job none-seed0 found")
 
 
 def test_sweep_that_states_nothing_has_neither_primary_nor_secondary() -> None:

@@ -1,5 +1,7 @@
 """The dynamics of a search are the counts that a person would make from its ledger."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_runs import closed, rejected, run, trained
@@ -18,6 +20,7 @@ from analysis.tables.dynamics import (
 from tacevo.costs import Spending
 from tacevo.records import Reason, Stage
 from tacevo.search.archive import AddStatus
+from tacevo.search.lines import ReevaluationLine
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
@@ -205,6 +208,16 @@ def test_run_without_improvement_settles_nowhere() -> None:
     found = improvement(run([trained(0, 0, 0.5)], [closed(0, 0.5), closed(1, 0.5)]))
     assert found is not None
     assert (found.over_first, found.settled, found.by_generation) == (0.0, None, ())
+
+
+def test_improvement_over_generation_0_is_of_the_medians_that_the_search_ended_with() -> None:
+    """By hand: the lucky 0.1 of generation 0 is 0.5 by three draws; the best was 0.2 for good at generation 3."""
+    lines = [closed(at, best) for at, best in enumerate([0.1, 0.2, 0.45, 0.2])]
+    again = [ReevaluationLine(generation=1, slot=at, id="g00s00", source="s", fitness=at / 2) for at in (1, 2)]
+    found = improvement(replace(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
+    assert found is not None
+    assert (found.first, found.last, found.over_first) == pytest.approx((0.5, 0.2, 0.6))
+    assert found.settled == 3
 
 
 def test_run_without_fitness_has_no_improvement() -> None:

@@ -186,4 +186,6 @@ def test_baseline_alone_has_no_pair() -> None:
     alone = study_with(FORCE_PREDICTIONS.labels, {"baseline": FORCE_PREDICTIONS.of["baseline"]})
     found = image_findings(*alone)
     assert (found.pairs, found.outputs) == ((), ())
-    assert len(image_tables(alone[0], found)) == 3
+    tables = image_tables(alone[0], found)
+    assert [table.name for table in tables] == ["ensembles_force", "residuals_force"]
+    assert not any("Difference" in note for note in tables[0].notes)

@@ -1,5 +1,7 @@
 """The lineage of a network is every network it was made from, once, in the order of the search."""
 
+from dataclasses import replace
+
 import pytest
 from hand_runs import closed, run, trained
 from refusals import refused
@@ -8,6 +10,7 @@ from analysis.runs.lineage import ancestors, lineage
 from analysis.runs.run import Run
 from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
+from tacevo.search.lines import ReevaluationLine
 
 
 def family() -> Run:
@@ -47,3 +50,16 @@ def test_unknown_candidate_is_named() -> None:
     """With the form that ids have."""
     with refused(RunError, got="'best'", expected="the id of a candidate"):
         ancestors(family(), "best")
+
+
+def test_lineage_shows_what_the_search_knew_at_its_end() -> None:
+    """By hand: 0.6 was the luckiest draw of 0.6, 0.8 and 0.9; a source that failed is out and has no gain."""
+    lines = {line.id: line for line in family().candidates}
+    again = [
+        ReevaluationLine(generation=2, slot=2 + at, id=name, source=lines[name].source, fitness=loss)
+        for at, (name, loss) in enumerate([("g01s00", 0.9), ("g01s00", 0.8), ("g01s01", None)])
+    ]
+    steps = lineage(replace(family(), reevaluations=tuple(again)), "g02s00")
+    assert [entry.fitness for entry in steps] == [0.8, 0.8, None, 0.5]
+    assert [entry.gain for entry in steps] == [None, 0.0, None, pytest.approx(0.3)]
+    assert [row[4] for row in lineage_table(replace(family(), reevaluations=tuple(again)), "g02s00").rows][2] is None

@@ -20,6 +20,7 @@ from analysis.runs.niches import Niches
 from analysis.runs.run import Run
 from analysis.tables.dynamics import reestimated
 from tacevo.search.archive import AddStatus, find_centroids
+from tacevo.search.lines import ReevaluationLine
 
 #: Of a run by hand, which has four niches.
 NICHES = Niches(
@@ -213,3 +214,15 @@ def test_improved_elite_takes_the_niche_of_the_old_one() -> None:
     lines = [trained(0, 0, 0.5), trained(1, 0, 0.4, status=AddStatus.improved)]
     shown = contents(run(lines, [closed(0), closed(1)], elites=[elite("g01s00", niche=0, fitness=0.4)]))
     assert [[name for _, name in line.elites] for line in shown.generations] == [["g00s00"], ["g01s00"]]
+
+
+def test_candidate_is_shown_as_the_search_knew_it_at_its_end() -> None:
+    """The first draw stands beside; a source that failed when it was trained again has no loss, and says so."""
+    again = (
+        ReevaluationLine(generation=1, slot=1, id="g00s00", source="g00s00", fitness=0.8),
+        ReevaluationLine(generation=1, slot=2, id="g01s00", source="g01s00"),
+    )
+    given = run([trained(0, 0, 0.5), trained(1, 0, 0.1)], [closed(0), closed(1)])
+    baseline, failed = contents(replace(given, reevaluations=again)).candidates
+    assert (baseline.fitness, baseline.first_loss, baseline.seed_losses) == (0.65, 0.5, (0.5, 0.8))
+    assert (failed.fitness, failed.first_loss, failed.seed_losses) == (None, 0.1, (0.1, None))

@@ -4,11 +4,12 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hand_runs import run, trained
-from hand_sweeps import finished, run_to, sweep_of
+from hand_sweeps import finished, run_of, run_to, sweep_of
 from refusals import refused
 from studies import FOUR, study_of
 
@@ -20,9 +21,12 @@ from analysis.sweeps.tested import JobScore
 from analysis.table import Percent
 from analysis.tables.plan import plan_table, planned_table
 from tacevo.choices import ChosenBy
+from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.records import Kind
+from tacevo.records import Kind, Stage
+from tacevo.search.lines import ReevaluationLine
 from tacevo.storage.plan import Measure
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining, SweepTerms
 
 WISH = Wish(effect=0.1, alpha=0.05, power=0.8, comparisons=2)
@@ -121,6 +125,17 @@ def test_pilot_of_a_study_pools_its_networks() -> None:
     assert study_pilot([(run([trained(0, 0)], []), shares)]).spread.deviation == pytest.approx(0.1)
 
 
+def test_training_that_two_studies_share_counts_once() -> None:
+    """With other terms, or more seeds of the same run, a study recalls trainings; it says nothing new by them."""
+    whole = study_of(FOUR)
+    first = replace(whole, seeds=5, scores=tuple(score for score in whole.scores if score.seed < 5))
+    slots = run([trained(0, 0)], [])
+    alone = study_pilot([(slots, whole)])
+    assert study_pilot([(slots, first), (slots, whole), (slots, whole)]).spread == alone.spread
+    another = replace(whole, run="1" * 64)
+    assert study_pilot([(slots, whole), (slots, another)]).spread.freedom == 2 * alone.spread.freedom
+
+
 @pytest.mark.parametrize(
     ("values", "place"),
     [({"baseline": [0.1], "variant 1": [0.2]}, "the pilots"), ({"baseline": [0.1, 0.0]}, "a pilot's mse")],
@@ -162,6 +177,34 @@ def test_pilot_of_a_sweep_has_both_spreads() -> None:
     noisy = sweep_pilot([sweep_with({"none": [(1.0, e**2), (1.0, e**2)]})])
     assert noisy.within == pytest.approx(math.sqrt(2), rel=1e-8)
     assert noisy.spread.deviation == 0
+
+
+def test_run_and_training_that_arms_share_count_once() -> None:
+    """An arm that went the reference's way, and the same sweep again, add no degree of freedom, in neither spread."""
+    jobs = [finished("none", 0, run_to(0.5)), finished("none", 1, run_to(0.6))]
+    same = [finished("same", 0, run_to(0.5)), finished("same", 1, run_to(0.6))]
+    other = [finished("other", 0, run_to(0.7)), finished("other", 1, run_to(0.4))]
+    assert sweep_pilot([sweep_of([*jobs, *same]), sweep_of(jobs)]).spread == sweep_pilot([sweep_of(jobs)]).spread
+    assert sweep_pilot([sweep_of([*jobs, *other])]).spread.freedom == 2
+    tests = {"none": [(1.0, 2.0), (1.0, 3.0)], "a": [(1.0, 2.0), (1.0, 9.0)]}
+    by_hand = math.sqrt(sum(math.log(factor) ** 2 / 2 for factor in (2, 3, 9)) / 3)
+    assert sweep_pilot([sweep_with(tests)]).within == pytest.approx(by_hand, rel=1e-8)
+
+
+def test_costs_of_a_search_count_all_its_trainings(tmp_path: Path) -> None:
+    """By hand: two candidates, one that failed, and an elite again, each with three seeds of one epoch."""
+    lines = [trained(0, 0), trained(1, 0), replace(trained(1, 1), fitness=None, stage=Stage.train)]
+    again = ReevaluationLine(generation=1, slot=2, id="g00s00", source="g00s00", evaluation="again", fitness=0.5)
+    jobs = [
+        finished("none", seed, replace(run_of(lines), reevaluations=(again,)), settings={"training": {"seeds": 3}})
+        for seed in (0, 1)
+    ]
+    here = [replace(one, run=replace(one.run, path=tmp_path / one.job.name)) for one in jobs]
+    for one in here:
+        one.run.path.mkdir()
+        RunDirectory(one.run.path).add_timing(Spending(), id="g00s00", seconds=6.0)
+    found = sweep_pilot([sweep_of(here)])
+    assert (found.search_epochs, found.seconds) == (12, 2.0)
 
 
 def test_sweep_without_every_test_is_planned_by_its_best_fitness() -> None:

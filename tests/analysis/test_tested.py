@@ -11,14 +11,16 @@ from ledger_lines import study_header
 from refusals import refused
 from studies import study_of
 
-from analysis.runs.run import load_run
+from analysis.runs.run import Run, load_run
 from analysis.studies.scores import Study
-from analysis.sweeps.tested import JobScore, _score, job_score
+from analysis.sweeps.tested import FailedTestError, JobScore, _score, job_score
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
+from tacevo.records import Reason, Stage
+from tacevo.search.lines import ReevaluationLine
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.directory import StudyDirectory, is_stated
-from tacevo.studies.lines import Design
+from tacevo.studies.lines import Design, FailedLine
 
 #: What the study of the `published` run is.
 STATED = Retraining(seeds=4, epochs=1, choose=ChosenBy.fitness)
@@ -35,13 +37,18 @@ def studied(*fitnesses: float) -> Study:
     return replace(MEASURED, networks=tuple(networks))
 
 
+def scored(run: Run, study: Study) -> JobScore:
+    """Score a study by its own rows."""
+    return _score(run, study, study.scores)
+
+
 def test_score_is_the_median_of_the_best_by_fitness(run: Path) -> None:
     """By hand: 0.4 of the elite; the baseline's 0.2 where it is fitter or as fit; test scores choose nothing."""
     found = load_run(run)
-    assert _score(found, studied(0.5, 0.4, 0.45)) == JobScore(metric="mse", values=(0.3, 0.5, 0.4), network="g01s00")
-    assert _score(found, studied(0.5, 0.4, 0.45)).value == 0.4
-    assert _score(found, studied(0.3, 0.4, 0.45)).value == 0.2
-    assert _score(found, studied(0.4, 0.4, 0.45)).network == "g00s00"
+    assert scored(found, studied(0.5, 0.4, 0.45)) == JobScore(metric="mse", values=(0.3, 0.5, 0.4), network="g01s00")
+    assert scored(found, studied(0.5, 0.4, 0.45)).value == 0.4
+    assert scored(found, studied(0.3, 0.4, 0.45)).value == 0.2
+    assert scored(found, studied(0.4, 0.4, 0.45)).network == "g00s00"
 
 
 def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
@@ -57,10 +64,10 @@ def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
     directory = StudyDirectory(run / "studies" / "noise")
     directory.begin(noise, scale=(), units=(), versions={}, machine={})
     chosen = replace(study, chosen_by=directory.finish(noise, rows))
-    assert _score(load_run(run), study).network == "g00s00"
-    assert _score(load_run(run), chosen).network == "g01s00"
+    assert scored(load_run(run), study).network == "g00s00"
+    assert scored(load_run(run), chosen).network == "g01s00"
     with refused(RunError, expected="the noise run"):
-        _score(load_run(run), replace(chosen, chosen_by="f" * 64))
+        scored(load_run(run), replace(chosen, chosen_by="f" * 64))
 
 
 def test_score_is_read_from_the_runs_own_study(run: Path) -> None:
@@ -97,9 +104,34 @@ def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> N
         job_score(load_run(run), STATED)
 
 
-def test_noise_run_is_not_a_test() -> None:
-    """It has seeds and epochs, and sees no test image."""
+def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
+    """The first has seeds and epochs, and sees no test image; the second sees those of another sensor or split."""
     stated = Retraining(seeds=MEASURED.seeds, epochs=MEASURED.recipe.epochs, choose=ChosenBy.fitness)
     assert is_stated(MEASURED, stated)
     values = {field.name: getattr(MEASURED, field.name) for field in fields(Design)}
     assert not is_stated(Design(**{**values, "terms": None}), stated)
+    assert not is_stated(Design(**{**values, "other_data": (("split_seed", 7),)}), stated)
+
+
+def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> None:
+    """Its first draw stands in the study, and would be the best; without an elite there is nothing to score."""
+    found, study = load_run(run), studied(0.3, 0.4, 0.45)
+    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=found.baseline.source)
+    out = replace(found, reevaluations=(failed,))
+    assert scored(out, study).network == "g01s00"
+    with refused(RunError, expected="a network that trained"):
+        scored(out, replace(study, networks=study.networks[:1]))
+
+
+def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:
+    """A baseline that fails its test leaves the score of the elite; an elite that fails is said to have failed."""
+    found, study = load_run(run), studied(0.5, 0.4, 0.45)
+
+    def with_failure(name: str) -> JobScore:
+        one = FailedLine(network=name, id="x", seed=1, evaluation="e", stage=Stage.train, reason=Reason.out_of_time)
+        kept = [row for row in study.scores if (row.network, row.seed) != (name, 1)]
+        return _score(found, study, [*kept, one])
+
+    assert with_failure("baseline").values == (0.3, 0.5, 0.4)
+    with refused(FailedTestError, place="variant 1 (g01s00)", got="out_of_time with seed 1"):
+        with_failure("variant 1")

@@ -13,6 +13,8 @@ from analysis.runs.niches import Niches
 from analysis.studies.comparison import Verdict, compare
 from analysis.studies.scores import Study
 from analysis.studies.transfer import OWN, transfers
+from analysis.sweeps.pilots import study_pilot
+from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
 from analysis.tables.transfer import counts_table, transfer_table, transfer_tables
@@ -135,3 +137,23 @@ def test_paper_takes_the_study_of_the_runs_own_data() -> None:
     large = elsewhere(OTHER, 7, recipe=replace(study_of(ONE).recipe, epochs=500))
     kept = with_one_study(collection(study_of(ONE), large))
     assert [compared.name for compared in kept.studies] == ["study1"]
+
+
+def test_paper_warns_of_one_split_only_where_there_is_one() -> None:
+    """The study on the other data is not shown, but it is there."""
+    for studies, warned in (([study_of(ONE)], True), ([study_of(ONE), elsewhere(OTHER, 7)], False)):
+        tables = tables_of(with_one_study(collection(*studies)), None)
+        assert not any(table.name.startswith("transfer") for table in tables)
+        assert any(ONE_SPLIT in table.notes for table in tables) is warned
+
+
+def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:
+    """A plan changes no score; with and without it, a study of one data set stands in the table once."""
+    pilot = study_pilot([(run([trained(0, 0)], []), study_of(ONE))])
+    written = plan(pilot, Wish(effect=0.1, alpha=0.05, power=0.8, comparisons=2)).plan
+    planned, other = replace(study_of(ONE), plan=written), elsewhere(OTHER, 7)
+    (found,) = transfers([(planned, None), (study_of(ONE), None), (other, None)])
+    assert [on.where for on in found.data] == [OWN, "split_seed=7"]
+    assert found.has(planned)
+    assert found.has(study_of(ONE))
+    assert not transfers([(planned, None), (study_of(ONE), None)])

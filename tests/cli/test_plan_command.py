@@ -29,7 +29,10 @@ def test_study_keeps_its_plan(folder: Path, capsys: pytest.CaptureFixture[str]) 
     told = capsys.readouterr()
     assert "(4 trainings" not in told.err
     assert "(8 of 8 trainings recorded already)" in told.err
-    assert f"this is not what was planned, which is {written['seeds']} seeds and 1 variant" in told.err
+    assert (
+        f"this is not what was planned, which is {written['seeds']} seeds and 1 variant, 1 epoch, alpha 0.05"
+        in told.err
+    )
     (study,) = (path for path in folder.glob("run/studies/*/study.json") if json.loads(path.read_text())["plan"])
     assert json.loads(study.read_text())["plan"] == written
     assert main(["replay", "run"]) == 0
@@ -73,11 +76,22 @@ def test_pilot_without_a_study_is_refused(sweep: Path, capsys: pytest.CaptureFix
     assert not PLAN.exists()
 
 
-@pytest.mark.parametrize("option", [["--effect", "0"], ["--effect", "1"], ["--power", "x"], ["--comparisons", "0"]])
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--effect", "0"],
+        ["--effect", "1"],
+        ["--effect", "10%"],
+        ["--power", "x"],
+        *(["--comparisons", n] for n in "0x"),
+    ],
+)
 def test_wrong_option_is_refused(option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Before any pilot is read."""
     assert main(["plan", "study", "nowhere", "--effect", "0.1", *option]) == 2
-    assert option[0] in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"{option[0]}: expected" in error
+    assert f"got {option[1]}" in error
 
 
 @pytest.mark.parametrize(
@@ -100,3 +114,12 @@ def test_plan_of_another_kind_or_task_is_refused(folder: Path, capsys: pytest.Ca
         read_plan(PLAN, "sweep", "force")
     with refused(ConfigError, place="plan.json, task", got="'force'"):
         read_plan(PLAN, "study", "grating")
+
+
+def test_wish_without_a_plan_leaves_no_earlier_one(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Or a study would follow a plan that is not the one that was asked for last."""
+    assert main(["plan", "study", "run", "--effect", "0.9", "--comparisons", "1"]) == 0
+    assert PLAN.exists()
+    assert main(["plan", "study", "run", "--effect", "0.0001", "--comparisons", "1"]) == 1
+    assert "no plan" in capsys.readouterr().out
+    assert not PLAN.exists()

@@ -164,6 +164,12 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
         (NETWORK.format(2, 2).replace("import torch\n", "import torch\nimport os\n"), "networks, bad.py", "policy"),
         pytest.param(NETWORK.format(2, 3), "networks, bad.py", "probe, forward_failed", marks=pytest.mark.slow),
         (NETWORK.format(8, 8), "networks", "wide and bad are one"),
+        (NETWORK.format(4, 4) + "\nif True print()\n", "networks, bad.py", "expected Python as a whole"),
+        (
+            f"<<<<<<< ours\n{NETWORK.format(4, 4)}=======\n{NETWORK.format(5, 5)}>>>>>>> theirs\n",
+            "networks, bad.py",
+            "whole",
+        ),
     ],
 )
 def test_bad_network_is_refused_before_anything_is_trained(
@@ -186,6 +192,8 @@ def test_bad_network_is_refused_before_anything_is_trained(
         (["run=run", "data=numpy", "data.root=two.npz"], "task.outputs: expected 2, as the data set has (a, b); got 3"),
         (["run=run", "data=numpy", "data.root=classes.npz"], "task.kind: expected classification"),
         (["run=run", "data.image_size=16"], "data.image_size: expected 32, which the run's networks are for; got 16"),
+        (["run=run", "elites=1"], "elites: expected no choice of elites"),
+        (["run=run", "choose=reestimated"], "choose: expected no choice of elites"),
         (["run=run", "networks=wide.py"], "networks"),
         (["run=run", "task=grating"], "task: not a setting"),
     ],
@@ -201,3 +209,10 @@ def test_data_that_do_not_fit_are_refused(
     assert main(["study", *settings]) == 2
     assert message in capsys.readouterr().err
     assert len(studies_of(Path("run"))) == 2
+
+
+def test_run_of_given_networks_is_not_continued(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nobody chose who would answer; it stays a run that did not search."""
+    assert main(["continue", "run", "--store", "cache", "search.generations=1", "run.dir=mine"]) == 2
+    assert "run: expected a run that searches" in capsys.readouterr().err
+    assert not Path("mine").exists()

@@ -2,6 +2,7 @@
 
 import csv
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -101,6 +102,15 @@ def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
         study_sweep(Path("sweep"), config, Progress())
     stated = SweepDirectory(Path("sweep")).read_terms().retraining
     assert stated == Retraining(seeds=2, epochs=2, choose=config.choose)
+
+
+def test_settings_are_not_stated_once_their_scores_are_there(folder: Path) -> None:
+    """A study by hand that happens to be alike was not stated before it; other settings are."""
+    directory = SweepDirectory(Path("sweep"))
+    directory.write(*directory.read(), replace(directory.read_terms(), retraining=None))
+    with refused(RunError, place="terms.retraining", got="seeds=2 epochs=1", expected="no job was tested before"):
+        study_sweep(Path("sweep"), compose_study(TEST[1:]), Progress())
+    assert directory.read_terms().retraining is None
 
 
 def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -76,7 +76,13 @@ def score(name: str, seed: int, metrics: Mapping[str, float]) -> ScoreLine:
     """Make a network's score under a seed; of a classification with a matrix of three classes."""
     confusion = ((2, 1, 0), (0, 3, 0), (1, 0, 2)) if "accuracy" in metrics else None
     return replace(
-        line_of(name, seed, 0.0), id=name, epoch=40, validation_loss=0.0, metrics=dict(metrics), confusion=confusion
+        line_of(name, seed, 0.0),
+        id=name,
+        evaluation=f"{name}, {seed}",
+        epoch=40,
+        validation_loss=0.0,
+        metrics=dict(metrics),
+        confusion=confusion,
     )
 
 

@@ -90,3 +90,11 @@ def test_default_that_changed_makes_no_sweep_another_one(sweep: Path) -> None:
     """What counts is what the runs recorded: overrides are not composed again under the defaults of the day."""
     edit(sweep, lambda told: told.update(overrides=["experiment=of_an_earlier_release"]))
     check_jobs(SweepDirectory(sweep))
+
+
+def test_setting_that_no_run_took_from_its_seed_is_found(sweep: Path) -> None:
+    """Whoever states afterwards that jobs have data of their own is contradicted by the runs."""
+    edit(sweep, lambda told: told.setdefault("terms", {}).update(vary=["data.split_seed"]))
+    rejected(
+        sweep, place="terms.vary, job none-seed1", expected="settings that are 1 in its run", got="data.split_seed"
+    )

@@ -189,6 +189,25 @@ def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
     assert directory.read_terms().plan == PLAN
 
 
+@pytest.mark.parametrize(
+    ("metric", "primary", "told"),
+    [
+        (Measure.mse, None, False),
+        (Measure.fitness, None, True),
+        (Measure.fitness, Primary.best_fitness, False),
+        (Measure.mse, Primary.coverage, True),
+    ],
+)
+def test_plan_for_another_metric_than_the_primary_is_told(
+    metric: Measure, primary: Primary | None, told: bool, place: Path
+) -> None:
+    """Its chance does not hold for the metric that arms are compared by first."""
+    Path("plan.json").write_text(plan_text(replace(PLAN, metric=metric)))
+    view = Heard()
+    sweep(MODELS, str(ALL), view, Launched(), asked=Asked(plan=Path("plan.json"), primary=primary))
+    assert any(line.startswith(f"the plan is for {metric},") for line in view.lines) is told
+
+
 def test_plan_of_another_task_is_refused_before_a_job_runs(place: Path) -> None:
     """Its spread is that of other values."""
     Path("plan.json").write_text(plan_text(replace(PLAN, task="grating")))

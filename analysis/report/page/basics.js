@@ -37,10 +37,16 @@ const linkTo = (run, id) => h("a", { href: addressOf(run, id) }, id);
 
 const listOf = (nodes) => nodes.flatMap((node, place) => (place ? [", ", node] : [node]));
 
-// Say a loss, which is one draw, with what further trainings gave.
+// Say what the search knew of a network's loss at its end.
+function lossOf(one) {
+    const isOut = one.fitness === null && one.first_loss !== null;
+    return isOut ? "out, because it failed when it was trained again" : `loss ${number(one.fitness)}`;
+}
+
+// Say a loss with what further trainings gave.
 function lossWords(one) {
     const again = one.reestimates.length ? `, trained again ${number(d3.median(one.reestimates))}` : "";
-    return `loss ${number(one.fitness)}${again}`;
+    return `${lossOf(one)}${again}`;
 }
 
 // What the archive did with a trained candidate; a rejection is what the gate or a training decides.

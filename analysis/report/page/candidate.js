@@ -43,13 +43,17 @@ function factsOf(run, one) {
           ]
         : [];
     const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
-    if (one.seed_losses.length) fitness.push(["Of each seed", one.seed_losses.map(number).join(", ")]);
+    if (one.first_loss !== one.fitness) fitness.push(["Loss when it came", number(one.first_loss)]);
+    if (one.seed_losses.length) {
+        const losses = one.seed_losses.map((loss) => (loss === null ? "failed" : number(loss)));
+        fitness.push(["Of each seed", losses.join(", ")]);
+    }
     if (one.reestimates.length) {
         const all = one.reestimates.map(number).join(", ");
         fitness.push(["Trained again", `${number(d3.median(one.reestimates))}, the median of ${all}`]);
     }
     const descendants = descendantsOf(run, one.id);
-    const held = one.fitness === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
+    const held = one.first_loss === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
     return facts([
         ["Made in", `generation ${one.generation}, slot ${one.slot}`],
         ["Gate, and training", gatePath(run, one)],

@@ -60,11 +60,14 @@ class Candidate:
     flops: int | None
     #: Its descriptors on the axes of the archive, in their units; empty where nothing was measured.
     point: tuple[float, ...]
+    #: What the search knew at its end (`Run.fitness`); None also where its source failed when it was trained again.
     fitness: float | None
+    #: What was recorded when it came.
+    first_loss: float | None
     train_losses: tuple[float, ...]
     validation_losses: tuple[float, ...]
-    #: The last loss of each training seed of its source in the search, where there are several.
-    seed_losses: tuple[float, ...] = ()
+    #: The last loss of each training seed of its source in the search, where there are several; None of a failure.
+    seed_losses: tuple[float | None, ...] = ()
     #: Fitness of further trainings of the same source with other seeds.
     reestimates: tuple[float, ...] = ()
     #: The niche that it had when it came, and what the archive did with it.

@@ -128,7 +128,7 @@ function drawTree(run) {
     links.attr(
         "aria-label",
         (one) =>
-            `${one.id}, by ${instructionOf(run, one)} from ${one.parents.join(" and ") || "nothing"}, loss ${number(one.fitness)}`,
+            `${one.id}, by ${instructionOf(run, one)} from ${one.parents.join(" and ") || "nothing"}, ${lossOf(one)}`,
     );
     links.attr("transform", (one) => `translate(${place.get(one.id)})`).attr("class", "node");
     links
@@ -137,7 +137,7 @@ function drawTree(run) {
         .attr("d", (one) =>
             d3.symbol(elites.has(one.id) ? d3.symbolCircle : d3.symbolSquare, elites.has(one.id) ? 90 : 45)(),
         );
-    links.append("title").text((one) => `${one.id}: loss ${number(one.fitness)}`);
+    links.append("title").text((one) => `${one.id}: ${lossOf(one)}`);
     const box = byId("lineage-tree");
     box.replaceChildren(svg.node());
     const shown = names.has(state.selected) ? state.selected : bestOf(run);

@@ -23,7 +23,7 @@ function placeOnMap(point, bounds) {
 }
 
 // Return the colour of a candidate, and of a value. One scale holds for all generations, from the least to the greatest
-// value of the last one; an elite beyond it has the colour of its end.
+// value of the last one; an elite beyond it has the colour of its end, as has one that failed later and has no loss.
 function colouring(run, choice) {
     const { value, isReversed, isLinear } = COLOURS[choice];
     let [low, high] = d3.extent(run.generations.at(-1).elites, ([, id]) => value(run.byId.get(id)));
@@ -34,7 +34,7 @@ function colouring(run, choice) {
         : d3.scaleLinear([low, high === low ? low + 1 : high], [0, 1]);
     place.clamp(true);
     const colour = (one) => d3.interpolateCividis(isReversed ? 1 - place(one) : place(one));
-    return { of: (candidate) => colour(value(candidate)), colour, at: (part) => place.invert(part), low, high };
+    return { of: (candidate) => colour(value(candidate) ?? Infinity), colour, at: (part) => place.invert(part), low, high };
 }
 
 function drawMap() {

@@ -147,8 +147,9 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     """Say what was searched, with which model and data, and what it rests on."""
     run, config, best = found.run, found.run.config, found.run.generations[-1].best
     losses = f"; best validation loss {shown(best)} ({run.record})" if best is not None else ""
-    if losses and run.baseline.fitness is not None:
-        losses += f", the baseline's {shown(run.baseline.fitness)} ({run.record})"
+    baseline = run.fitness.get(run.baseline.id)
+    if losses and baseline is not None:
+        losses += f", the baseline's {shown(baseline)} ({run.record})"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again
@@ -192,11 +193,11 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
     run = found.run
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
-    known = estimates_of((*run.candidates, *run.reevaluations))
+    known, fitness = estimates_of((*run.candidates, *run.reevaluations)), run.fitness
 
-    def several(line: CandidateLine) -> tuple[float, ...]:
+    def several(line: CandidateLine) -> tuple[float | None, ...]:
         losses = known.losses.get(str(line.source), ())
-        return tuple(loss for loss in losses if math.isfinite(loss)) if len(losses) > 1 else ()
+        return tuple(loss if math.isfinite(loss) else None for loss in losses) if len(losses) > 1 else ()
 
     return tuple(
         Candidate(
@@ -221,7 +222,8 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
             parameters=line.parameters,
             flops=line.flops,
             point=tuple(points.get(line.id, ())),
-            fitness=line.fitness,
+            fitness=fitness.get(line.id),
+            first_loss=line.fitness,
             train_losses=line.train_losses or (),
             validation_losses=line.validation_losses or (),
             seed_losses=several(line),
