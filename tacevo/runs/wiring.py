@@ -184,6 +184,7 @@ class Workbench:
             llm=llm or build_llm(self.config, mode, seen=self.seen),
             admit=gate.admit,
             inspect=gate.inspect,
+            measure=gate.measure,
             evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
             evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,

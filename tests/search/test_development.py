@@ -76,6 +76,7 @@ def run(
             llm=llm or FakeLLM(),
             admit=lambda completion: inspect(completion.text),
             inspect=inspect,
+            measure=inspect,
             evaluate=evaluate,
             evaluation_key=lambda source, seed: source,
             executor=executor,
