@@ -95,6 +95,7 @@ def _tools() -> Tools:
         llm=_Mark(),
         admit=lambda completion: _admitted(completion.text),
         inspect=_admitted,
+        measure=_admitted,
         evaluate=_trained,
         evaluation_key=lambda source, seed: source,
         executor=_Here(),

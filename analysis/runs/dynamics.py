@@ -15,7 +15,7 @@ from tacevo.costs import Spending, total
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rounding import DIGITS
 from tacevo.search.archive import AddStatus
-from tacevo.search.budget import training_flops
+from tacevo.search.budget import trained_networks, training_flops
 from tacevo.search.lines import CandidateLine, GenerationLine
 
 #: Confidence of every interval here.
@@ -276,14 +276,13 @@ def _wilson(found: int, tried: int) -> tuple[float, float]:
 
 
 def spent_on_training(run: Run) -> int:
-    """Return the FLOPs of a search's trainings, as its budget counts them (`tacevo.search.budget`)."""
-    flops = {one.id: one.flops for one in run.trained if one.flops is not None}
-    trained = [
-        (line.evaluation, flops[line.id])
-        for line in (*run.trained, *run.reevaluations)
-        if line.evaluation is not None and line.fitness is not None and line.id in flops
-    ]
-    return training_flops(trained, images=run.facts.counts[0], epochs=run.config.training.epochs * run.seeds)
+    """Return the FLOPs of a search's trainings, as its budget counts them, and of its further trainings."""
+    trained = trained_networks(run.trained)
+    flops = dict(trained)
+    again = [line for line in run.reevaluations if line.fitness is not None]
+    trained += [(f"{line.source} with seed {line.seed}", flops[str(line.source)]) for line in again]
+    images, epochs = run.facts.counts[0], run.config.training.epochs
+    return training_flops(trained, images=images, epochs=epochs, seeds=run.seeds)
 
 
 def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:

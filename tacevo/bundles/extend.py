@@ -65,7 +65,7 @@ def continue_run(
             expected="a run that searches: no model was chosen that could answer for this one",
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
         )
-    config = continued(recorded.config, overrides, end=end)
+    config = continued(recorded.config, overrides, end=end, spent=recorded.spent)
     eras = _eras(recorded.eras, end, mix_rules, view)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
@@ -97,8 +97,8 @@ def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: 
     return (*eras, RulesLine(generation=generations + 1, rules=CURRENT))
 
 
-def continued(published: RunConfig, overrides: Sequence[str], *, end: int) -> RunConfig:
-    """Lay overrides over the configuration of a run that ended with generation `end`.
+def continued(published: RunConfig, overrides: Sequence[str], *, end: int, spent: int) -> RunConfig:
+    """Lay overrides over the configuration of a run that ended with generation `end`, and had spent so many FLOPs.
 
     Settings of a machine (store, run directory, tracking, workers, walls), and those of the model that do not decide
     its answers (server, price table, mode), are the defaults here and not those of the published run: a stranger's run
@@ -119,19 +119,17 @@ def continued(published: RunConfig, overrides: Sequence[str], *, end: int) -> Ru
         was, now = (json.dumps(value_at(identity(each), changed[0])) for each in (published, config))
         expected = f"{was}, the value of the published run, which is part of its identity"
         raise ConfigError(now, place=shown(changed[0]), expected=expected)
-    _check_longer(published.search, config.search, end)
+    _check_longer(config.search, end, spent)
     return config
 
 
-def _check_longer(was: SearchConfig, now: SearchConfig, end: int) -> None:
-    """Check that what ended a run, its FLOPs or its generations, does not end it there again."""
-    if end < was.generations and was.training_flops is not None:
-        if now.training_flops is not None and now.training_flops <= was.training_flops:
-            expected = f"more than the {was.training_flops:g} that ended the run, or null"
-            raise ConfigError(f"{now.training_flops:g}", place="search.training_flops", expected=expected)
-        was = replace(was, generations=end)
-    if now.generations <= was.generations:
-        expected = f"more than the {was.generations} that the run has"
+def _check_longer(now: SearchConfig, end: int, spent: int) -> None:
+    """Check that neither its FLOPs nor its generations end a run where it ended."""
+    if now.training_flops is not None and now.training_flops <= spent:
+        expected = f"more than the {spent} that the run spent, or null"
+        raise ConfigError(f"{now.training_flops}", place="search.training_flops", expected=expected)
+    if now.generations <= end:
+        expected = f"more than the {end} that the run has"
         raise ConfigError(f"{now.generations}", place="search.generations", expected=expected)
 
 

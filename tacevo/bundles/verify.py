@@ -21,6 +21,7 @@ from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
+from tacevo.search.lines import TrainedLine
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import name_study, studies_of
@@ -113,17 +114,23 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
 
 
 def check_sizes(run: RecordedRun) -> None:
-    """Check that a run has as many candidates and scores as its configuration and its studies say.
+    """Check that a run has as many candidates, trainings and scores as its configuration and its studies say.
 
     Otherwise a few digits could ask for more memory than there is.
     """
     search, lines = run.config.search, len(run.ledger.lines)
     generations = search.generations
-    if search.training_flops is not None:  # the replay finds out whether it ended where this bound says
-        generations = min(run.generations[-1].generation, generations)
+    # A ledger that lies about what was spent differs from its replay before the generation that it lacks is planned.
+    if search.training_flops is not None and run.spent >= search.training_flops:
+        generations = min(len(run.generations) - 1, generations)
     expected = 1 + (1 + search.initial + 1) + generations * (search.candidates + 1) + len(run.eras) - 1
     if lines != expected:
         raise RunError(f"{lines}", place=str(run.directory.ledger), expected=f"{expected} lines, by run.json")
+    trained = [line for line in run.ledger.lines if isinstance(line, TrainedLine) and line.fitness is not None]
+    counts, seeds = {len(line.seeds) for line in trained}, run.config.training.seeds
+    if counts != {seeds if seeds > 1 else 0}:  # every search trains its baseline
+        wanted = f"{seeds} in every line of a network that trained, by run.json"
+        raise RunError(str(sorted(counts)), place=f"{run.directory.ledger}, seeds", expected=wanted)
     for study in studies_of(run.directory.path):
         recorded = study.read()
         if recorded.digest is None:

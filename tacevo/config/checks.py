@@ -128,13 +128,15 @@ def _check_archive(archive: ArchiveConfig) -> None:
 
 
 def _check_reevaluations(config: RunConfig) -> None:
-    part, slots = config.archive.reevaluated, config.search.candidates
-    some = config.archive.kind is not ArchiveKind.extract or int(part * slots) >= 1
-    expected = f"at least {1 / slots:g}, one slot of search.candidates={slots}, with archive.kind=extract"
-    _require(some, "archive.reevaluated", expected, part)
-    bound = config.search.training_flops
-    counted = config.archive.kind is not ArchiveKind.extract or bound is None
-    _require(counted, "search.training_flops", "null with archive.kind=extract, whose re-evaluations it lacks", bound)
+    if config.archive.kind is not ArchiveKind.extract:
+        return
+    slots, bound = config.search.candidates, config.search.training_flops
+    why = "with archive.kind=extract"
+    _require(slots >= 2, "search.candidates", f"at least 2 {why}, one of which trains an elite again", slots)
+    least = math.ceil(1e6 / slots) / 1e6  # rounded up: it must itself be accepted
+    expected = f"at least {least:g}, one slot of search.candidates={slots}, {why}"
+    _require(config.archive.reevaluations(slots) >= 1, "archive.reevaluated", expected, config.archive.reevaluated)
+    _require(bound is None, "search.training_flops", f"null {why}, whose re-evaluations it lacks", bound)
 
 
 def _check_proposals(proposals: ProposalsConfig) -> None:

@@ -84,23 +84,22 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
 def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     """Lay settings of data, such as `data.split_seed=7` or `data=tacverse`, over the configuration of a run.
 
-    Another source brings what its file sets, and its split; else the run's settings hold.
+    Another source brings what its file sets, and its split; else the run's settings hold. Only the overrides are
+    composed: OmegaConf would resolve `${...}` in the text of a recorded run, which may be a stranger's.
 
     Raises:
         ConfigError: as `compose`; or the images would have another size than the run's networks are for.
     """
     _check_settings(overrides)
     choices = [override for override in overrides if override.startswith("data=")]
-    plain = to_plain(config)
     with _hydra([*groups(), *keys()], overrides, "study"):
-        if choices:
-            usual, chosen = (_plain(hydra_compose("config", overrides=each).data) for each in ([], choices))
-            own = {key: chosen[key] for key in chosen if key in {"source", "split"} or chosen[key] != usual[key]}
-            plain["data"] = to_json(config.data) | own
-        ConfigStore.instance().store(name="recorded", node=plain)
-        others = [override for override in overrides if override not in choices]
-        plain = _plain(hydra_compose("recorded", overrides=others))
-    found = _checked(plain)
+        usual, chosen, laid = (
+            _plain(hydra_compose("config", overrides=each).data) for each in ([], choices, [*overrides])
+        )
+    brought = {key for key in chosen if choices and (key in {"source", "split"} or chosen[key] != usual[key])}
+    named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
+    own = {key: laid[key] for key in brought | named}
+    found = _checked({**to_plain(config), "data": {**to_json(config.data), **own}})
     if found.data.image_size != config.data.image_size:
         raise ConfigError(
             str(found.data.image_size),

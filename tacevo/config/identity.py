@@ -1,6 +1,6 @@
 """What decides the results of a run, and its hash."""
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind
+from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
@@ -25,6 +25,9 @@ def identity(config: RunConfig) -> dict[str, Json]:
     archive = {**written(settings), "kept": settings.kept, "reevaluated": settings.reevaluated}
     for name in _NO_EFFECT[settings.kind]:
         archive.pop(name, None)
+    proposals = written(config.proposals)
+    if config.proposals.parents is not ParentPolicy.tournament:
+        proposals = {name: value for name, value in proposals.items() if name not in {"population", "tournament"}}
     return {
         "seed": config.seed,
         "search": {"candidates": config.search.candidates, "initial": config.search.initial},
@@ -32,7 +35,7 @@ def identity(config: RunConfig) -> dict[str, Json]:
         "archive": archive,
         "temperature": written(config.temperature),
         "prompts": written(config.prompts),
-        "proposals": written(config.proposals),
+        "proposals": proposals,
         "training": written(config.training),
         "gate": written(config.gate),
         "numerics": config.numerics.kind.value,

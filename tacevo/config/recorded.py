@@ -12,6 +12,7 @@ from tacevo.config.compose import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
+from tacevo.search.budget import trained_networks, training_flops
 from tacevo.search.files import NetworkFile, PromptFile, read_archives, read_finished
 from tacevo.search.lines import CandidateLine, GenerationLine, Line, RulesLine, eras_of
 from tacevo.storage.ledger import Sealed
@@ -40,6 +41,13 @@ class RecordedRun:
     def generations(self) -> tuple[GenerationLine, ...]:
         """The generations' lines, one at least."""
         return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
+
+    @property
+    def spent(self) -> int:
+        """What its trainings took in FLOPs, as its budget counts them (`tacevo.search.budget`)."""
+        images, training = self.record.data.counts[0], self.config.training
+        trained = trained_networks(self.candidates)
+        return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)
 
     def with_store(self, store: str) -> Self:
         """Return the run with its stores elsewhere."""

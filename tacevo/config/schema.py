@@ -125,6 +125,12 @@ class ArchiveConfig(Record):
     #: The axes of the networks' niches.
     axes: tuple[Axis, ...] = tuple(Axis)
 
+    def reevaluations(self, candidates: int) -> int:
+        """Return how many of a generation's slots train elites again, at most: whole ones."""
+        if self.kind is not ArchiveKind.extract:
+            return 0
+        return int(round(self.reevaluated * candidates, 9))  # 0.29 x 100 is 28.999999999999996
+
 
 def deliveries(provider: Provider) -> tuple[Delivery, ...]:
     """Return the deliveries that a provider has."""
@@ -200,8 +206,8 @@ class ProposalsConfig(Record):
     operator_for: OperatorScope = OperatorScope.generation
     #: With `parents=tournament`: how many of the youngest trained candidates compete, and how many draws each parent
     #: wins; the defaults are those of Real et al. 2019.
-    population: Count = 100
-    tournament: Count = 25
+    population: Annotated[int, Ge(1), Le(10_000)] = 100
+    tournament: Annotated[int, Ge(1), Le(10_000)] = 25
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,7 +76,7 @@ class Gate:
         return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
-        """Judge a text that is source already, such as a task's baseline; raises as `admit` does.
+        """Judge a text that is source already, and that no model wrote: a task's baseline; raises as `admit` does.
 
         The policy is checked each time, even in a replay: the text is the task's own, and not one that a model may have
         written for another version of Python. Under other rules than the current ones it is not checked, because the
@@ -86,7 +86,10 @@ class Gate:
         return rejection or self.measure(source)
 
     def measure(self, source: str) -> Admitted | Rejection:
-        """Probe a source that the policy has admitted, or recall its probe; raises as `admit` does."""
+        """Probe a source that the policy has admitted, or recall its probe; raises as `admit` does.
+
+        It does not parse the source, so it answers alike under every version of Python.
+        """
         request: Json = {
             "version": self.rules.probe,
             **self._asked(source),

@@ -14,7 +14,7 @@ from tacevo.costs import dollars, spending_on
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.providers import load_prices
-from tacevo.runs.wiring import build_settings, reevaluations
+from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import Settings, crossover_text, plan_initial
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
@@ -138,6 +138,6 @@ def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
     trainings = []
     if config.training.seeds > 1:
         trainings.append(f"each admitted network is trained {config.training.seeds} times, which is not priced")
-    if again := reevaluations(config):
+    if again := config.archive.reevaluations(config.search.candidates):
         trainings.append(f"up to {again} slots of each generation train an elite again and send no request")
     return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone, *trainings]

@@ -76,21 +76,22 @@ class Watcher:
         self._view = view
         self._done = 0
         self._total = 1 + plan.initial + plan.generations * plan.settings.candidates
+        self._most = f"at most {self._total}" if plan.budget else str(self._total)
 
     def developed(self, outcome: Outcome) -> None:
         """Nothing is shown before it is committed."""
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
-        """Count a candidate, or write the line of a generation."""
+        """Count a slot, or write the line of a generation."""
         covered = coverage(state.networks.archive, self._plan.networks.niches)
         reached = f"best {state.best:.4g}, coverage {covered:.0%}"
         if not isinstance(line, GenerationLine):
             self._done += 1
-            self._view.advance("candidates", self._done, self._total, reached)
+            self._view.advance("slots", self._done, self._total, reached)
         else:
             again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             self._view.say(
                 f"generation {line.generation}: {line.trained} of {line.candidates} candidates trained"
-                f"{repaired}{again}, {reached} ({self._done} of {self._total} candidates done)"
+                f"{repaired}{again}, {reached} ({self._done} of {self._most} slots done)"
             )

@@ -35,8 +35,10 @@ def summarise(
     generations = [line for line in lines if isinstance(line, GenerationLine)]
     parts = [f"# {run.name}", _headline(run, config, candidates.values(), len(generations)), *_rules(lines)]
     parts += _not_sent(candidates.values())
-    if generations and elites:
-        known = fitness_by_id(lines)
+    # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
+    whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
+    known = fitness_by_id(lines[:whole])
+    if elites := [name for name in elites if name in known]:
         reckoned = {name: replace(line, fitness=known.get(name)) for name, line in candidates.items()}
         parts += [_found(reckoned, elites, config), _stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
@@ -75,7 +77,7 @@ def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str], con
     """Set the best elites beside the baseline and the best of generation 0."""
     trained = {name: line for name, line in candidates.items() if line.fitness is not None}
     baseline = next(line for line in candidates.values() if line.operator is Operator.baseline)
-    first = min(_fitness(line) for line in trained.values() if line.generation == 0)
+    first = min((_fitness(line) for line in trained.values() if line.generation == 0), default=None)
     ranked = sorted((trained[name] for name in elites), key=lambda line: (_fitness(line), line.id))
     rows = [
         [line.id, _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
@@ -139,7 +141,7 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     found = {
         "Bits depend on the CPU, even under portable numerics": {line.id: line.not_portable for line in lines},
         "Bits may differ from one training to the next, for want of a deterministic form": {
-            line.id: line.not_deterministic for line in lines
+            line.id: tuple(sorted({use for one in line.by_seed() for use in one.not_deterministic})) for line in lines
         },
     }
     named = {words: [f"{id} ({', '.join(used)})" for id, used in uses.items() if used] for words, uses in found.items()}

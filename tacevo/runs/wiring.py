@@ -55,7 +55,7 @@ def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, s
         repairs=config.proposals.repair_attempts,
         budget=_budget(config, facts),
         seeds=config.training.seeds,
-        reevaluations=reevaluations(config),
+        reevaluations=archive.reevaluations(config.search.candidates),
         axes=tuple(archive.axes),
     )
 
@@ -66,7 +66,7 @@ def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
     if flops is None:
         return None
     train, _, _ = facts.counts
-    return Budget(flops=flops, images=train, epochs=config.training.epochs * config.training.seeds)
+    return Budget(flops=flops, images=train, epochs=config.training.epochs, seeds=config.training.seeds)
 
 
 def build_settings(config: RunConfig) -> Settings:
@@ -87,12 +87,6 @@ def build_settings(config: RunConfig) -> Settings:
         operator_for=config.proposals.operator_for,
         pool=config.prompts.pool,
     )
-
-
-def reevaluations(config: RunConfig) -> int:
-    """Return how many slots of a generation train elites again, at most."""
-    archive = config.archive
-    return int(archive.reevaluated * config.search.candidates) if archive.kind is ArchiveKind.extract else 0
 
 
 def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
@@ -184,6 +178,7 @@ class Workbench:
             llm=llm or build_llm(self.config, mode, seen=self.seen),
             admit=gate.admit,
             inspect=gate.inspect,
+            measure=gate.measure,
             evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
             evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from tacevo.errors import CacheMissError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Rejection, Request, Training, to_json
+from tacevo.records import Completion, Operator, Rejection, Request, Training, to_json
 from tacevo.search.effects import LLM
 from tacevo.search.lines import CandidateLine, ReevaluationLine, RepairedAnswer, seed_lines, with_training
 from tacevo.search.proposals import Proposal, repair_request
@@ -31,8 +31,10 @@ class Tools:
     llm: LLM
     #: The gate, for a model's answer.
     admit: Callable[[Completion], Admitted | Rejection]
-    #: The gate, for a source that is given.
+    #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
+    #: Its probe alone, for a source that the gate admitted before: an elite, or a given network.
+    measure: Callable[[str], Admitted | Rejection]
     evaluate: Evaluate
     #: Names the training of a source with the seed of a number in its store.
     evaluation_key: Callable[[str, int], str]
@@ -98,6 +100,8 @@ def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: 
     for round_ in range(1 + repairs):
         if round_ > 0:
             asked = _sent_back(asked, judged)
+        if not asked:
+            break
         for index, completion in _answers(asked, proposals, tools.llm):
             before = judged[index].result() if index in judged else None
             judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, before)
@@ -204,7 +208,7 @@ def _judge(
     """Take one answer through the gate and, where it passes, have it trained; `before` is one that was sent back."""
     began = time.perf_counter()
     try:
-        gated = tools.inspect(proposal.source) if completion is None else tools.admit(completion)
+        gated = _gate(proposal, completion, tools)
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
@@ -215,6 +219,19 @@ def _judge(
         seconds=time.perf_counter() - began + (0.0 if before is None else before.seconds),
         attempts=() if before is None else _with_attempt(before),
     )
+
+
+def _gate(proposal: Job, completion: Completion | None, tools: Tools) -> Admitted | Rejection:
+    """Judge an answer, the baseline, or a source that was admitted once.
+
+    The policy is not asked about that source again: a model may have written it for another version of Python, and a
+    replay on this one must not parse it.
+    """
+    if completion is not None:
+        return tools.admit(completion)
+    if isinstance(proposal, Proposal) and proposal.operator is Operator.baseline:
+        return tools.inspect(proposal.source)
+    return tools.measure(proposal.source)
 
 
 def _done(answer: _Trained) -> Future[_Trained]:

@@ -69,6 +69,7 @@ class SeedLine(Record):
     validation_losses: tuple[float, ...]
     predictions: str
     weights: str
+    not_deterministic: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +151,7 @@ class CandidateLine(TrainedLine):
 class ReevaluationLine(TrainedLine):
     """What became of one slot of a generation that trained an elite again; `id` is the elite's."""
 
-    #: The median of all losses of its source, by which it competes from now on; None where this training failed.
+    #: The median of all losses of its source, by which it competes from now on; None where a training of it failed.
     estimate: float | None = None
     #: Whether it is still the elite of its niche.
     kept: bool = False
@@ -230,6 +231,7 @@ def seed_lines(trainings: Mapping[int, Training], key: Callable[[int], str]) -> 
             validation_losses=training.validation_losses,
             predictions=training.predictions_sha256,
             weights=training.weights_sha256,
+            not_deterministic=training.not_deterministic,
         )
         for seed, training in trainings.items()
     )

@@ -5,6 +5,7 @@ niches (`best_k`), and a search that is known to work without either archive or 
 are the same as any other's, but only measure.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from tacevo.choices import ParentPolicy
@@ -48,9 +49,10 @@ def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...
     """Return the candidates of least loss, best first, at most `count`.
 
     Of several exactly as fit only the first one counts, as in an archive without niches (`archive.Places`): a network
-    that comes twice is one network.
+    that comes twice is one network. One that failed when it was trained again, of infinite loss, does not count.
     """
     first: dict[float, Candidate] = {}
     for candidate in candidates:
-        first.setdefault(candidate.fitness, candidate)
+        if math.isfinite(candidate.fitness):
+            first.setdefault(candidate.fitness, candidate)
     return tuple(first[fitness] for fitness in sorted(first)[:count])

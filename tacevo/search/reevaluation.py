@@ -49,8 +49,11 @@ class Estimates:
     def after(self, line: TrainedLine) -> "Estimates":
         """Return the estimates after a line that has a source, and a training or the failure of one.
 
-        A candidate of a known source brings no new draw, because its seeds are those of the first one.
+        A candidate of a known source brings no new draw, because its seeds are those of the first one. Nor does an
+        elite that the gate, under later rules than those it was found under, did not let through to its training.
         """
+        if isinstance(line, ReevaluationLine) and line.evaluation is None:
+            return self
         source, known = str(line.source), self.losses.get(str(line.source), ())
         if known and isinstance(line, CandidateLine):
             return self
@@ -137,7 +140,7 @@ def compete_again(
     """Let all candidates of a source that was trained again compete by its estimate; return them, and the whole line.
 
     Who lost to them competes, too: the archive is filled again from its history. A failure puts the source out of the
-    archive for good.
+    archive for good; one that the gate rejected is left as it is.
     """
     fitness = estimates.fitness(str(line.source))
     source = candidates[line.id].source

@@ -8,9 +8,10 @@ def next_temperature(
 ) -> float:
     """Return the temperature of the next generation, T_{g+1}.
 
-    `paper` is the formula as printed: up when the archive best is no worse than before, else down; an archive's
-    best never gets worse, so it only ever rises. `stall` raises it only when the generation brought no better
-    best, and lowers it when it did. `fixed` leaves it alone.
+    `paper` is the formula as printed: up when the archive best is not worse than before, else down; an archive's
+    best never gets worse, so it only ever rises, except where elites are trained again (`tacevo.search.reevaluation`):
+    that can take the best away. `stall` raises it only when the generation brought no better best, and lowers it when
+    it did. `fixed` leaves it alone.
 
     The temperature is T_g, `best` and `best_before` are f*_g and f*_{g-1}, the archive's best fitness (lower is better)
     after this generation and the one before, and `step` is eta. Temperatures and eta are in [0, 1].

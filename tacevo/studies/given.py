@@ -3,6 +3,7 @@
 So whatever is made of a run is made of them: replays, studies, tables, figures, reports and bundles.
 """
 
+import ast
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import record, require_means
 from tacevo.runs.wiring import Workbench, start_zygote
+from tacevo.text import parse_python
 
 
 def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress) -> Path:
@@ -66,11 +68,17 @@ def _admitted(gate: Gate, file: NetworkFile) -> Given:
 
 def _check_different(task: Task, given: Sequence[Given]) -> None:
     """Refuse a network that is there twice: its seeds would be counted twice."""
-    known = {task.baseline: "baseline"}
+    known = {_tree(task.baseline): "baseline"}
     for network in given:
-        if network.source in known:
+        other = known.setdefault(_tree(network.source), network.name)
+        if other != network.name:
             expected = "different networks"
-            raise ConfigError(
-                f"{known[network.source]} and {network.name} are one", place="networks", expected=expected
-            )
-        known[network.source] = network.name
+            raise ConfigError(f"{other} and {network.name} are one", place="networks", expected=expected)
+
+
+def _tree(source: str) -> str:
+    """Write a source as its syntax tree, which is the same whatever its comments and layout are."""
+    try:
+        return ast.dump(parse_python(source))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # a baseline, which the run's gate then refuses
+        return source

@@ -119,56 +119,72 @@ def test_folder_of_another_run_is_refused(
 def test_override_that_makes_another_run_is_refused_by_name(override: str, named: str) -> None:
     """Whatever decides the results is the published run's."""
     with refused(ConfigError, place=named):
-        continued(compose(TINY), ["search.generations=2", override], end=1)
+        continued(compose(TINY), ["search.generations=2", override], end=1, spent=0)
 
 
 @pytest.mark.parametrize("generations", [0, 1])
 def test_run_that_is_not_longer_is_refused(generations: int) -> None:
     """As many generations as the run has, or fewer, are not a continuation."""
     with refused(ConfigError, place="search.generations", expected="more than the 1", got=f"{generations}"):
-        continued(compose(TINY), [f"search.generations={generations}"], end=1)
+        continued(compose(TINY), [f"search.generations={generations}"], end=1, spent=0)
 
 
 @pytest.mark.parametrize(
-    ("override", "place"),
+    ("override", "fits"),
     [
-        ("search.generations=9", "search.training_flops"),
-        ("search.training_flops=1e9", "search.training_flops"),
-        ("search.training_flops=2e9", None),
-        ("search.training_flops=null", None),
+        ("search.generations=9", False),
+        ("search.training_flops=1e9", False),
+        ("search.training_flops=1.1e9", False),  # more than its bound, and less than it spent
+        ("search.training_flops=1.2e9", False),
+        ("search.training_flops=1.3e9", True),
+        ("search.training_flops=null", True),
     ],
 )
-def test_run_that_its_budget_ended_needs_a_larger_one(override: str, place: str | None) -> None:
+def test_run_that_its_budget_ended_needs_more_than_it_spent(override: str, fits: bool) -> None:
     """More generations alone would end where it ended; with a larger budget it may have as many as were planned."""
     theirs = compose([*TINY, "search.generations=5", "search.training_flops=1e9"])
-    if place is None:
-        assert continued(theirs, ["search.generations=5", override], end=1).search.generations == 5
+    if fits:
+        longer = continued(theirs, ["search.generations=5", override], end=1, spent=1_200_000_000)
+        assert longer.search.generations == 5
     else:
-        with refused(ConfigError, place=place, expected="more than the 1e+09 that ended the run"):
-            continued(theirs, [override], end=1)
+        with refused(
+            ConfigError, place="search.training_flops", expected="more than the 1200000000 that the run spent"
+        ):
+            continued(theirs, [override], end=1, spent=1_200_000_000)
+
+
+@pytest.mark.parametrize("settings", [["search.training_flops=1e9"], []])
+def test_bound_that_is_spent_is_refused_before_anything_is_asked(settings: list[str]) -> None:
+    """Also where budget and generations were met at once, and where the run had no budget."""
+    theirs = compose([*TINY, *settings])
+    added = [] if settings else ["search.training_flops=1e9"]
+    with refused(ConfigError, place="search.training_flops", expected="more than the 1200000000"):
+        continued(theirs, ["search.generations=4", *added], end=1, spent=1_200_000_000)
 
 
 def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
     """Stores, place, tracker and workers of the publisher are not the reader's; budget and mode may be chosen."""
     theirs = compose([*TINY, "run.dir=theirs/run", "store.root=theirs/cache", "executor.workers=7"])
-    here = continued(theirs, ["search.generations=3", "tracking=none", "llm.mode=replay", "llm.budget_usd=2"], end=1)
+    here = continued(
+        theirs, ["search.generations=3", "tracking=none", "llm.mode=replay", "llm.budget_usd=2"], end=1, spent=0
+    )
     default = compose([])
     assert (here.store, here.run, here.executor) == (default.store, default.run, default.executor)
     assert (here.tracking.kind.value, here.llm.mode.value, here.llm.budget_usd) == ("none", "replay", 2)
     assert here.search.candidates == theirs.search.candidates
-    assert continued(theirs, ["search.generations=3", "executor.workers=3"], end=1).executor.workers == 3
+    assert continued(theirs, ["search.generations=3", "executor.workers=3"], end=1, spent=0).executor.workers == 3
 
 
 def test_publisher_chooses_neither_the_server_nor_the_walls() -> None:
     """Whom the reader's key is sent to, what a token costs, and how candidates are held is settled here."""
     model = ["llm=openai", "llm.model=m", "llm.base_url=http://evil.example", "llm.prices=/dev/zero"]
     theirs = compose([*TINY, *model, "sandbox.require=none"])
-    here = continued(theirs, ["search.generations=3"], end=1)
+    here = continued(theirs, ["search.generations=3"], end=1, spent=0)
     default = compose(["llm=openai", "llm.model=m"])
     assert (here.llm.provider, here.llm.model) == (theirs.llm.provider, theirs.llm.model)
     assert (here.llm.base_url, here.llm.prices) == (default.llm.base_url, default.llm.prices)
     assert here.sandbox == default.sandbox
-    own = continued(theirs, ["search.generations=3", "llm.base_url=http://localhost:8000/v1"], end=1)
+    own = continued(theirs, ["search.generations=3", "llm.base_url=http://localhost:8000/v1"], end=1, spent=0)
     assert own.llm.base_url == "http://localhost:8000/v1"
 
 

@@ -14,7 +14,7 @@ import fakes
 import pytest
 from refusals import refused
 
-from tacevo.choices import Provider, Scale, TemperatureRule
+from tacevo.choices import Axis, Provider, Scale, TemperatureRule
 from tacevo.config.ablation import check_change, parse_arm, read_arm, split_arm
 from tacevo.config.compose import compose
 from tacevo.config.folder import groups
@@ -106,6 +106,7 @@ def test_what_an_arm_is_not_about_stays_the_users() -> None:
     config = arm("fixed_temperature", "temperature=stall", "temperature.start=0.3", "seed=7")
     found = (config.temperature.rule, config.temperature.start, config.seed, config.llm.provider)
     assert found == (TemperatureRule.fixed, 0.3, 7, Provider.anthropic)
+    assert arm("extract", "archive.axes=[arch_div]").archive.axes == (Axis.arch_div,)
 
 
 @pytest.mark.parametrize(

@@ -55,8 +55,8 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "temperature.jitter": [-0.1, 1.1, NAN],
     "proposals.mutation_probability": [-0.1, 1.1, NAN],
     "proposals.best": [0],
-    "proposals.population": [0],
-    "proposals.tournament": [0],
+    "proposals.population": [0, 10_001],
+    "proposals.tournament": [0, 10_001],
     "proposals.repair_attempts": [-1],
     "training.epochs": [0],
     "training.batch_size": [1],
@@ -221,8 +221,6 @@ DECIDES: dict[str, Any] = {
     "proposals.mutation_probability": 0.5,
     "proposals.parents": "best",
     "proposals.best": 5,
-    "proposals.population": 10,
-    "proposals.tournament": 5,
     "proposals.repair_attempts": 1,
     "proposals.operator_for": "candidate",
     "training.epochs": 4,
@@ -272,6 +270,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
+    listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
     listed |= {"training.device"}  # which needs other settings beside it: tests/training/test_determinism.py
     groups = {key.partition(".")[0] for key in keys() if "." in key}
     assert {key for key in keys() if key not in groups and not key.startswith(("task.", "data."))} == listed
@@ -303,12 +302,42 @@ def test_part_that_is_trained_again_decides_where_there_is_one() -> None:
     assert identity(changed("archive.reevaluated", 0.5, best)) == identity(best)
 
 
-def test_less_than_a_slot_cannot_be_trained_again() -> None:
-    """The arm would be a copy of a search without, under another name."""
-    extract = changed("archive.kind", "extract", changed("search.candidates", 10))
-    assert changed("archive.reevaluated", 0.1, extract).archive.reevaluated == 0.1
-    with refused(ConfigError, place="archive.reevaluated", expected="at least 0.1", got="0.09"):
-        changed("archive.reevaluated", 0.09, extract)
+def extract(candidates: int, part: float) -> RunConfig:
+    """Build a configuration whose search trains a part of its slots again."""
+    sized = changed("search.candidates", candidates)
+    return changed("archive.kind", "extract", changed("archive.reevaluated", part, sized))
+
+
+@pytest.mark.parametrize(
+    ("candidates", "part", "least"), [(10, 0.09, 0.1), (3, 0.333333, 0.333334), (49, 0.02, 0.020409)]
+)
+def test_less_than_a_slot_cannot_be_trained_again(candidates: int, part: float, least: float) -> None:
+    """The arm would be a copy of a search without, under another name; what the message asks for is accepted."""
+    with refused(ConfigError, place="archive.reevaluated", expected=f"at least {least:g},", got=f"{part}"):
+        extract(candidates, part)
+    assert extract(candidates, least).archive.reevaluations(candidates) == 1
+
+
+@pytest.mark.parametrize(("part", "candidates", "slots"), [(1 / 49, 49, 1), (0.29, 100, 29), (0.25, 50, 12)])
+def test_slots_are_counted_as_they_are_written(part: float, candidates: int, slots: int) -> None:
+    """A product that is a whole number but for its last bit is that number."""
+    assert extract(candidates, part).archive.reevaluations(candidates) == slots
+
+
+def test_one_candidate_a_generation_leaves_no_slot_to_train_again() -> None:
+    """The setting to change is the number of candidates."""
+    one = changed("search.candidates", 1)
+    assert one.archive.reevaluations(1) == 0
+    with refused(ConfigError, place="search.candidates", expected="at least 2", got="1"):
+        changed("archive.kind", "extract", one)
+
+
+def test_settings_of_a_tournament_decide_in_a_tournament_only() -> None:
+    """Elsewhere they have no effect, and two runs that differ in nothing else are one."""
+    for key in ("proposals.population", "proposals.tournament"):
+        assert identity(changed(key, 7)) == identity(CONFIG)
+        tournament = changed("proposals.parents", "tournament")
+        assert identity(changed(key, 7, tournament)) != identity(tournament)
 
 
 @pytest.mark.parametrize("key", DECIDES_WHEN_HOSTED)

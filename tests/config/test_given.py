@@ -160,6 +160,19 @@ def test_recordings_keep_the_size_of_the_runs_images() -> None:
     assert (other.image_size, other.normalisation) == (run.data.image_size, run.data.normalisation)
 
 
+@pytest.mark.parametrize("overrides", [["data.split_seed=7"], ["data=folder", "data.root=mine"]])
+def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stranger's run.json cannot read the environment into a study, which is published; odd paths are only paths."""
+    monkeypatch.setenv("TACEVO_SECRET", "s3cr3t")
+    run = compose(SMALLEST)
+    data = replace(run.data, root="/mnt/a${b}/set", sensor="${oc.env:TACEVO_SECRET}", image_column="${seed}")
+    theirs = replace(run, data=data, task=replace(run.task, system="${oc.env:TACEVO_SECRET}"))
+    found = compose_data(theirs, overrides)
+    assert (found.data.sensor, found.data.image_column) == (data.sensor, data.image_column)
+    assert found.data.root == ("mine" if "data.root=mine" in overrides else data.root)
+    assert found.task == theirs.task
+
+
 @pytest.mark.parametrize(
     ("override", "where", "expected", "remedy"),
     [

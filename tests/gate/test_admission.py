@@ -111,6 +111,15 @@ def test_each_stage_rejects_in_its_turn(tmp_path: Path) -> None:
     assert fake.headers == []
 
 
+def test_admitted_source_that_this_python_cannot_parse_is_measured_in_a_replay(tmp_path: Path) -> None:
+    """Whoever recorded it had another version, whose policy admitted it."""
+    source = f"{VALID}\nnot of this version ("
+    gate(FakeSandbox(sent(ANSWER)).run, tmp_path).measure(source)
+    nothing = FakeSandbox(SandboxError("a replay needs none"))
+    found = gate(nothing.run, tmp_path, mode=Mode.replay).measure(source)
+    assert found == Admitted(source=source, profile=PROFILE)
+
+
 def test_checked_text_is_the_text_that_runs(tmp_path: Path) -> None:
     """The sandbox and the caller get the very text that the policy saw."""
     fake = FakeSandbox(sent(ANSWER))

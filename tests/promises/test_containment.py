@@ -219,6 +219,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
             llm=MixedLLM(),
             admit=lambda completion: admit(completion.text),
             inspect=admit,
+            measure=admit,
             evaluate=lambda source, seed: trainer.train(source, seconds=2),
         )
         run_search(plan, tools, Ledger(), recorder)

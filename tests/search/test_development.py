@@ -76,6 +76,7 @@ def run(
             llm=llm or FakeLLM(),
             admit=lambda completion: inspect(completion.text),
             inspect=inspect,
+            measure=inspect,
             evaluate=evaluate,
             evaluation_key=lambda source, seed: source,
             executor=executor,
@@ -273,3 +274,9 @@ def test_failed_training_is_not_sent_back() -> None:
     outcomes = run(proposals("a"), lambda source, seed: CRASH, llm=llm, repairs=3)
     assert [outcome.result for outcome in outcomes] == [CRASH, CRASH]
     assert sum(llm.rounds) == 1
+
+
+def test_repairs_end_when_nothing_is_sent_back() -> None:
+    """However many a stranger's run.json allows."""
+    outcomes = run(proposals("good"), repairs=10**12)
+    assert [outcome.attempts for outcome in outcomes] == [(), ()]

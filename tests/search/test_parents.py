@@ -1,5 +1,7 @@
 """Promise: each control draws its parents from what it says, and from nothing else."""
 
+import math
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
@@ -51,3 +53,9 @@ def test_population_that_is_not_full_holds_all() -> None:
 def test_fittest_are_different_ones(count: int, names: str) -> None:
     """Best first, the first of equals; fewer than asked for where there are no more."""
     assert " ".join(one.id for one in fittest(CANDIDATES.values(), count)) == names
+
+
+def test_network_that_failed_again_is_not_among_the_fittest() -> None:
+    """However few there are."""
+    failed = replace(CANDIDATES["g1"], fitness=math.inf)
+    assert [one.id for one in fittest([failed, CANDIDATES["g2"]], 2)] == ["g2"]

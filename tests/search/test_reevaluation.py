@@ -21,7 +21,8 @@ from test_seeds import noisy
 
 from analysis.runs.archive_history import archive_history
 from tacevo.errors import DivergenceError
-from tacevo.records import Completion, Reason, Rejection, Request, Stage, Training
+from tacevo.profile import Admitted
+from tacevo.records import Completion, Given, Operator, Reason, Rejection, Request, Stage, Training
 from tacevo.rounding import rounded
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
@@ -177,6 +178,31 @@ def test_elite_that_fails_when_trained_again_leaves_the_archive_for_good() -> No
     assert "g00s00" not in {elite.name for elite in elites}
 
 
+def test_elite_that_the_gate_rejects_later_keeps_its_estimate() -> None:
+    """A stricter probe says nothing about its losses: it stays in the archive by those that it has."""
+    refusal = Rejection(stage=Stage.probe, reason=Reason.bad_output, detail="stricter")
+    _, recorder = search(replace(PLAN, generations=1), measure=lambda source: refusal)
+    first, *_ = again(recorder)
+    before = next(line for line in recorder.lines if isinstance(line, CandidateLine) and line.id == first.id)
+    assert (first.stage, first.evaluation, first.kept) == (Stage.probe, None, True)
+    assert first.estimate == before.fitness == fitness_by_id(recorder.lines)[first.id]
+
+
+def test_policy_is_asked_once_about_a_source() -> None:
+    """A replay would parse what a model wrote, perhaps for another version of Python; only the baseline is checked."""
+    seen = list[str]()
+
+    def inspect(source: str) -> Admitted | Rejection:
+        seen.append(source)
+        return fakes.inspect(source)
+
+    given = (Given(name="mine", source="class Net: mine = 1\n"),)
+    _, recorder = search(replace(PLAN, task=replace(fakes.TASK, given=given), generations=2), inspect=inspect)
+    assert again(recorder)
+    assert any(line.operator is Operator.given for line in recorder.lines if isinstance(line, CandidateLine))
+    assert seen == [fakes.TASK.baseline]
+
+
 def test_search_whose_elites_all_fail_again_goes_on_from_the_baseline() -> None:
     """An empty archive has no best, nothing to train again, and mutations of the baseline."""
 
@@ -293,7 +319,7 @@ def test_archive_without_niches_trains_nothing_again() -> None:
 
 def test_median_of_an_even_number_is_the_mean_of_the_middle_two() -> None:
     """And a failure outweighs any number of losses."""
-    line = ReevaluationLine(generation=1, slot=0, id="g00s00", source="s", fitness=0.5)
+    line = ReevaluationLine(generation=1, slot=0, id="g00s00", source="s", evaluation="e", fitness=0.5)
     found = Estimates().after(line).after(replace(line, fitness=0.7))
     assert found.fitness("s") == pytest.approx(0.6)
     assert found.after(replace(line, fitness=None)).fitness("s") == math.inf

@@ -67,6 +67,24 @@ def test_network_that_fails_with_one_seed_is_rejected() -> None:
     assert all(one_seed[line.id].fitness is not None for line in luckier)
 
 
+def test_every_training_names_what_has_no_deterministic_form() -> None:
+    """Also where it is not that of the median; a training that has nothing to name keeps its bytes."""
+
+    def flagged(source: str, seed: int) -> Training | Rejection:
+        result = noisy(source, seed)
+        return (
+            replace(result, not_deterministic=("scatter_add",))
+            if seed == 2 and isinstance(result, Training)
+            else result
+        )
+
+    lines = [line for line in search(three(), evaluate=flagged)[1] if line.fitness is not None]
+    assert any(line.seed != 2 for line in lines)
+    for line in lines:
+        assert [one.not_deterministic for one in line.by_seed()] == [(), (), ("scatter_add",)]
+        assert ["not_deterministic" in written(one) for one in line.seeds] == [False, False, True]
+
+
 def test_one_seed_writes_what_was_written_before() -> None:
     """No line names seeds, so the ledgers of one seed keep their bytes; the golden ledger shows that they do."""
     lines = search(replace(three(), seeds=1))[1]

@@ -163,13 +163,13 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
         ("class Other: pass\n", "networks, bad.py", "extract, no_class"),
         (NETWORK.format(2, 2).replace("import torch\n", "import torch\nimport os\n"), "networks, bad.py", "policy"),
         pytest.param(NETWORK.format(2, 3), "networks, bad.py", "probe, forward_failed", marks=pytest.mark.slow),
-        (NETWORK.format(8, 8), "networks", "wide and bad are one"),
         (NETWORK.format(4, 4) + "\nif True print()\n", "networks, bad.py", "expected Python as a whole"),
         (
             f"<<<<<<< ours\n{NETWORK.format(4, 4)}=======\n{NETWORK.format(5, 5)}>>>>>>> theirs\n",
             "networks, bad.py",
             "whole",
         ),
+        (f"# My own.\n{NETWORK.format(8, 8)}", "networks", "wide and bad are one"),
     ],
 )
 def test_bad_network_is_refused_before_anything_is_trained(

@@ -144,6 +144,7 @@ def tools(llm: FakeLLM | None = None, executor: Executor | None = None) -> Tools
         llm=llm or FakeLLM(),
         admit=admit,
         inspect=inspect,
+        measure=inspect,
         evaluate=evaluate,
         evaluation_key=lambda source, seed: content_hash([source, seed] if seed else source),
         executor=executor or ThreadPoolExecutor(1),

@@ -1,0 +1,31 @@
+"""Promise: who watches a search reads how many of its slots are done."""
+
+import io
+from dataclasses import replace
+
+import fakes
+import pytest
+from rich.console import Console
+
+from tacevo.runs.progress import Progress, Watcher
+from tacevo.search.algorithm import run_search
+from tacevo.search.budget import Budget
+from tacevo.search.state import Plan
+from tacevo.storage.ledger import Ledger
+
+PLAN = fakes.plan(generations=2)
+
+
+@pytest.mark.parametrize(
+    ("plan", "told"),
+    [
+        (PLAN, "(16 of 16 slots done)"),
+        (replace(PLAN, reevaluations=2), "(16 of 16 slots done)"),  # some of which trained an elite again
+        (replace(PLAN, budget=Budget(flops=1, images=1, epochs=1)), "(4 of at most 16 slots done)"),
+    ],
+)
+def test_slots_are_counted(plan: Plan, told: str) -> None:
+    """A budget may end a search before all that were planned."""
+    out = io.StringIO()
+    run_search(plan, fakes.tools(), Ledger(), Watcher(plan, Progress(Console(file=out))))
+    assert told in out.getvalue().splitlines()[-1]
