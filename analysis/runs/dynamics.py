@@ -229,9 +229,9 @@ def improvement(run: Run) -> Improvement | None:
     baseline = known.get(run.baseline.id)
     if baseline is None or not bests:
         return None
-    # As known at the end: a best that was recorded when generation 0 closed may be one lucky draw.
-    first = min(known[line.id] for line in run.candidates if line.generation == 0 and line.id in known)
-    last = bests[-1][1]
+    first, last = bests[0][1], bests[-1][1]
+    if run.reevaluations:  # the best that was recorded when generation 0 closed was one draw; this is known at the end
+        first = min(known[line.id] for line in run.candidates if line.generation == 0 and line.id in known)
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
     # Where elites are trained again, the best may rise: what counts is from when on it stayed.
     before = max((generation for generation, share in gained.items() if share < MOST), default=-1)

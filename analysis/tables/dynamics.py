@@ -172,6 +172,11 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
     )
 
 
+def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
+    """Return re-estimates with those of the most seeds first; where several know a network, the first one counts."""
+    return sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name))
+
+
 def reestimated(run: Run, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:
     """Return what other seeds give for the baseline and for the best candidate, by the re-estimates of the most seeds.
 
@@ -179,7 +184,7 @@ def reestimated(run: Run, reestimates: Sequence[Reestimates]) -> tuple[str, floa
         How it was estimated, in words, the median fitness of the baseline and that of the best candidate; None where
         the best candidate was not trained again.
     """
-    for one in sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name)):
+    for one in by_seeds(reestimates):
         reference, found = one.noise.networks[0].median, one.of(run.ranked()[0].id)
         if found is not None and reference:
             words = f"re-estimated by a {one.kind}, median of {counted(one.noise.seeds, 'other seed')}"

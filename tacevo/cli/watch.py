@@ -166,7 +166,8 @@ class LivePage:
             live=True,
             state=f"{_standing(readings)}{reason}",
             checked=[
-                "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet."
+                "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet.",
+                "`tacevo report` of a finished run also draws sample images and compares motifs; this page does not.",
             ],
             commands=replay_commands(name) if all(one.is_finished for one in readings) else [],
         )

@@ -213,7 +213,10 @@ def test_run_without_improvement_settles_nowhere() -> None:
 def test_improvement_over_generation_0_is_of_the_medians_that_the_search_ended_with() -> None:
     """By hand: the lucky 0.1 of generation 0 is 0.5 by three draws; the best was 0.2 for good at generation 3."""
     lines = [closed(at, best) for at, best in enumerate([0.1, 0.2, 0.45, 0.2])]
-    again = [ReevaluationLine(generation=1, slot=at, id="g00s00", source="s", fitness=at / 2) for at in (1, 2)]
+    again = [
+        ReevaluationLine(generation=1, slot=at, id="g00s00", source="s", evaluation="e", fitness=at / 2)
+        for at in (1, 2)
+    ]
     found = improvement(replace(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
     assert found is not None
     assert (found.first, found.last, found.over_first) == pytest.approx((0.5, 0.2, 0.6))

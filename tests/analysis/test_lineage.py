@@ -56,7 +56,7 @@ def test_lineage_shows_what_the_search_knew_at_its_end() -> None:
     """By hand: 0.6 was the luckiest draw of 0.6, 0.8 and 0.9; a source that failed is out and has no gain."""
     lines = {line.id: line for line in family().candidates}
     again = [
-        ReevaluationLine(generation=2, slot=2 + at, id=name, source=lines[name].source, fitness=loss)
+        ReevaluationLine(generation=2, slot=2 + at, id=name, source=lines[name].source, evaluation="e", fitness=loss)
         for at, (name, loss) in enumerate([("g01s00", 0.9), ("g01s00", 0.8), ("g01s01", None)])
     ]
     steps = lineage(replace(family(), reevaluations=tuple(again)), "g02s00")

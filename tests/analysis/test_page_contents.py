@@ -219,8 +219,8 @@ def test_improved_elite_takes_the_niche_of_the_old_one() -> None:
 def test_candidate_is_shown_as_the_search_knew_it_at_its_end() -> None:
     """The first draw stands beside; a source that failed when it was trained again has no loss, and says so."""
     again = (
-        ReevaluationLine(generation=1, slot=1, id="g00s00", source="g00s00", fitness=0.8),
-        ReevaluationLine(generation=1, slot=2, id="g01s00", source="g01s00"),
+        ReevaluationLine(generation=1, slot=1, id="g00s00", source="g00s00", evaluation="a", fitness=0.8),
+        ReevaluationLine(generation=1, slot=2, id="g01s00", source="g01s00", evaluation="b"),
     )
     given = run([trained(0, 0, 0.5), trained(1, 0, 0.1)], [closed(0), closed(1)])
     baseline, failed = contents(replace(given, reevaluations=again)).candidates

@@ -116,7 +116,7 @@ def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
 def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> None:
     """Its first draw stands in the study, and would be the best; without an elite there is nothing to score."""
     found, study = load_run(run), studied(0.3, 0.4, 0.45)
-    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=found.baseline.source)
+    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=found.baseline.source, evaluation="e")
     out = replace(found, reevaluations=(failed,))
     assert scored(out, study).network == "g01s00"
     with refused(RunError, expected="a network that trained"):

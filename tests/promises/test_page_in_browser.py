@@ -132,8 +132,20 @@ def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: 
         assert page.locator("#candidate figure").count() == bool(one.validation_losses)
     for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", f"#/{run.name}/g99s99", "#/"):
         page.evaluate("hash => { location.hash = hash }", address)
-    assert page.locator("#candidate-name").inner_text().startswith("Candidate g")
+    expect(page.locator("#candidate-name")).to_have_text("Candidate")
     assert wrong == []
+
+
+def test_back_button_leaves_the_candidate(shipped: PageContents, open_page: Opener) -> None:
+    """And an address without a candidate says so."""
+    page, wrong = open_page(shipped)
+    page.evaluate("location.hash = '#/force-grammar/g01s06'")
+    expect(page.locator("#candidate-name")).to_have_text("Candidate g01s06")
+    page.go_back()
+    expect(page.locator("#candidate-name")).to_have_text("Candidate")
+    page.evaluate("location.hash = '#/force-grammar/g99s99'")
+    expect(page.locator("#candidate-body")).to_contain_text("This page has no candidate g99s99")
+    assert not wrong
 
 
 def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open_page: Opener) -> None:

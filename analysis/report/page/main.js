@@ -71,6 +71,7 @@ function drawRun() {
 
 // Open the candidate that the address names, if any.
 function followAddress() {
+    if (location.hash === "" && state.selected !== undefined) select(undefined); // back to where the page began
     const parts = location.hash.split("/");
     if (parts[0] !== "#" || parts.length !== 3) return;
     let [name, id] = ["", ""];
@@ -80,13 +81,21 @@ function followAddress() {
         return; // an address that was cut in the middle of a letter
     }
     const run = state.page.runs.find((one) => one.name === name);
-    if (!run?.byId.has(id)) return;
+    if (!run?.byId.has(id)) {
+        select(undefined);
+        byId("candidate-body").replaceChildren(h("p", null, `This page has no candidate ${id} of ${name}.`));
+        return;
+    }
     if (run !== state.run) choose(run);
+    select(id);
+    byId("candidate-name").focus();
+}
+
+function select(id) {
     state.selected = id;
     fillMap();
-    drawTree(run);
+    drawTree(state.run);
     drawCandidate();
-    byId("candidate-name").focus();
 }
 
 // Ask for newer contents every two seconds; a server that is away may come back.

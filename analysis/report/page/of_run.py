@@ -33,7 +33,7 @@ from analysis.runs.run import Run
 from analysis.studies.metrics import metric_name
 from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
-from analysis.tables.dynamics import reestimated
+from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import Axis, PromptPolicy, Scale
 from tacevo.config.identity import identity
@@ -199,6 +199,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
         losses = known.losses.get(str(line.source), ())
         return tuple(loss if math.isfinite(loss) else None for loss in losses) if len(losses) > 1 else ()
 
+    again = by_seeds(found.reestimates)
     return tuple(
         Candidate(
             id=line.id,
@@ -227,8 +228,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
             train_losses=line.train_losses or (),
             validation_losses=line.validation_losses or (),
             seed_losses=several(line),
-            # Of studies that share seeds, equal losses are one training, which the store answered twice.
-            reestimates=tuple(dict.fromkeys(value for one in found.reestimates for value in one.estimates_of(line.id))),
+            reestimates=next((values for one in again if (values := one.estimates_of(line.id))), ()),
             niche=line.niche,
             status=line.status,
         )
