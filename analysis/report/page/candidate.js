@@ -120,7 +120,7 @@ function requestOf(run, one) {
     return h(
         "div",
         null,
-        h("h3", null, `Asked for by ${one.operator}: ${instructionOf(run, one)}`),
+        h("h3", null, `Asked for by ${one.prompt === null ? "" : `${one.operator}: `}${instructionOf(run, one)}`),
         h("blockquote", null, text),
         h("p", null, temperature),
     );

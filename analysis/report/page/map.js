@@ -138,7 +138,7 @@ function fillMap() {
     byId("generation").setAttribute("aria-valuetext", byId("generation-words").textContent);
     const bar = scale.high > scale.low ? colourBar(scale.colour, scale.at, scale.low, scale.high) : "";
     byId("map-colours").replaceChildren(
-        `${COLOURS[state.colour].name} of the elite, between the ends of the last generation`,
+        `${COLOURS[state.colour].name} of the elite, from the least to the greatest of the last generation`,
         bar,
     );
 }
