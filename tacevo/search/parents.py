@@ -28,14 +28,13 @@ def pool_of_parents(
         elites: the network archive.
         population: >= 1.
     """
-    everyone = tuple(candidates.values())
-    match policy:
+    match policy:  # only a control looks at all candidates, which takes the longer the more there were
         case ParentPolicy.trained:
-            return everyone
+            return tuple(candidates.values())
         case ParentPolicy.best_k:
-            return fittest(everyone, len(elites.elites))
+            return fittest(candidates.values(), len(elites.elites))
         case ParentPolicy.tournament:
-            return everyone[-population:]
+            return tuple(candidates.values())[-population:]
         case _:
             return elites_of(candidates, elites)
 
