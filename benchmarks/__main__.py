@@ -187,7 +187,7 @@ BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]]
     linear: {"marks": (500, 1_000), "niches": (10,)},
     candidate_processes: {"forks": 1, "rounds": 1},
     confinement.walls: {"rounds": 1},
-    confinement.training: {"epochs": 1, "rounds": 1},
+    confinement.training: {"epochs": {64: 1}, "rounds": 1},
     pictures: {"images": 10, "rounds": 1},
     workers: {"settings": TINY, "rounds": 1},
     replaying: {"settings": TINY, "rounds": 1},

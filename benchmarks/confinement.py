@@ -1,10 +1,12 @@
 """What it costs to hold a candidate: of its start, and of its training."""
 
+import contextlib
+import itertools
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import IO
@@ -21,6 +23,10 @@ from tacevo.sandbox.client import Finished, Sandbox
 from tacevo.training.numerics import environment
 
 JOBS = 10
+
+#: Size of the images in pixels: epochs of a training, which takes some seconds.
+EPOCHS = {64: 2, 128: 1}
+
 _LIMITS = Limits(seconds=60, memory_mib=2048)
 
 
@@ -36,31 +42,40 @@ def walls(*, rounds: int = 9) -> Figure:
     return report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
 
 
-def training(*, epochs: int = 10, rounds: int = 3) -> Figure:
-    """Train a baseline, confined and with portable numerics; the peer is the best bare loop in an ordinary process."""
-    _, task = task_without_data("force", plain.SIZE)
-    with tempfile.TemporaryDirectory() as folder:
+def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator[Figure]:
+    """Train a baseline, confined, with each numerics, on images of 64 and of 128 pixels.
+
+    The peer is the best bare loop in an ordinary process, with any instruction set; a third figure gives it the portable
+    settings, so that only the walls and the trainer differ.
+    """
+    return itertools.chain.from_iterable(_training(size, count, rounds) for size, count in epochs.items())
+
+
+def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
+    _, task = task_without_data("force", size)
+    header, payload = _job(task.baseline, to_json(task.contract), epochs)
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         source = Path(folder) / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
-        path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-        order = environment(Numerics.fast) | path  # one thread, memory that is kept, any instruction set
-        command = [sys.executable, "-m", plain.__name__, str(source), str(epochs)]
-        with (
-            _sandbox(Path(folder), Confinement.kernel) as sandbox,
-            subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer,
-        ):
+        rivals: dict[str, Callable[[], object]] = {}
+        for numerics in Numerics:
+            sandbox = stack.enter_context(_sandbox(Path(folder), Confinement.kernel, size, numerics))
+            rivals[f"confined, {numerics}"] = partial(_train, sandbox, header, payload)
+            path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+            order = environment(numerics) | path  # one thread, memory that is kept; `fast`: any instruction set
+            command = [sys.executable, "-m", plain.__name__, str(source), str(size), str(epochs)]
+            peer = subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+            stack.callback(peer.wait)
             assert peer.stdin is not None
             assert peer.stdout is not None
+            stack.callback(peer.stdin.close)
             peer.stdout.readline()
-            header, payload = _job(task.baseline, to_json(task.contract), epochs)
-            rivals: dict[str, Callable[[], object]] = {
-                "confined and portable": partial(_train, sandbox, header, payload),
-                "plain torch": partial(_ask, peer.stdin, peer.stdout),
-            }
-            medians(rivals, rounds=1)  # both have compiled their kernels and touched their memory
-            found = medians(rivals, rounds=rounds)
-            peer.stdin.close()
-    return report("training", found, unit="images", per_second=epochs * plain.IMAGES)
+            rivals[f"plain torch, {numerics}"] = partial(_ask, peer.stdin, peer.stdout)
+        medians(rivals, rounds=1)  # all have compiled their kernels and touched their memory
+        found = medians(rivals, rounds=rounds)
+    for ours, theirs in ((Numerics.portable, Numerics.fast), (Numerics.fast, Numerics.fast), (Numerics.portable,) * 2):
+        pair = {name: found[name] for name in (f"confined, {ours}", f"plain torch, {theirs}")}
+        yield report(f"training at {size} px", pair, unit="images", per_second=epochs * plain.IMAGES)
 
 
 def _ask(requests: IO[str], answers: IO[str]) -> None:
@@ -69,14 +84,12 @@ def _ask(requests: IO[str], answers: IO[str]) -> None:
     answers.readline()
 
 
-def _sandbox(folder: Path, strongest: Confinement) -> Sandbox:
+def _sandbox(folder: Path, strongest: Confinement, size: int = 32, numerics: Numerics = Numerics.portable) -> Sandbox:
     """Open a sandbox with random images, and have its zygote start."""
     images = folder / "images.npy"
     rng = np.random.default_rng(0)
-    np.save(images, rng.integers(0, 256, (plain.IMAGES, 3, plain.SIZE, plain.SIZE), dtype=np.uint8))
-    opened = Sandbox(
-        entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images}, strongest=strongest
-    )
+    np.save(images, rng.integers(0, 256, (plain.IMAGES, 3, size, size), dtype=np.uint8))
+    opened = Sandbox(entries=ENTRIES, environment=environment(numerics), arrays={"images": images}, strongest=strongest)
     _starts(opened, jobs=1)
     return opened
 

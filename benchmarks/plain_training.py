@@ -1,7 +1,7 @@
 """The best bare training loop, in an ordinary process: the peer of a confined one.
 
 Run as a program, it prints a line when it is ready, and trains once for every line that it reads. Images are
-standardised once and lie in channels_last, Adam is fused, and torch chooses its kernels by the CPU, in one thread.
+standardised once and lie in channels_last, and Adam is fused; the environment decides threads and instruction sets.
 """
 
 import sys
@@ -11,8 +11,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
-#: Images, of which the first `TRAINED` are trained on and the rest predicted; 3 channels of SIZE x SIZE pixels.
-IMAGES, TRAINED, SIZE = 640, 512, 32
+#: Images, of which the first `TRAINED` are trained on and the rest predicted.
+IMAGES, TRAINED = 320, 256
 BATCH, LEARNING_RATE = 32, 1e-3
 MEAN, DEVIATION = 127.5, 74.0
 
@@ -22,7 +22,7 @@ def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int
 
     Args:
         network: makes itself without arguments.
-        images: standardised, float32, shape (IMAGES, 3, SIZE, SIZE).
+        images: standardised, float32, shape (IMAGES, 3, H, W).
         targets: float32, shape (TRAINED, 3).
         epochs: at least 1.
     """
@@ -41,12 +41,12 @@ def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int
     return torch.cat(predictions)
 
 
-def main(source: Path, epochs: int) -> None:
-    """Train the class that a file defines, once for every line."""
+def main(source: Path, size: int, epochs: int) -> None:
+    """Train the class that a file defines on images of size x size pixels, once for every line."""
     names: dict[str, type[nn.Module]] = {}
     exec(source.read_text(encoding="utf-8"), names)
     torch.manual_seed(0)
-    stored = torch.randint(0, 256, (IMAGES, 3, SIZE, SIZE), dtype=torch.uint8)
+    stored = torch.randint(0, 256, (IMAGES, 3, size, size), dtype=torch.uint8)
     images = stored.to(torch.float32, memory_format=torch.channels_last).sub_(MEAN).div_(DEVIATION)
     targets = torch.rand(TRAINED, 3)
     print("ready", flush=True)
@@ -56,4 +56,4 @@ def main(source: Path, epochs: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
