@@ -45,8 +45,8 @@ def walls(*, rounds: int = 9) -> Figure:
 def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator[Figure]:
     """Train a baseline, confined, with each numerics, on images of 64 and of 128 pixels.
 
-    The peer is the best bare loop in an ordinary process, with any instruction set; a third figure gives it the portable
-    settings, so that only the walls and the trainer differ.
+    The peer is the best bare loop in an ordinary process, with any instruction set; a third figure gives it the
+    portable settings, so that only the walls and the trainer differ.
     """
     return itertools.chain.from_iterable(_training(size, count, rounds) for size, count in epochs.items())
 
