@@ -46,8 +46,8 @@ class SearchConfig(Record):
     candidates: Count
     #: Mutations of the baseline that start the archive, beside the baseline itself.
     initial: Natural
-    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.budget`) is the last; null for
-    #: `generations` alone.
+    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.lines.training_flops`) is the
+    #: last; null for `generations` alone.
     training_flops: Positive | None = None
 
 
