@@ -25,7 +25,8 @@ from tacevo.runs.wiring import build_plan
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Tessellation
 from tacevo.search.development import Outcome, Tools
-from tacevo.search.lines import SearchLine, line_kind
+from tacevo.search.files import line_kind
+from tacevo.search.lines import SearchLine
 from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger

@@ -29,7 +29,7 @@ from analysis.table import PValue
 from analysis.tables.ablation import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
-from tacevo.search.unsent import TEMPERATURE
+from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.files import write_durably
 
 

@@ -15,8 +15,7 @@ from tacevo.costs import Spending, total
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rounding import DIGITS
 from tacevo.search.archive import AddStatus
-from tacevo.search.budget import trained_networks, training_flops
-from tacevo.search.lines import CandidateLine, GenerationLine
+from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 
 #: Confidence of every interval here.
 LEVEL = 0.95

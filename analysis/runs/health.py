@@ -14,7 +14,7 @@ from analysis.runs.coverage_map import AXES, Occupation, effective_niches, fulle
 from analysis.runs.dynamics import by_prompt, copies, gate_stages, progress, repeats
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
-from tacevo.search.unsent import TEMPERATURE
+from tacevo.search.lines import TEMPERATURE
 from tacevo.text import counted
 
 #: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from analysis.runs.run import Run
 from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import prompt_point
-from tacevo.search.temperature import next_temperature
+from tacevo.search.proposals import next_temperature
 
 
 def reachable_temperatures(run: Run) -> frozenset[float]:

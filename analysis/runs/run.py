@@ -16,10 +16,19 @@ from tacevo.errors import RunError
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
-from tacevo.search.files import EliteEntry, TrialEntry, check_references, read_archives, read_finished
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, ReevaluationLine, RulesLine, RunLine, eras_of
+from tacevo.search.files import (
+    EliteEntry,
+    Line,
+    RulesLine,
+    RunLine,
+    TrialEntry,
+    check_references,
+    eras_of,
+    read_archives,
+    read_finished,
+)
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, not_sent
 from tacevo.search.reevaluation import fitness_by_id
-from tacevo.search.unsent import not_sent
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import drawn
@@ -104,7 +113,7 @@ class Run:
 
     @property
     def not_sent(self) -> Mapping[str, str]:
-        """Words on the sampling settings that were not sent, by setting (see `tacevo.search.unsent.not_sent`)."""
+        """Words on the sampling settings that were not sent, by setting (see `tacevo.search.lines.not_sent`)."""
         return not_sent([one.dropped for one in self.answered])
 
     def ranked(self) -> tuple[EliteEntry, ...]:

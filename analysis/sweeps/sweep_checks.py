@@ -11,8 +11,8 @@ from typing import NoReturn
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import IncomparableError
 from tacevo.records import Json, to_json
-from tacevo.search.lines import eras_in_words
-from tacevo.search.unsent import TEMPERATURE
+from tacevo.search.files import eras_in_words
+from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 
 #: Python and the packages that can change a request, a verdict of the gate, a niche or a fitness. The others compose

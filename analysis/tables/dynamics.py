@@ -24,7 +24,7 @@ from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
-from tacevo.search.unsent import TEMPERATURE
+from tacevo.search.lines import TEMPERATURE
 from tacevo.text import counted, drawn, misreported
 
 #: Below every improvement.

@@ -21,7 +21,7 @@ from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record, require_means
-from tacevo.search.lines import RulesLine
+from tacevo.search.files import RulesLine
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
 from tacevo.storage.store import read_entry

@@ -26,10 +26,9 @@ from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.client import Notice
 from tacevo.sandbox.confinement import in_force, report
 from tacevo.search.files import check_references, read_elites, read_ledger
-from tacevo.search.lines import CandidateLine
-from tacevo.search.proposals import SAMPLING
+from tacevo.search.lines import TEMPERATURE, CandidateLine
+from tacevo.search.prompts import SAMPLING
 from tacevo.search.reevaluation import estimates_of
-from tacevo.search.unsent import TEMPERATURE
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import table
 from tacevo.typed import parse

@@ -12,9 +12,8 @@ from tacevo.config.compose import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
-from tacevo.search.budget import trained_networks, training_flops
-from tacevo.search.files import NetworkFile, PromptFile, read_archives, read_finished
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, RulesLine, eras_of
+from tacevo.search.files import Line, NetworkFile, PromptFile, RulesLine, eras_of, read_archives, read_finished
+from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 
@@ -44,7 +43,7 @@ class RecordedRun:
 
     @property
     def spent(self) -> int:
-        """What its trainings took in FLOPs, as its budget counts them (`tacevo.search.budget`)."""
+        """What its trainings took in FLOPs, as its budget counts them (`tacevo.search.lines.training_flops`)."""
         images, training = self.record.data.counts[0], self.config.training
         trained = trained_networks(self.candidates)
         return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)

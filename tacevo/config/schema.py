@@ -5,10 +5,14 @@ these. An enum's member names are what users write. The reasons for the defaults
 without a unit in their name are counts, fractions or temperatures.
 """
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le, Lt
+from pydantic import AfterValidator
+from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
     ArchiveKind,
@@ -31,10 +35,31 @@ from tacevo.choices import (
     TemperatureRule,
     Tracking,
 )
-from tacevo.config.ranges import Count, Fraction, Identifier, Memory, Name, Natural, Positive, Text, is_a
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Kind, Loss, Mode, Record
 from tacevo.redaction import check_address
+
+
+def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
+    """Make the rule that a value is what the words say."""
+
+    def check(value: Any) -> Any:
+        if not holds(value):
+            raise PydanticCustomError("misfit", "Input should be {words}", {"words": words})
+        return value
+
+    return AfterValidator(check)
+
+
+# The kinds of values; an error names a kind in the words that stand here.
+Natural = Annotated[int, Ge(0)]
+Count = Annotated[int, Ge(1)]
+Memory = Annotated[int, Ge(64)]
+Positive = Annotated[float, Gt(0)]
+Fraction = Annotated[float, Ge(0), Le(1)]
+Text = Annotated[str, is_a("text that is not empty", bool)]
+Name = Annotated[str, is_a("letters, digits, _ and -", re.compile(r"[\w-]+").fullmatch)]
+Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +71,8 @@ class SearchConfig(Record):
     candidates: Count
     #: Mutations of the baseline that start the archive, beside the baseline itself.
     initial: Natural
-    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.budget`) is the last; null for
-    #: `generations` alone.
+    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.lines.training_flops`) is the
+    #: last; null for `generations` alone.
     training_flops: Positive | None = None
 
 

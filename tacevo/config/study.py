@@ -7,8 +7,7 @@ from annotated_types import Gt, Lt
 from pydantic import BeforeValidator
 
 from tacevo.choices import ChosenBy, MarginKind
-from tacevo.config.ranges import Count, Memory, Positive, Text, is_a
-from tacevo.config.schema import ExecutorConfig
+from tacevo.config.schema import Count, ExecutorConfig, Memory, Positive, Text, is_a
 from tacevo.records import Record
 from tacevo.rounding import rounded
 

@@ -7,11 +7,10 @@ from typing import Annotated
 import yaml
 
 from tacevo.config.compose import read_named
-from tacevo.config.ranges import is_a
-from tacevo.config.schema import RunConfig, TaskConfig
+from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.errors import ConfigError
 from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task
-from tacevo.search.proposals import system_prompt
+from tacevo.search.prompts import system_prompt
 from tacevo.typed import convert
 
 _Words = Annotated[str, is_a("text that is not empty", str.strip)]

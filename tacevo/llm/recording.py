@@ -24,7 +24,7 @@ class KeepingLLM(Protocol):
     """Answers what is not recorded."""
 
     def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
-        """Answer different requests (see `tacevo.search.effects.LLM`).
+        """Answer different requests (see `tacevo.search.development.LLM`).
 
         Args:
             requests: what to answer.
@@ -91,7 +91,7 @@ class RecordingLLM:
     count: Callable[[Request, Completion], object] = unkept
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request; recorded answers come first (see `tacevo.search.effects.LLM`).
+        """Answer every request; recorded answers come first (see `tacevo.search.development.LLM`).
 
         Raises:
             CacheMissError: the store replays, and an answer was never recorded.

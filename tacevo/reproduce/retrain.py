@@ -19,7 +19,8 @@ from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.sandbox.confinement import require
-from tacevo.search.lines import TrainedLine, by_rules, with_training
+from tacevo.search.files import by_rules
+from tacevo.search.lines import TrainedLine, with_training
 from tacevo.storage.run_directory import RunRecord
 from tacevo.training.numerics import check_machine
 

@@ -10,8 +10,7 @@ from tacevo.rules import Rules
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Places, coverage, qd_score
 from tacevo.search.development import Tools
-from tacevo.search.files import EliteEntry, NetworkFile, PromptFile, TrialEntry
-from tacevo.search.lines import RulesLine, RunLine
+from tacevo.search.files import EliteEntry, NetworkFile, PromptFile, RulesLine, RunLine, TrialEntry
 from tacevo.search.state import Observer, Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger

@@ -15,7 +15,8 @@ from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
-from tacevo.search.proposals import Settings, crossover_text, plan_initial
+from tacevo.search.prompts import crossover_text
+from tacevo.search.proposals import Settings, plan_initial
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import table

@@ -7,7 +7,8 @@ from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
 from tacevo.runs.wiring import Workbench
-from tacevo.search.lines import CandidateLine, by_rules
+from tacevo.search.files import by_rules
+from tacevo.search.lines import CandidateLine
 
 
 def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:

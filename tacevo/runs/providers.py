@@ -20,8 +20,8 @@ from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
 from tacevo.records import Delivery, Mode, Price, Setting
-from tacevo.search.effects import LLM
-from tacevo.search.unsent import TEMPERATURE
+from tacevo.search.development import LLM
+from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.store import Seen, Store
 from tacevo.typed import parse
 

@@ -26,10 +26,9 @@ from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench, build_plan, start_zygote
 from tacevo.sandbox.client import Run, Zygote
 from tacevo.sandbox.confinement import in_force, require
-from tacevo.search.development import Outcome
-from tacevo.search.effects import LLM
-from tacevo.search.files import read_ledger, write_archives
-from tacevo.search.lines import GenerationLine, Line, RulesLine, RunLine, SearchLine, line_kind
+from tacevo.search.development import LLM, Outcome
+from tacevo.search.files import Line, RulesLine, RunLine, line_kind, read_ledger, write_archives
+from tacevo.search.lines import GenerationLine, SearchLine
 from tacevo.search.reevaluation import Reevaluation
 from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash

@@ -9,9 +9,9 @@ from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Operator, Stage
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, eras_in_words, eras_of
+from tacevo.search.files import Line, eras_in_words, eras_of
+from tacevo.search.lines import TEMPERATURE, CandidateLine, GenerationLine, not_sent
 from tacevo.search.reevaluation import fitness_by_id
-from tacevo.search.unsent import TEMPERATURE, not_sent
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted, drawn, misreported, table
 

@@ -18,12 +18,10 @@ from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Notice, Run, Sandbox, Zygote
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
-from tacevo.search.budget import Budget
 from tacevo.search.descriptors import scaled
-from tacevo.search.development import Tools
-from tacevo.search.effects import LLM
+from tacevo.search.development import LLM, Tools
 from tacevo.search.proposals import Settings
-from tacevo.search.state import Plan
+from tacevo.search.state import Budget, Plan
 from tacevo.storage.arrays import KIND, ArrayStore
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation

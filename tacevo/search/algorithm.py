@@ -10,41 +10,31 @@ is expensive comes in through `Tools` and is answered from stores where it was a
 resuming and extending a run are this same loop.
 """
 
-import hashlib
 import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
 
-from tacevo.choices import Axis, PromptPolicy
-from tacevo.errors import ConfigError
+from tacevo.choices import PromptPolicy
 from tacevo.profile import Admitted
-from tacevo.records import Operator, Rejection, Task, to_json
-from tacevo.search.archive import (
-    AddStatus,
-    Elite,
-    Placed,
-    coverage,
-    qd_score,
-)
-from tacevo.search.budget import Budget
-from tacevo.search.descriptors import Descriptor, describe, scaled
-from tacevo.search.development import Job, Outcome, Tools, begun, develop, trained_again
-from tacevo.search.growing import Growing
-from tacevo.search.lines import (
-    CandidateLine,
-    GenerationLine,
-    ReevaluationLine,
-    seed_lines,
-    with_training,
-)
-from tacevo.search.parents import elites_of, pool_of_parents
+from tacevo.records import Operator, Rejection, to_json
+from tacevo.search.archive import AddStatus, Elite, Growing, Placed, coverage, qd_score
+from tacevo.search.descriptors import describe
+from tacevo.search.development import Job, Outcome, Tools, candidate_line, check_given, develop, reevaluation_line
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine
 from tacevo.search.prompts import Trial, curiosity
-from tacevo.search.proposals import Candidate, Proposal, plan_generation, plan_initial
+from tacevo.search.proposals import (
+    Candidate,
+    Proposal,
+    elites_of,
+    next_temperature,
+    plan_generation,
+    plan_initial,
+    pool_of_parents,
+)
 from tacevo.search.reevaluation import Reevaluation, compete_again, plan_reevaluations
 from tacevo.search.state import Ledger, Observer, Plan, SearchState
-from tacevo.search.temperature import next_temperature
 from tacevo.storage.canonical import content_hash
 
 
@@ -58,7 +48,7 @@ def run_search(
         CacheMissError: a store in replay mode lacks an answer.
     """
     state = since or SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
-    while state.generation <= plan.generations and not _is_spent(plan.budget, state):
+    while not state.is_past(plan):
         state = step(state, plan, tools, ledger, observer)
     return state
 
@@ -68,7 +58,7 @@ def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer:
     before = state
     lines: list[CandidateLine | ReevaluationLine] = []
     for outcome in develop(propose(state, plan), tools, repairs=plan.repairs, seeds=plan.seeds):
-        _check_given(outcome, plan.task)
+        check_given(outcome, plan.task)
         observer.developed(outcome)
         state, line = fold(state, plan, outcome, tools.evaluation_key)
         lines.append(line)
@@ -124,32 +114,20 @@ def commit(
 
     A rejected candidate is discarded: it changes no archive.
     """
-    line = begun(proposal, outcome, names_dropped=plan.names_dropped)
+    line = candidate_line(proposal, outcome, evaluation_key, names_dropped=plan.names_dropped)
     admitted, result = outcome.admitted, outcome.result
-    if isinstance(result, Rejection):
-        line = replace(line, stage=result.stage, reason=result.reason)
     if admitted is None:
         return state, line
     descriptor = describe(admitted.profile)
-    line = replace(
-        line,
-        source=hashlib.sha256(admitted.source.encode()).hexdigest(),
-        evaluation=evaluation_key(admitted.source, outcome.seed),
-        seed=outcome.seed,
-        parameters=admitted.profile.parameters,
-        flops=admitted.profile.flops,
-        not_portable=admitted.profile.not_portable,
-        **asdict(descriptor),
-    )
+    line = replace(line, **asdict(descriptor))
     if isinstance(result, Rejection):
         return state, line
-    seeds = seed_lines(outcome.trainings, lambda seed: evaluation_key(admitted.source, seed))
-    line = replace(with_training(line, result), seeds=seeds)
     estimates, fitness = state.estimates, result.fitness
     if plan.reevaluations:
         estimates = estimates.after(line)
         fitness = estimates.fitness(str(line.source))
-    placed = Placed(elite=Elite(name=line.id, objective=-fitness), point=_point(descriptor, plan))
+    point = descriptor.point(plan.axes, plan.eff_ratio_scale)
+    placed = Placed(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, placed)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
     candidates = _learned(state.candidates, proposal, admitted, fitness, score)
@@ -167,7 +145,7 @@ def reevaluate(
     evaluation_key: Callable[[str, int], str],
 ) -> tuple[SearchState, ReevaluationLine]:
     """Fold the further training of an elite into the state; return the state and its ledger line."""
-    line = trained_again(job, outcome, lambda seed: evaluation_key(job.source, seed))
+    line = reevaluation_line(job, outcome, evaluation_key)
     estimates = state.estimates.after(line)
     networks, candidates, line = compete_again(state.networks, state.candidates, estimates, plan.networks, line)
     best = min((-elite.objective for elite in networks.archive.elites.values()), default=math.inf)
@@ -212,25 +190,6 @@ def close(
     return replace(state, generation=state.generation + 1, temperature=temperature), line
 
 
-def _is_spent(budget: Budget | None, state: SearchState) -> bool:
-    """Return whether the generations so far, whole ones, have spent a budget."""
-    return budget is not None and budget.is_spent((one.source, one.flops) for one in state.candidates.values())
-
-
-def _check_given(outcome: Outcome, task: Task) -> None:
-    """Refuse a baseline, or another network of the user's, that does not train."""
-    proposal, result = outcome.proposal, outcome.result
-    if isinstance(proposal, Proposal) and proposal.request is None and isinstance(result, Rejection):
-        is_baseline = proposal.operator is Operator.baseline
-        raise ConfigError(
-            f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
-            place=f"task.baseline of task {task.name}"
-            if is_baseline
-            else f"networks, {task.given[proposal.slot - 1].name}",
-            expected="a network that trains",
-        )
-
-
 def _record_prompt(
     state: SearchState, plan: Plan, line: CandidateLine, score: float
 ) -> tuple[SearchState, CandidateLine]:
@@ -243,12 +202,6 @@ def _record_prompt(
         plan.prompts, trial, prompts=len(plan.task.instructions), name=line.id
     )
     return replace(state, prompts=prompts), replace(line, prompt_niche=niche, prompt_status=status)
-
-
-def _point(descriptor: Descriptor, plan: Plan) -> tuple[float, ...]:
-    """Return a candidate's coordinates on the axes of the network archive, before normalisation."""
-    values = {Axis.arch_div: descriptor.arch_div, Axis.eff_ratio: scaled(descriptor.eff_ratio, plan.eff_ratio_scale)}
-    return tuple(values[axis] for axis in plan.axes)
 
 
 def _learned(

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tacevo.choices import Scale
+from tacevo.choices import Axis, Scale
 from tacevo.profile import Graph, Profile
 
 
@@ -30,6 +30,11 @@ class Descriptor:
     density: float
     #: Mean coefficient of variation of the layer properties; >= 0.
     variation: float
+
+    def point(self, axes: Sequence[Axis], eff_ratio: Scale) -> tuple[float, ...]:
+        """Return the coordinates on the axes of the network archive, before normalisation; see `scaled`."""
+        values = {Axis.arch_div: self.arch_div, Axis.eff_ratio: scaled(self.eff_ratio, eff_ratio)}
+        return tuple(values[axis] for axis in axes)
 
 
 def describe(profile: Profile) -> Descriptor:

@@ -1,27 +1,53 @@
 """From proposals to outcomes: the expensive half of a generation, with every effect passed in."""
 
-import hashlib
 import heapq
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Protocol, TypeVar
 
-from tacevo.errors import CacheMissError
+from tacevo.errors import CacheMissError, ConfigError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Operator, Rejection, Request, Training, to_json
-from tacevo.search.effects import LLM
-from tacevo.search.lines import CandidateLine, ReevaluationLine, RepairedAnswer, seed_lines, with_training
-from tacevo.search.proposals import Proposal, repair_request
+from tacevo.records import Completion, Operator, Rejection, Request, Task, Training, to_json
+from tacevo.search.lines import (
+    CandidateLine,
+    ReevaluationLine,
+    RepairedAnswer,
+    TrainedLine,
+    seed_lines,
+    source_hash,
+    with_training,
+)
+from tacevo.search.prompts import repair_request
+from tacevo.search.proposals import Proposal
 from tacevo.search.reevaluation import Reevaluation
 from tacevo.storage.canonical import content_hash
+
+T = TypeVar("T", bound=TrainedLine)
 
 #: A slot of a generation.
 Job = Proposal | Reevaluation
 
 #: Trains a source with the training seed of a number, from 0; a candidate that fails is a value.
 Evaluate = Callable[[str, int], Training | Rejection]
+
+
+class LLM(Protocol):
+    """Anything that answers requests."""
+
+    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
+        """Answer every request, as many at once as the provider allows; equal requests are not merged.
+
+        Yields:
+            Pairs (position in `requests`, completion) in the order of arrival, each position exactly once.
+
+        Raises:
+            LLMError: a request failed after all retries; the answers yielded before it remain good.
+        """
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,6 +133,20 @@ def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: 
             judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, before)
     for index, proposal in enumerate(proposals):
         yield _outcome(proposal, judged[index].result())
+
+
+def check_given(outcome: Outcome, task: Task) -> None:
+    """Refuse a baseline, or another network of the user's, that does not train."""
+    proposal, result = outcome.proposal, outcome.result
+    if isinstance(proposal, Proposal) and proposal.request is None and isinstance(result, Rejection):
+        is_baseline = proposal.operator is Operator.baseline
+        raise ConfigError(
+            f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
+            place=f"task.baseline of task {task.name}"
+            if is_baseline
+            else f"networks, {task.given[proposal.slot - 1].name}",
+            expected="a network that trains",
+        )
 
 
 def _answers(asked: Mapping[int, Request], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
@@ -283,10 +323,15 @@ def _telling(results: Mapping[int, Training | Rejection]) -> int:
     return sorted(losses)[len(losses) // 2][1]
 
 
-def begun(proposal: Proposal, outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
-    """Begin a candidate's line with what was asked and what the model said (`names_dropped`: see `Plan`)."""
-    completion = outcome.completion
-    return CandidateLine(
+def candidate_line(
+    proposal: Proposal, outcome: Outcome, evaluation_key: Callable[[str, int], str], *, names_dropped: bool
+) -> CandidateLine:
+    """Write a candidate's line as far as its development goes (`names_dropped`: see `Plan`).
+
+    It says what was asked, what the model answered, and what gate and training found; descriptors and archives follow.
+    """
+    completion, admitted = outcome.completion, outcome.admitted
+    line = CandidateLine(
         generation=proposal.generation,
         slot=proposal.slot,
         id=proposal.id,
@@ -307,18 +352,31 @@ def begun(proposal: Proposal, outcome: Outcome, *, names_dropped: bool) -> Candi
             for attempt in outcome.attempts
         ),
     )
+    if admitted is None:
+        return _with_result(line, "", outcome, evaluation_key)
+    profile = admitted.profile
+    line = replace(line, source=source_hash(admitted.source), parameters=profile.parameters, flops=profile.flops)
+    return _with_result(line, admitted.source, outcome, evaluation_key)
 
 
-def trained_again(job: Reevaluation, outcome: Outcome, key: Callable[[int], str]) -> ReevaluationLine:
+def reevaluation_line(
+    job: Reevaluation, outcome: Outcome, evaluation_key: Callable[[str, int], str]
+) -> ReevaluationLine:
     """Write the line of an elite's further training, without what the archive did with it."""
-    result, source = outcome.result, hashlib.sha256(job.source.encode()).hexdigest()
-    line = ReevaluationLine(generation=job.generation, slot=job.slot, id=job.elite, source=source, seed=outcome.seed)
+    line = ReevaluationLine(generation=job.generation, slot=job.slot, id=job.elite, source=source_hash(job.source))
+    return _with_result(line, job.source, outcome, evaluation_key)
+
+
+def _with_result(line: T, source: str, outcome: Outcome, evaluation_key: Callable[[str, int], str]) -> T:
+    """Return a line with what gate and training found of a source."""
+    line = replace(line, seed=outcome.seed)
     if outcome.admitted is not None:
-        portable = outcome.admitted.profile.not_portable
-        line = replace(line, evaluation=key(outcome.seed), not_portable=portable)
-    if isinstance(result, Rejection):
-        return replace(line, stage=result.stage, reason=result.reason)
-    return replace(with_training(line, result), seeds=seed_lines(outcome.trainings, key))
+        key = evaluation_key(source, outcome.seed)
+        line = replace(line, evaluation=key, not_portable=outcome.admitted.profile.not_portable)
+    if isinstance(outcome.result, Rejection):
+        return replace(line, stage=outcome.result.stage, reason=outcome.result.reason)
+    seeds = seed_lines(outcome.trainings, partial(evaluation_key, source))
+    return replace(with_training(line, outcome.result), seeds=seeds)
 
 
 def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:

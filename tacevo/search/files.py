@@ -1,23 +1,26 @@
-"""The files of a search: its ledger read back, and both archives written and read.
+"""The files of a search: its ledger with header and eras, and both archives.
 
+ledger.jsonl    the header, then the lines of the search (`tacevo.search.lines`), and where later rules begin
 archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from tacevo.errors import RunError
-from tacevo.records import Json, Operator, Record, written
+from tacevo.records import DataFacts, Json, Operator, Record, written
+from tacevo.rules import FIRST, Rules
 from tacevo.search.archive import Bounds
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, TrainedLine, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, TrainedLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.typed import parse
+from tacevo.typed import FreeJson, parse
 
 T = TypeVar("T")
 
@@ -27,6 +30,48 @@ NETWORKS, PROMPTS = "archive.json", "prompts.json"
 _ID = re.compile("g[0-9]+s[0-9]+")
 
 _REMEDY = "the command that began the run writes it again"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunLine(Record):
+    """The first line: all that the results of a run follow from."""
+
+    #: Layout of the ledger.
+    schema: int
+    #: The part of the configuration that decides results (`tacevo.config.identity`).
+    config: dict[str, FreeJson]
+    #: SHA-256 of the task's texts.
+    task: str
+    data: DataFacts
+    #: SHA-256 of the centroids of both archives.
+    centroids: str
+    rules: Rules = FIRST
+    kind: Literal["run"] = "run"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RulesLine(Record):
+    """An era begins: the generations from here on were made under these rules."""
+
+    generation: int
+    rules: Rules
+    kind: Literal["rules"] = "rules"
+
+
+Line = RunLine | RulesLine | SearchLine
+
+_KINDS: Mapping[str, type[Line]] = {
+    "run": RunLine,
+    "rules": RulesLine,
+    "candidate": CandidateLine,
+    "reevaluation": ReevaluationLine,
+    "generation": GenerationLine,
+}
+
+
+def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
+    """Return the class of a line that is read as JSON; None where a search writes no such line."""
+    return _KINDS.get(str(entry.get("kind")))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +184,49 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
                 expected="candidates that name earlier ones, and instructions and networks of the task",
                 remedy="restore the ledger",
             )
+
+
+def eras_of(lines: Sequence[Line]) -> tuple[RulesLine, ...]:
+    """Return where each of a run's eras begins, in order: the first at generation 0, under the header's rules.
+
+    A run that was continued under later rules has more than one era.
+
+    Raises:
+        RunError: the ledger does not begin with a header, or an era does not follow the one before it.
+    """
+    eras: list[RulesLine] = []
+    for line in lines:
+        if isinstance(line, RunLine):
+            eras.append(RulesLine(generation=0, rules=line.rules))
+        elif not eras:
+            break
+        elif isinstance(line, RulesLine):
+            eras.append(line)
+    if not eras or any(after.generation <= before.generation for before, after in pairwise(eras)):
+        generations = [era.generation for era in eras]
+        expected = "a header, and then rules that begin at later and later generations"
+        raise RunError(f"rules from generations {generations}", place="ledger.jsonl", expected=expected)
+    return tuple(eras)
+
+
+def eras_in_words(eras: Sequence[RulesLine]) -> str:
+    """Write the numbers that a run began with, and from which generation on which of them changed."""
+    begun, *_ = eras
+    words = [", ".join(f"{part} {number}" for part, number in asdict(begun.rules).items())]
+    for before, era in pairwise(eras):
+        changed = asdict(era.rules).items() - asdict(before.rules).items()
+        words.append(f"from generation {era.generation} " + ", ".join(f"{part} {to}" for part, to in sorted(changed)))
+    return "; ".join(words)
+
+
+def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, TrainedLine]]:
+    """Yield every line of a candidate, or of its re-evaluation, with the rules that it was made under."""
+    rules = FIRST
+    for line in lines:
+        if isinstance(line, TrainedLine):
+            yield rules, line
+        elif not isinstance(line, GenerationLine):
+            rules = line.rules
 
 
 def write_archives(directory: RunDirectory, files: tuple[NetworkFile, PromptFile]) -> None:

@@ -1,47 +1,22 @@
-"""What a search decided, one record for each line of its ledger; and the rules that the lines were made under.
+"""What a search decided, one record for each line of its ledger; and what such lines add up to; pure.
 
 A field without a default is in every line; one with a default only where it differs from it. Lines that were written
 before a field existed therefore keep their bytes.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from itertools import pairwise
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Literal, Self, TypeVar
 
-from tacevo.errors import RunError
-from tacevo.records import DataFacts, Json, Operator, Reason, Record, Stage, Training
-from tacevo.rules import FIRST, Rules
+from tacevo.records import Operator, Reason, Record, Stage, Training
 from tacevo.search.archive import AddStatus, Bounds
-from tacevo.typed import FreeJson
 
 T = TypeVar("T", bound="TrainedLine")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunLine(Record):
-    """The first line: all that the results of a run follow from."""
-
-    #: Layout of the ledger.
-    schema: int
-    #: The part of the configuration that decides results (`tacevo.config.identity`).
-    config: dict[str, FreeJson]
-    #: SHA-256 of the task's texts.
-    task: str
-    data: DataFacts
-    #: SHA-256 of the centroids of both archives.
-    centroids: str
-    rules: Rules = FIRST
-    kind: Literal["run"] = "run"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RulesLine(Record):
-    """An era begins: the generations from here on were made under these rules."""
-
-    generation: int
-    rules: Rules
-    kind: Literal["rules"] = "rules"
+#: The sampling setting that a search adapts.
+TEMPERATURE = "temperature"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +119,7 @@ class CandidateLine(TrainedLine):
     @property
     def sent_temperature(self) -> float | None:
         """The temperature that the request was sent with; None where none was, as for the baseline."""
-        return None if "temperature" in self.dropped else self.temperature
+        return None if TEMPERATURE in self.dropped else self.temperature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,20 +165,10 @@ class GenerationLine(Record):
 #: What a search itself commits.
 SearchLine = CandidateLine | ReevaluationLine | GenerationLine
 
-Line = RunLine | RulesLine | SearchLine
 
-_KINDS: Mapping[str, type[Line]] = {
-    "run": RunLine,
-    "rules": RulesLine,
-    "candidate": CandidateLine,
-    "reevaluation": ReevaluationLine,
-    "generation": GenerationLine,
-}
-
-
-def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
-    """Return the class of a line that is read as JSON; None where a search writes no such line."""
-    return _KINDS.get(str(entry.get("kind")))
+def source_hash(source: str) -> str:
+    """Return what lines name a source by: its SHA-256."""
+    return hashlib.sha256(source.encode()).hexdigest()
 
 
 def with_training(line: T, training: Training) -> T:
@@ -237,44 +202,37 @@ def seed_lines(trainings: Mapping[int, Training], key: Callable[[int], str]) -> 
     )
 
 
-def eras_of(lines: Sequence[Line]) -> tuple[RulesLine, ...]:
-    """Return where each of a run's eras begins, in order: the first at generation 0, under the header's rules.
+def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int, seeds: int = 1) -> int:
+    """Add up the FLOPs of trainings: forward FLOPs of one image x images x epochs x seeds, each network once.
 
-    A run that was continued under later rules has more than one era.
+    The backward pass is not counted: a training takes about three times as many, whatever the network. A network that
+    comes again is recalled and not trained again.
 
-    Raises:
-        RunError: the ledger does not begin with a header, or an era does not follow the one before it.
+    Args:
+        trained: what names a network (its source, or the hash of it), and the forward FLOPs that its probe counted for
+            one image, >= 0. An elite that is trained again with other seeds has another name each time. Trainings that
+            failed are not among them: where they stopped is not known.
+        images: of the training split, in every epoch.
+        epochs: of every training.
+        seeds: trainings of a network.
     """
-    eras: list[RulesLine] = []
-    for line in lines:
-        if isinstance(line, RunLine):
-            eras.append(RulesLine(generation=0, rules=line.rules))
-        elif not eras:
-            break
-        elif isinstance(line, RulesLine):
-            eras.append(line)
-    if not eras or any(after.generation <= before.generation for before, after in pairwise(eras)):
-        generations = [era.generation for era in eras]
-        expected = "a header, and then rules that begin at later and later generations"
-        raise RunError(f"rules from generations {generations}", place="ledger.jsonl", expected=expected)
-    return tuple(eras)
+    return images * epochs * seeds * sum(dict(trained).values())
 
 
-def eras_in_words(eras: Sequence[RulesLine]) -> str:
-    """Write the numbers that a run began with, and from which generation on which of them changed."""
-    begun, *_ = eras
-    words = [", ".join(f"{part} {number}" for part, number in asdict(begun.rules).items())]
-    for before, era in pairwise(eras):
-        changed = asdict(era.rules).items() - asdict(before.rules).items()
-        words.append(f"from generation {era.generation} " + ", ".join(f"{part} {to}" for part, to in sorted(changed)))
-    return "; ".join(words)
+def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:
+    """Return the networks of a ledger that trained, for `training_flops`, by the hash of their sources."""
+    return [(str(line.source), line.flops or 0) for line in lines if line.fitness is not None]
 
 
-def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, TrainedLine]]:
-    """Yield every line of a candidate, or of its re-evaluation, with the rules that it was made under."""
-    rules = FIRST
-    for line in lines:
-        if isinstance(line, TrainedLine):
-            yield rules, line
-        elif not isinstance(line, GenerationLine):
-            rules = line.rules
+def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
+    """Say which sampling settings were not sent, as in `temperature was not sent: the model refuses it`.
+
+    What was dropped are the settings that each request of a run was sent without. Return the words by setting, in the
+    order of names, with the number of requests where it is not all of them.
+    """
+    missed = Counter(setting for settings in dropped for setting in settings)
+    parts = {
+        setting: "" if missed[setting] == len(dropped) else f" with {missed[setting]} of {len(dropped)} requests"
+        for setting in sorted(missed)
+    }
+    return {setting: f"{setting} was not sent{part}: the model refuses it" for setting, part in parts.items()}

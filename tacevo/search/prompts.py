@@ -1,14 +1,24 @@
-"""The prompt archive A_P: which instruction at which temperature was productive (paper, Algorithm 1, line 8)."""
+"""What models are asked: the texts of requests, and the prompt archive A_P.
+
+The archive holds which instruction at which temperature was productive (paper, Algorithm 1, line 8).
+"""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import string
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tacevo.choices import PromptPolicy
-from tacevo.search.archive import AddStatus, Archive, Elite, Point, Tessellation, insert
-from tacevo.search.growing import Growing
+from tacevo.records import Contract, Message, Reason, Rejection, Request
+from tacevo.search.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
+
+#: What is asked for where a network has no parent.
+SAMPLING = "Draw a network at random."
+
+#: Rejections that no further turn can mend.
+_NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
 
 
 def curiosity(fitness: float | None, *, inserted: bool) -> float:
@@ -104,3 +114,70 @@ def draw_weighted(weights: list[float], rng: np.random.Generator) -> int:
         if target < running:
             return index
     return len(weights) - 1  # rounding may leave the target at the very end
+
+
+def system_prompt(template: str, contract: Contract, names: Sequence[str]) -> str:
+    """Fill a task's system prompt in with its contract.
+
+    Raises:
+        ValueError: the template names a placeholder that there is not; the message lists those there are.
+    """
+    values: Mapping[str, object] = {
+        "class_name": contract.class_name,
+        "in_channels": contract.in_channels,
+        "image_size": contract.image_size,
+        "outputs": contract.outputs,
+        "output_argument": contract.output_argument,
+        "names": ", ".join(names),
+    }
+    try:
+        return string.Template(template).substitute(values)
+    except KeyError as error:
+        known = ", ".join(f"${name}" for name in values)
+        raise ValueError(f"the system prompt names ${error.args[0]}; it may name {known}") from error
+
+
+def mutation_text(parent: str, instruction: str) -> str:
+    """Write the user message of a mutation."""
+    return f"Parent network:\n\n{_fenced(parent)}\n\nInstruction: {instruction}\n"
+
+
+def crossover_text(first: str, second: str, instruction: str) -> str:
+    """Write the user message of a crossover."""
+    return (
+        f"First parent network:\n\n{_fenced(first)}\n\nSecond parent network:\n\n{_fenced(second)}\n\n"
+        f"Instruction: {instruction}\n"
+    )
+
+
+def sample_text(example: str) -> str:
+    """Write the user message that asks for a network without a parent; only the grammar is asked this."""
+    return f"Example, for its interface alone:\n\n{_fenced(example)}\n\nInstruction: {SAMPLING}\n"
+
+
+def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
+    """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
+
+    Temperature and draw number are those of the first request; the longer conversation makes it another request.
+    Return None where there is nothing to correct: no answer, a refusal, or one too long to send back.
+    """
+    if rejection.reason in _NOT_REPAIRED or not answer.strip():
+        return None
+    turns = (Message(role="assistant", content=answer), Message(role="user", content=repair_text(rejection)))
+    return replace(request, messages=(*request.messages, *turns))
+
+
+def repair_text(rejection: Rejection) -> str:
+    """Write the user message that sends an answer back.
+
+    It is part of the request's key: another wording, here or of the gate's `detail`, asks a model again.
+    """
+    return (
+        f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
+        f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and answer with the whole class "
+        "again.\n"
+    )
+
+
+def _fenced(source: str) -> str:
+    return f"```python\n{source.strip()}\n```"

@@ -1,26 +1,28 @@
-"""What a generation asks for: operator, parents, instruction, temperature, and the text of each request.
+"""What a generation asks for: operator, parents, instruction and temperature.
 
 Pure: `plan_initial` and `plan_generation` turn the state of a search into proposals, by named random streams.
 """
 
-import string
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 
-from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy
+from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy, TemperatureRule
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import Contract, Message, Operator, Reason, Rejection, Request, Setting, Task
-from tacevo.search.prompts import PromptArchive, draw_pool, draw_prompt, draw_weighted
-from tacevo.search.temperature import clip
-
-#: What is asked for where a network has no parent.
-SAMPLING = "Draw a network at random."
-
-#: Rejections that no further turn can mend.
-_NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
+from tacevo.records import Message, Operator, Request, Setting, Task
+from tacevo.search.archive import Archive
+from tacevo.search.prompts import (
+    PromptArchive,
+    crossover_text,
+    draw_pool,
+    draw_prompt,
+    draw_weighted,
+    mutation_text,
+    sample_text,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +131,7 @@ def plan_generation(
     parents (`none`) every slot asks for a network at random.
 
     The generation is g >= 1, the temperature T_g. The elites are in the order of their niches, or what a control has in
-    their place (`tacevo.search.parents`); the proposals are in the order of their slots. Where all elites failed when
+    their place (`pool_of_parents`); the proposals are in the order of their slots. Where all elites failed when
     they were trained again, the baseline is the parent.
     """
     parents = elites
@@ -146,6 +148,50 @@ def plan_generation(
         else _crossover(task, settings, slot, parents)
         for slot in slots
     )
+
+
+def pool_of_parents(
+    policy: ParentPolicy, candidates: Mapping[str, Candidate], elites: Archive, *, population: int
+) -> Sequence[Candidate]:
+    """Return the candidates that the parents of a generation are drawn from; `draw_parents` then draws.
+
+    `trained`: all. `best_k`: the `fittest` of all, as many as there are elites. `tournament`: the last `population`
+    ones, so that a candidate leaves when it is the oldest, however fit it is (regularised evolution, Real, Aggarwal,
+    Huang and Le 2019, arXiv:1802.01548). Any other: the elites, in the order of their niches.
+
+    Args:
+        policy: of the parents.
+        candidates: every trained candidate by id, in the order of their slots; at least one.
+        elites: the network archive.
+        population: >= 1.
+    """
+    match policy:  # only a control looks at all candidates, which takes the longer the more there were
+        case ParentPolicy.trained:
+            return tuple(candidates.values())
+        case ParentPolicy.best_k:
+            return fittest(candidates.values(), len(elites.elites))
+        case ParentPolicy.tournament:
+            return tuple(candidates.values())[-population:]
+        case _:
+            return elites_of(candidates, elites)
+
+
+def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Candidate, ...]:
+    """Return the elites in the order of their niches."""
+    return tuple(candidates[archive.elites[niche].name] for niche in sorted(archive.elites))
+
+
+def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...]:
+    """Return the candidates of least loss, best first, at most `count`.
+
+    Of several exactly as fit only the first one counts, as in an archive without niches (`archive.Places`): a network
+    that comes twice is one network. One that failed when it was trained again, of infinite loss, does not count.
+    """
+    first: dict[float, Candidate] = {}
+    for candidate in candidates:
+        if math.isfinite(candidate.fitness):
+            first.setdefault(candidate.fitness, candidate)
+    return tuple(first[fitness] for fitness in sorted(first)[:count])
 
 
 def draw_parents(
@@ -185,71 +231,32 @@ def draw_parents(
     return tuple(drawn)
 
 
-def system_prompt(template: str, contract: Contract, names: Sequence[str]) -> str:
-    """Fill a task's system prompt in with its contract.
+def next_temperature(
+    rule: TemperatureRule, temperature: float, *, best: float, best_before: float, step: float
+) -> float:
+    """Return the temperature of the next generation, T_{g+1}.
 
-    Raises:
-        ValueError: the template names a placeholder that there is not; the message lists those there are.
+    `paper` is the formula as printed: up when the archive best is not worse than before, else down; an archive's
+    best never gets worse, so it only ever rises, except where elites are trained again (`tacevo.search.reevaluation`):
+    that can take the best away. `stall` raises it only when the generation brought no better best, and lowers it when
+    it did. `fixed` leaves it alone.
+
+    The temperature is T_g, `best` and `best_before` are f*_g and f*_{g-1}, the archive's best fitness (lower is better)
+    after this generation and the one before, and `step` is eta. Temperatures and eta are in [0, 1].
     """
-    values: Mapping[str, object] = {
-        "class_name": contract.class_name,
-        "in_channels": contract.in_channels,
-        "image_size": contract.image_size,
-        "outputs": contract.outputs,
-        "output_argument": contract.output_argument,
-        "names": ", ".join(names),
-    }
-    try:
-        return string.Template(template).substitute(values)
-    except KeyError as error:
-        known = ", ".join(f"${name}" for name in values)
-        raise ValueError(f"the system prompt names ${error.args[0]}; it may name {known}") from error
+    match rule:
+        case TemperatureRule.fixed:
+            rises = 0
+        case TemperatureRule.paper:
+            rises = 1 if best <= best_before else -1
+        case TemperatureRule.stall:
+            rises = 1 if best >= best_before else -1
+    return clip(temperature + rises * step)
 
 
-def mutation_text(parent: str, instruction: str) -> str:
-    """Write the user message of a mutation."""
-    return f"Parent network:\n\n{_fenced(parent)}\n\nInstruction: {instruction}\n"
-
-
-def crossover_text(first: str, second: str, instruction: str) -> str:
-    """Write the user message of a crossover."""
-    return (
-        f"First parent network:\n\n{_fenced(first)}\n\nSecond parent network:\n\n{_fenced(second)}\n\n"
-        f"Instruction: {instruction}\n"
-    )
-
-
-def sample_text(example: str) -> str:
-    """Write the user message that asks for a network without a parent; only the grammar is asked this."""
-    return f"Example, for its interface alone:\n\n{_fenced(example)}\n\nInstruction: {SAMPLING}\n"
-
-
-def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
-    """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
-
-    Temperature and draw number are those of the first request; the longer conversation makes it another request.
-    Return None where there is nothing to correct: no answer, a refusal, or one too long to send back.
-    """
-    if rejection.reason in _NOT_REPAIRED or not answer.strip():
-        return None
-    turns = (Message(role="assistant", content=answer), Message(role="user", content=repair_text(rejection)))
-    return replace(request, messages=(*request.messages, *turns))
-
-
-def repair_text(rejection: Rejection) -> str:
-    """Write the user message that sends an answer back.
-
-    It is part of the request's key: another wording, here or of the gate's `detail`, asks a model again.
-    """
-    return (
-        f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
-        f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and answer with the whole class "
-        "again.\n"
-    )
-
-
-def _fenced(source: str) -> str:
-    return f"```python\n{source.strip()}\n```"
+def clip(temperature: float) -> float:
+    """Bring a temperature into [0, 1]; rounded to 12 decimals, so that steps of 0.05 do not gather dust."""
+    return round(min(max(temperature, 0.0), 1.0), 12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

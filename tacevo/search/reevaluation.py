@@ -6,7 +6,6 @@ solutions in a cell, so that another can take the place of an elite that sinks; 
 them. Theirs draws elites by rank; here those with the fewest trainings come first, so that none stays on a lucky draw.
 """
 
-import hashlib
 import math
 import statistics
 from collections.abc import Sequence
@@ -14,9 +13,8 @@ from dataclasses import dataclass, field, replace
 
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.search.archive import NetworkArchive, Places, Tessellation
-from tacevo.search.growing import Growing
-from tacevo.search.lines import CandidateLine, ReevaluationLine, TrainedLine
+from tacevo.search.archive import Growing, NetworkArchive, Places, Tessellation
+from tacevo.search.lines import CandidateLine, ReevaluationLine, TrainedLine, source_hash
 from tacevo.search.proposals import Candidate, Settings
 
 
@@ -115,7 +113,7 @@ def plan_reevaluations(
     """
     if number == 0:
         return ()
-    counts = [len(estimates.losses[_hashed(elite.source)]) for elite in elites]
+    counts = [len(estimates.losses[source_hash(elite.source)]) for elite in elites]
     drawn = stream(settings.seed, "reevaluations", generation).permutation(len(elites)).tolist()
     chosen = sorted(drawn, key=lambda place: counts[place])[:number]
     return tuple(
@@ -150,7 +148,3 @@ def compete_again(
     networks = networks.reestimated(niches, names, -fitness)
     kept = any(elite.name == line.id for elite in networks.archive.elites.values())
     return networks, candidates, replace(line, estimate=fitness if math.isfinite(fitness) else None, kept=kept)
-
-
-def _hashed(source: str) -> str:
-    return hashlib.sha256(source.encode()).hexdigest()

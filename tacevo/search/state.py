@@ -1,19 +1,34 @@
 """What a search is, what its next step depends on, and who takes its lines."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from tacevo.choices import Axis, Scale, TemperatureRule
 from tacevo.records import Task
-from tacevo.search.archive import NetworkArchive, Places, Tessellation
-from tacevo.search.budget import Budget
+from tacevo.search.archive import Growing, NetworkArchive, Places, Tessellation
 from tacevo.search.development import Outcome
-from tacevo.search.growing import Growing
-from tacevo.search.lines import SearchLine
+from tacevo.search.lines import SearchLine, training_flops
 from tacevo.search.prompts import PromptArchive
 from tacevo.search.proposals import Candidate, Settings
 from tacevo.search.reevaluation import Estimates
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """A bound on the trainings of a search."""
+
+    #: What the search ends at, in FLOPs as `training_flops` counts them; > 0.
+    flops: float
+    #: Images in one epoch of a training, epochs of one, and trainings of a network.
+    images: int
+    epochs: int
+    seeds: int = 1
+
+    def is_spent(self, trained: Iterable[tuple[str, int]]) -> bool:
+        """Return whether trainings have reached the bound; for `trained` see `training_flops`."""
+        return training_flops(trained, images=self.images, epochs=self.epochs, seeds=self.seeds) >= self.flops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +77,11 @@ class SearchState:
     estimates: Estimates = field(default_factory=Estimates)
     #: f*: the best fitness of the network archive. Only an archive whose elites are trained again can lose its best.
     best: float = math.inf
+
+    def is_past(self, plan: Plan) -> bool:
+        """Return whether the search is at its end: after generation G, or after the one that spent its budget."""
+        trained = ((one.source, one.flops) for one in self.candidates.values())
+        return self.generation > plan.generations or (plan.budget is not None and plan.budget.is_spent(trained))
 
 
 class Ledger(Protocol):

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
-from tacevo.search.lines import CandidateLine, GenerationLine, Line, line_kind
+from tacevo.search.files import Line, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import alone
 from tacevo.storage.ledger import read_line

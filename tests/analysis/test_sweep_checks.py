@@ -14,7 +14,7 @@ from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.choices import Varied
 from tacevo.errors import IncomparableError
 from tacevo.rules import FIRST
-from tacevo.search.lines import RulesLine
+from tacevo.search.files import RulesLine
 from tacevo.storage.sweep_directory import SweepTerms
 
 RUN = run_to(0.5, 0.4)

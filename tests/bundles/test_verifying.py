@@ -36,7 +36,8 @@ from tacevo.config.recorded import RecordedRun
 from tacevo.errors import BundleError, RunError
 from tacevo.rules import FIRST
 from tacevo.runs.progress import Progress
-from tacevo.search.lines import Line, RulesLine, SeedLine
+from tacevo.search.files import Line, RulesLine
+from tacevo.search.lines import SeedLine
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import KINDS

@@ -15,7 +15,7 @@ from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
 from tacevo.records import Completion, Request
-from tacevo.search.effects import LLM
+from tacevo.search.development import LLM
 
 ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
 SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"

@@ -1,9 +1,10 @@
-"""docs/design.md draws the tree as it is."""
+"""docs/design.md draws the tree as it is, and what a reader starts with needs little of it."""
 
 import re
 import tomllib
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -23,3 +24,10 @@ def test_picture_of_the_house_is_the_contract(package: str, top: str) -> None:
     contracts = project["tool"]["importlinter"]["contracts"]
     (contract,) = (kept for kept in contracts if kept["type"] == "layers" and kept["containers"] == [package])
     assert drawn(top) == contract["layers"]
+
+
+@pytest.mark.parametrize(("module", "most"), [("tacevo.search.algorithm", 15), ("tacevo.sweeps.check", 30)])
+def test_module_is_read_with_few_others(module: str, most: int) -> None:
+    """What it imports, and what that imports, imports for types included, stays as small as it is."""
+    graph = grimp.build_graph("tacevo", cache_dir=None)
+    assert len(graph.find_upstream_modules(module)) <= most

@@ -9,8 +9,7 @@ from rich.console import Console
 
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.search.algorithm import run_search
-from tacevo.search.budget import Budget
-from tacevo.search.state import Plan
+from tacevo.search.state import Budget, Plan
 from tacevo.storage.ledger import Ledger
 
 PLAN = fakes.plan(generations=2)

@@ -14,7 +14,8 @@ from tacevo.costs import Spending
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rules import FIRST
 from tacevo.runs.summary import summarise
-from tacevo.search.lines import GenerationLine, Line, ReevaluationLine, RepairedAnswer, RulesLine
+from tacevo.search.files import Line, RulesLine
+from tacevo.search.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.text import table
 
 GOLDEN = Path(__file__).parents[1] / "golden"

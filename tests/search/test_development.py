@@ -11,8 +11,7 @@ import pytest
 from tacevo.errors import LLMError, SandboxError, TransportError
 from tacevo.profile import Admitted, Graph, Profile
 from tacevo.records import Completion, Message, Operator, Reason, Rejection, Request, Stage, Training
-from tacevo.search.development import Outcome, Tools, develop
-from tacevo.search.effects import LLM
+from tacevo.search.development import LLM, Outcome, Tools, develop
 from tacevo.search.proposals import Proposal
 
 PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))

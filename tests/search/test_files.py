@@ -18,13 +18,14 @@ from tacevo.search.algorithm import run_search
 from tacevo.search.files import (
     check_references,
     finished_digest,
+    line_kind,
     read_archives,
     read_elites,
     read_finished,
     read_ledger,
     write_archives,
 )
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory
 

@@ -10,7 +10,8 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.records import Operator, written
-from tacevo.search.lines import CandidateLine, GenerationLine, line_kind
+from tacevo.search.files import line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.ledger import read_line, read_lines, seal
 
 ROOT = Path(__file__).parents[2]

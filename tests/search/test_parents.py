@@ -8,8 +8,7 @@ import pytest
 
 from tacevo.choices import ParentPolicy
 from tacevo.search.archive import Archive, Elite, insert
-from tacevo.search.parents import fittest, pool_of_parents
-from tacevo.search.proposals import Candidate
+from tacevo.search.proposals import Candidate, fittest, pool_of_parents
 
 #: Losses in the order in which the candidates came; g3 is as fit as g1.
 LOSSES = (0.5, 0.2, 0.9, 0.2, 0.3, 0.8)

@@ -19,18 +19,8 @@ from tacevo.choices import ParentPolicy, PromptPolicy
 from tacevo.randomness import stream
 from tacevo.records import Contract, Instruction, Kind, Loss, Operator, Request, Task
 from tacevo.search.archive import Tessellation
-from tacevo.search.prompts import PromptArchive, Trial
-from tacevo.search.proposals import (
-    Candidate,
-    Proposal,
-    Settings,
-    crossover_text,
-    draw_parents,
-    mutation_text,
-    plan_generation,
-    plan_initial,
-    system_prompt,
-)
+from tacevo.search.prompts import PromptArchive, Trial, crossover_text, mutation_text, system_prompt
+from tacevo.search.proposals import Candidate, Proposal, Settings, draw_parents, plan_generation, plan_initial
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 GENERATIONS = 2000

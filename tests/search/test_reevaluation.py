@@ -26,7 +26,8 @@ from tacevo.records import Completion, Given, Operator, Reason, Rejection, Reque
 from tacevo.rounding import rounded
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, by_rules, line_kind
+from tacevo.search.files import by_rules, line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
 from tacevo.search.reevaluation import Estimates, fitness_by_id
 from tacevo.search.state import Plan, SearchState
 from tacevo.storage.ledger import Ledger, read_lines

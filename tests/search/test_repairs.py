@@ -5,9 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tacevo.records import Message, Reason, Rejection, Request, Stage
-from tacevo.search.proposals import (
-    repair_request,
-)
+from tacevo.search.prompts import repair_request
 
 ASKED = Request(
     model="m",

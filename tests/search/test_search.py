@@ -18,9 +18,9 @@ from tacevo.choices import ParentPolicy, PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.search.algorithm import run_search
-from tacevo.search.budget import Budget, training_flops
-from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, line_kind
-from tacevo.search.state import Plan
+from tacevo.search.files import line_kind
+from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine, training_flops
+from tacevo.search.state import Budget, Plan
 from tacevo.storage.ledger import Ledger, read_lines
 
 

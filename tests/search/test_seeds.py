@@ -11,7 +11,8 @@ import pytest
 
 from tacevo.records import Reason, Rejection, Stage, Training, written
 from tacevo.search.algorithm import run_search
-from tacevo.search.lines import CandidateLine, line_kind
+from tacevo.search.files import line_kind
+from tacevo.search.lines import CandidateLine
 from tacevo.search.state import Plan
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger

@@ -26,9 +26,9 @@ from tacevo.runs.eras import run_eras
 from tacevo.runs.summary import summarise
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import find_centroids
-from tacevo.search.lines import CandidateLine, RulesLine, SearchLine
+from tacevo.search.files import RulesLine
+from tacevo.search.lines import CandidateLine, SearchLine, not_sent
 from tacevo.search.state import Plan
-from tacevo.search.unsent import not_sent
 from tacevo.storage.ledger import Ledger
 
 WORDS = "temperature was not sent: the model refuses it"

@@ -14,8 +14,8 @@ from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
 from tacevo.rules import FIRST
 from tacevo.search.archive import AddStatus, Bounds
-from tacevo.search.files import EliteEntry, TrialEntry
-from tacevo.search.lines import CandidateLine, GenerationLine, RepairedAnswer, RulesLine
+from tacevo.search.files import EliteEntry, RulesLine, TrialEntry
+from tacevo.search.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.typed import convert
 
 FACTS = DataFacts(

@@ -11,7 +11,8 @@ from ledger_lines import FACTS, ended, header, rejected, run_record, trained
 from tacevo.environment import Code
 from tacevo.records import Instruction, Operator, to_json
 from tacevo.search.archive import AddStatus
-from tacevo.search.lines import CandidateLine, Line, line_kind
+from tacevo.search.files import Line, line_kind
+from tacevo.search.lines import CandidateLine
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory

@@ -38,7 +38,8 @@ from analysis.tables.rendering import numeric_columns
 from tacevo.choices import Axis, PromptPolicy, Scale
 from tacevo.config.identity import identity
 from tacevo.records import Kind
-from tacevo.search.lines import CandidateLine, eras_in_words
+from tacevo.search.files import eras_in_words
+from tacevo.search.lines import CandidateLine
 from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import counted

@@ -23,7 +23,7 @@ from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens
 from tacevo.llm.recording import Keep, unkept
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
-from tacevo.search.proposals import sample_text
+from tacevo.search.prompts import sample_text
 from tacevo.storage.canonical import content_hash
 
 #: What every completion names as its model; it changes whenever equal requests may get other answers.

@@ -15,8 +15,8 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.provider import MODEL, GrammarLLM
 from tacevo.randomness import stream
 from tacevo.records import Completion, Message, Request
-from tacevo.search.effects import LLM
-from tacevo.search.proposals import SAMPLING, sample_text
+from tacevo.search.development import LLM
+from tacevo.search.prompts import SAMPLING, sample_text
 from tacevo.storage.canonical import content_hash
 
 LIBRARY = Path(__file__).parents[3] / "conf" / "library"
