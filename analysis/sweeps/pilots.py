@@ -18,6 +18,8 @@ from tacevo.errors import RunError
 from tacevo.search.lines import CandidateLine
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.sweep_directory import Retraining
+from tacevo.text import counted
 
 #: A candidate that took less, in seconds, was recalled from a store and not trained.
 RECALLED = 0.1
@@ -61,7 +63,7 @@ def study_pilot(pilots: Sequence[tuple[Run, Study]]) -> Pilot:
     """
     runs, studies = [run for run, _ in pilots], [study for _, study in pilots]
     first = studies[0]
-    _check_alike([(study.task, study.recipe.epochs) for study in studies])
+    _check_alike([f"{study.task}, {counted(study.recipe.epochs, 'epoch')}" for study in studies])
     return Pilot(
         kind="study",
         task=first.task,
@@ -98,7 +100,7 @@ def sweep_pilot(pilots: Sequence[Sweep]) -> Pilot:
     runs, scores = [one.run for one in jobs], [one.tested for one in jobs if one.tested is not None]
     is_tested = len(scores) == len(jobs)
     stated = [sweep.terms.retraining for sweep in pilots] if is_tested else [None] * len(pilots)
-    _check_alike([(sweep.task, terms) for sweep, terms in zip(pilots, stated, strict=True)])
+    _check_alike([f"{sweep.task}, {_tested(terms)}" for sweep, terms in zip(pilots, stated, strict=True)])
     metric = Measure(scores[0].metric) if is_tested else Measure.fitness
     arms: dict[tuple[Path, str], list[float]] = {}
     for sweep, one in _distinct_runs(pilots):
@@ -178,10 +180,18 @@ def _pooled(samples: Sequence[NDArray[np.float64]], needed: str) -> Spread:
     return spread
 
 
-def _check_alike(terms: Sequence[Hashable]) -> None:
+def _tested(stated: Retraining | None) -> str:
+    """Say how the jobs of a sweep were tested."""
+    if stated is None:
+        return "not tested"
+    seeds, epochs = counted(stated.seeds, "training seed"), counted(stated.epochs, "epoch")
+    return f"{seeds}, {epochs}, elites chosen by {stated.choose}"
+
+
+def _check_alike(terms: Sequence[str]) -> None:
     if len(set(terms)) > 1:
         raise RunError(
-            " and ".join(map(str, dict.fromkeys(terms))),
+            "; ".join(dict.fromkeys(terms)),
             place="the pilots",
             expected="one task, and full trainings of one kind",
             remedy="plan from those that are alike",

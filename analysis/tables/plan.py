@@ -48,6 +48,7 @@ def planned_table(task: str, plan: Plan, done: Iterable[tuple[str, Cell, Cell]])
             f"The plan was to find {_effect(plan.metric, plan.effect)} with a chance of {shown(Percent(plan.power))}, "
             f"from {counted(len(plan.pilots), 'pilot run')}; simulated {shown(Percent(plan.chance))}. With "
             "fewer seeds, more comparisons or a wider spread the chance was lower.",
+            *([f"The plan was {plan.dated}, which proves nothing by itself."] if plan.made else []),
         ),
     )
 

@@ -58,9 +58,9 @@ def continue_run(
     check_walls(published)
     recorded = read_recorded(run)
     end = recorded.generations[-1].generation
-    if recorded.record.task.given:
+    if not recorded.searched:
         raise ConfigError(
-            "one of given networks",
+            "one of given networks, or of a baseline alone",
             place=str(run),
             expected="a run that searches: no model was chosen that could answer for this one",
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",

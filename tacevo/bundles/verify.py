@@ -24,7 +24,7 @@ from tacevo.search.files import read_elites
 from tacevo.search.lines import TrainedLine
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import name_study, studies_of
+from tacevo.studies.directory import studies_of, study_names
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
@@ -109,7 +109,7 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
     studies = replay_studies(run, view, seen=seen)
     with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
         check_records(run, replayed)
-    _check_names(run.directory.path, studies)
+    _check_names(run, studies)
     return Rerun(run=run, replayed=replayed, studies=studies)
 
 
@@ -160,17 +160,17 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
         raise DivergenceError(found, place=str(path), remedy=remedy)
 
 
-def _check_names(run: Path, replayed: Collection[str]) -> None:
+def _check_names(run: RecordedRun, replayed: Collection[str]) -> None:
     """Check the name of every replayed study; tables and figures of it bear that name."""
-    for study in studies_of(run):
+    for study in studies_of(run.directory.path):
         if study.path.name not in replayed:
             continue
-        name = name_study(study.read_scores().header)
-        if {study.path.name, study.read().name} != {name}:
+        names = study_names(study.read_scores().header, searched=run.searched)
+        if study.path.name not in names or study.read().name != study.path.name:
             raise DivergenceError(
                 f"{study.path.name} and {study.read().name!r}",
                 place=f"{study.path} and the name in its study.json",
-                expected=f"{name}, which follows from its scores",
+                expected=f"{names[0]}, which follows from its scores",
             )
 
 

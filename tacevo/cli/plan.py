@@ -3,6 +3,8 @@
 import argparse
 import contextlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 from analysis.runs.run import Run, load_run
@@ -80,8 +82,9 @@ def _plan(options: argparse.Namespace) -> int:
         (directory / "plan.json").unlink(missing_ok=True)  # of an earlier wish
         print("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
-    write_durably(directory / "plan.json", plan_text(planned.plan))
-    print(f"plan: {directory / 'plan.json'}")
+    made = replace(planned.plan, made=datetime.now(UTC).date().isoformat())
+    write_durably(directory / "plan.json", plan_text(made))
+    print(f"plan: {directory / 'plan.json'}, {made.dated}")
     return DONE
 
 

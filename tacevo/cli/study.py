@@ -13,6 +13,7 @@ from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.given import record_given
 from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
@@ -121,16 +122,21 @@ def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[st
     """Compose the settings of a command, one of which, the run, may be given as a bare word.
 
     Raises:
-        ConfigError: as `compose`, or two runs are named.
+        ConfigError: as `compose`, or two runs or a sweep are named.
     """
     runs = _runs(words)
     settings = [word for word in words if word not in runs]
     if not runs:
-        return compose(settings)
-    others = [setting for setting in settings if setting.startswith(("run=", "sweep=", "networks="))]
-    if named := [*runs[1:], *others]:
-        raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
-    return replace(compose([*settings, "run=RUN"]), run=runs[0])
+        config = compose(settings)
+    else:
+        others = [setting for setting in settings if setting.startswith(("run=", "sweep=", "networks="))]
+        if named := [*runs[1:], *others]:
+            raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
+        config = replace(compose([*settings, "run=RUN"]), run=runs[0])
+    if config.run is not None and SweepDirectory(Path(config.run)).is_one:
+        remedy = f"name the run of a job, {config.run}/JOB; `tacevo study sweep=` studies all jobs"
+        raise ConfigError(f"the sweep {config.run}", place="run", expected="the directory of one run", remedy=remedy)
+    return config
 
 
 def _study(options: argparse.Namespace) -> int:

@@ -178,6 +178,11 @@ def _converted(kind: type[T], plain: Json) -> T:
     except ConfigError as error:
         if error.expected == "text":
             error.remedy = "put it in quotes, as in 'run.dir=\"5\"' or 'data.target_columns=[\"5\"]'"
+        elif error.expected == "an object":  # a value for what only holds settings
+            known = keys(kind)
+            within = [key for key in known if key.startswith(f"{error.place}.")]
+            settings = [key for key in within if not any(other.startswith(f"{key}.") for other in known)]
+            error.expected, error.remedy = "settings of its own", f"set {' or '.join(settings)}"
         elif error.expected.startswith("only keys"):  # a file of conf/ misspells one
             error.remedy = _near(error.place, keys(kind))
         raise

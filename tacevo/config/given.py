@@ -56,8 +56,8 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
         overrides: those of a study, such as `networks=DIR` and `seeds=5`, and those of a run, such as `task=force`.
 
     Raises:
-        ConfigError: as `tacevo.config.compose.compose`; a setting is that of a search; or the files are not networks of
-            different names.
+        ConfigError: as `tacevo.config.compose.compose`; a setting is that of a search; no task is named; or the files
+            are not networks of different names.
     """
     check_unchosen(overrides)
     keys = {override: override.partition("=")[0] for override in overrides}
@@ -65,6 +65,8 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
         if _group(key) not in _OF_A_STUDY | _OF_A_RUN:
             known = ", ".join(sorted(_OF_A_RUN - _OF_A_STUDY))
             raise ConfigError(override, place=key, expected=f"a setting of a study, or of its run: of {known}")
+    if not {"task", "experiment"} & set(keys.values()):
+        raise ConfigError("none", place="task", expected="the task of the networks", remedy="add it, as in task=force")
     of_study = [override for override, key in keys.items() if _group(key) in _OF_A_STUDY]
     of_run = [override for override, key in keys.items() if _group(key) in _OF_A_RUN]
     study = compose_study(of_study, given=True)

@@ -42,6 +42,11 @@ class RecordedRun:
         return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
 
     @property
+    def searched(self) -> bool:
+        """Whether it asked for a network; the networks of other runs were given."""
+        return any(line.request is not None for line in self.candidates)
+
+    @property
     def spent(self) -> int:
         """What its trainings took in FLOPs, as its budget counts them (`tacevo.search.lines.training_flops`)."""
         images, training = self.record.data.counts[0], self.config.training

@@ -56,6 +56,13 @@ class Plan(Record):
     hours: float | None
     #: Digests of the runs whose values gave the spread.
     pilots: tuple[str, ...]
+    #: When: the day in UTC by that machine's clock, as 2026-11-22; empty of a plan by an earlier release.
+    made: str = ""
+
+    @property
+    def dated(self) -> str:
+        """When it was made, in words."""
+        return f"made on {self.made}, by its machine's clock" if self.made else "made on a day that was not recorded"
 
 
 def plan_text(plan: Plan) -> str:

@@ -23,9 +23,6 @@ from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
 from tacevo.typed import parse
 
-#: What `name_study` returns, as a regular expression.
-NAME = r"(?:elites|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
-
 #: Characters of a directory's name that say what other data a study is about, at most.
 _LONGEST_WHERE = 40
 
@@ -152,12 +149,24 @@ class StudyDirectory:
         write_durably(self.path / "study.json", readable(to_json(study)))
 
 
-def name_study(header: StudyHeader) -> str:
-    """Name the directory of a study after what it is; see `NAME`."""
-    what, short = "elites" if header.terms else "noise", content_hash(written(header))[:8]
+def study_names(header: StudyHeader, *, searched: bool) -> tuple[str, ...]:
+    """Name the directory of a study after what it is, as `elites4-seeds20-epochs50-<hash>`; today's name first.
+
+    Args:
+        header: of the study.
+        searched: whether its run searched; the networks of other runs were given, which earlier releases called elites.
+    """
+    kinds = ("noise",) if header.terms is None else ("elites",) if searched else ("networks", "elites")
     where = re.sub(r"[^A-Za-z0-9._]+", "-", header.where)[:_LONGEST_WHERE].strip("-")
-    parts = [f"{what}{len(header.networks) - 1}", f"seeds{header.seeds}", f"epochs{header.recipe.epochs}", where, short]
-    return "-".join(part for part in parts if part)
+    size = f"{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}"
+    end = "-".join(part for part in (size, where, content_hash(written(header))[:8]) if part)
+    return tuple(f"{kind}{end}" for kind in kinds)
+
+
+def find_study(run: Path, header: StudyHeader, *, searched: bool) -> StudyDirectory:
+    """Return the directory of a study in that of its run: one of an earlier name where it was begun under that."""
+    paths = [run / "studies" / name for name in study_names(header, searched=searched)]
+    return StudyDirectory(next((path for path in paths if path.exists()), paths[0]))
 
 
 def studies_of(run: Path) -> list[StudyDirectory]:

@@ -3,6 +3,7 @@
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.studies.directory import studies_of
+from tacevo.studies.lines import StudyRecord
 from tacevo.studies.networks import median_losses
 
 
@@ -12,17 +13,19 @@ def noise_digest(run: RecordedRun) -> str:
     Raises:
         RunError: there is no finished one.
     """
-    found = [
-        (len(noise.networks), noise.seeds, noise.digest)
-        for noise in (directory.read() for directory in studies_of(run.directory.path))
-        if noise.terms is None and noise.digest is not None and noise.run == run.ledger.digest
-    ]
+    found = [(len(noise.networks), noise.seeds, str(noise.digest)) for noise in noise_runs(run)]
     if not found:
         path = run.directory.path
         raise RunError(
             "none", place=str(path), expected="a finished noise run to choose by", remedy=f"run `tacevo noise {path}`"
         )
     return max(found)[-1]
+
+
+def noise_runs(run: RecordedRun) -> list[StudyRecord]:
+    """List the finished noise runs of a run as it is now, by name."""
+    every = [directory.read() for directory in studies_of(run.directory.path)]
+    return [one for one in every if one.terms is None and one.digest is not None and one.run == run.ledger.digest]
 
 
 def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:

@@ -31,10 +31,10 @@ from tacevo.sandbox.confinement import require
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
 from tacevo.storage.store import Seen, sweep_stores
-from tacevo.studies.directory import StudyDirectory, describes, name_study, studies_of
+from tacevo.studies.directory import StudyDirectory, describes, find_study, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
 from tacevo.studies.networks import given_networks, networks_of
-from tacevo.studies.noise import estimates_of, noise_digest
+from tacevo.studies.noise import estimates_of, noise_digest, noise_runs
 from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted
 from tacevo.training.evaluation import Evaluator
@@ -113,8 +113,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    searched = any(line.request is not None for line in run.candidates)
-    return _carry_out(plan, config.elites if searched else 0, config.executor, view, elsewhere)
+    return _carry_out(plan, config.elites if run.searched else 0, config.executor, view, elsewhere)
 
 
 def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
@@ -155,7 +154,7 @@ def _carry_out(
         data = load_data(run, view, catalogue=catalogue)
         plan = _moved(plan, elsewhere, data.facts)
     sweep_stores(Path(run.store.root))
-    directory = StudyDirectory(plan.run.directory.path / "studies" / name_study(plan.header))
+    directory = find_study(plan.run.directory.path, plan.header, searched=plan.run.searched)
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data) as bench:
@@ -307,6 +306,10 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
     if plan.header.other_data:
         view.say(f"on other data than the run's: {plan.header.where}")
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
+    if plan.header.chosen_by:
+        names = {noise.digest: noise.name for noise in noise_runs(plan.run)}
+        several = f", the largest of {len(names)}" if len(names) > 1 else ""
+        view.say(f"elites chosen by the noise run {names[plan.header.chosen_by]}{several}")
     if len(networks) <= wanted:
         view.say(f"the archive has {len(networks) - 1} elites with a source of their own, fewer than elites={wanted}")
     planned = plan.header.plan
@@ -317,6 +320,7 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
             view.say(
                 f"this is not what was planned, which is {asked}, {counted(wished[2], 'epoch')}, alpha {wished[3]:g}"
             )
+        view.say(f"its plan was {planned.dated}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
             f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "

@@ -130,7 +130,8 @@ def describe_terms(terms: SweepTerms) -> str:
         "primary": terms.primary,
         "reference": terms.reference,
         "the seed of each job": ",".join(terms.vary) or None,
-        "planned": terms.plan and f"{terms.plan.seeds} jobs of each of {terms.plan.comparisons + 1} arms",
+        "planned": terms.plan
+        and f"{terms.plan.seeds} jobs of each of {terms.plan.comparisons + 1} arms, {terms.plan.dated}",
         "tested with": terms.retraining
         and f"seeds={terms.retraining.seeds} epochs={terms.retraining.epochs} choose={terms.retraining.choose}",
     }
