@@ -3,8 +3,8 @@
     python -m benchmarks.evidence                  (some minutes; --trials and --sweeps for more)
 
 Type-I error: how often a test calls a difference, or an equivalence, that is not there. Coverage: how often an interval
-holds the truth. Both on the landscape of `benchmarks.landscape`, where networks of one place do not differ at all. Power
-of whole searches against their controls: `benchmarks.evidence_power`.
+holds the truth. Both on the landscape of `benchmarks.landscape`, where networks of one place do not differ at all.
+Power of whole searches against their controls: `benchmarks.evidence_power`.
 """
 
 import argparse

@@ -136,7 +136,7 @@ def _compared(
 
 def power_table(noises: Sequence[float], *, sweeps: int, jobs: Sequence[int], trainings: int) -> Iterator[str]:
     """Write, for each noise and arm, how often sweeps of each size told the arm from the search."""
-    yield f"Sweeps of {trainings} trainings a job, {sweeps} of each kind; a job is tested with {RETRAININGS} fresh seeds."
+    yield f"{sweeps} sweeps of each noise, {trainings} trainings a job; jobs are tested with {RETRAININGS} fresh seeds."
     yield "In per cent of the sweeps: the arm was found worse / better than the search, at 5 % after Holm."
     yield f"In brackets Wilson's 95 % interval of either; a true 5 % shows at most {_most(sweeps):.0f} by chance."
     yield ""

@@ -22,13 +22,12 @@ def test_search_is_not_told_from_itself() -> None:
 
 
 def test_search_is_told_from_a_control_that_finds_nothing() -> None:
-    """After Holm over two arms, and the more often the more jobs; the other arm, the search itself, is not."""
+    """Eight jobs do after Holm over two arms, and four cannot: their least p is 2/70."""
     landscape = Landscape(signal=1.0, noise=0.1)
-    found = told(landscape, sweeps=4, jobs=[4, 8], trainings=40, families=[(WORST, OTHER_SEEDS)])
+    found = told(landscape, sweeps=4, jobs=[4, 8], trainings=80, families=[(WORST, OTHER_SEEDS)])
     few, many = (by_arm([one for one in found if one.jobs == jobs])[WORST] for jobs in (4, 8))
-    assert few.worse <= many.worse
+    assert (few.worse, few.better) == (0, 0)
     assert many.worse >= 3
-    assert few.better == many.better == 0
 
 
 def test_table_has_a_row_for_each_noise_and_arm() -> None:
