@@ -114,9 +114,19 @@ def _outcome(landscape: Landscape, niches: Tessellation, trainings: int, arm: st
 
 def _slots(found: Searched) -> tuple[CandidateLine, ...]:
     """Return one line that stands for all candidates, by which runs that are one search are known."""
-    source = content_hash(found.points.tolist())
-    baseline = {"operator": Operator.baseline, "parents": (), "prompt": None, "request": None}
-    return (CandidateLine(generation=0, slot=0, id="", source=source, temperature=None, answer=None, **baseline),)
+    line = CandidateLine(
+        generation=0,
+        slot=0,
+        id="",
+        source=content_hash(found.points.tolist()),
+        operator=Operator.baseline,
+        parents=(),
+        prompt=None,
+        request=None,
+        temperature=None,
+        answer=None,
+    )
+    return (line,)
 
 
 def _compared(
